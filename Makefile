@@ -1,0 +1,62 @@
+# `make demo` and `make test` are all a newcomer needs; `make help` lists the rest.
+SHELL := /bin/sh
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= runs/demo
+EPISODES ?= 5
+# Set PYTHON to choose the interpreter: make demo PYTHON=/opt/python3.11/bin/python3
+PYTHON ?=
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+.PHONY: help demo test check lint slow clean
+
+help:
+	@echo "make demo    the whole story once, into $(OUT)/report.html (OUT=dir, EPISODES=5)"
+	@echo "make test    the test suite without the long runs"
+	@echo "make check   format, lint, types, the import rule, fast tests"
+	@echo "make slow    the long simulation tests"
+	@echo "make clean   removes the virtual environment and caches; runs/ stays"
+
+demo: $(VENV)/.installed
+	@$(BIN)/layflat demo --out "$(OUT)" --episodes $(EPISODES) --force
+	@echo "report: $(OUT)/report.html"
+
+test: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m "not slow"
+
+slow: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m slow --timeout 1800
+
+lint: $(VENV)/.installed-dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	PYTHONPATH=. $(BIN)/lint-imports --cache-dir .cache/import-linter
+
+check: lint test
+
+clean:
+	rm -rf $(VENV) .cache .ruff_cache build layflat.egg-info
+	find app sim perception policy data tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A name on the PATH may be a shim that does not run, so each candidate is tried by running it.
+$(BIN)/python:
+	@for python in $(PYTHON) python3.11 python3.10 python3 python; do \
+	  if $$python -c 'import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in ((3, 10), (3, 11)))' \
+	      >/dev/null 2>&1; then \
+	    echo "making $(VENV) with $$($$python --version)"; \
+	    exec $$python -m venv $(VENV); \
+	  fi; \
+	done; \
+	echo "Layflat needs Python 3.11 or 3.10 with venv (PyBullet has no wheels for others): install one, or name it as in 'make PYTHON=/path/to/python3.11 demo'." >&2; \
+	exit 1
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing the pinned packages into $(VENV) (once, a minute or two)"
+	@$(PIP) install --constraint constraints.txt --editable .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing the pinned packages and the test tools into $(VENV) (once, a minute or two)"
+	@$(PIP) install --constraint constraints.txt --editable '.[dev]'
+	@touch $@ $(VENV)/.installed

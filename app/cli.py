@@ -1,0 +1,219 @@
+"""The command line: options in, one call of a function of ``app``, exit status out. No logic here.
+
+What is heavy is imported inside the commands, so that ``layflat --help`` answers at once and ``layflat doctor`` runs
+where the rest cannot.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from app import checks
+from app.errors import WRONG_CALL, run_guarded
+
+TaskName = Literal["hanger", "pickers"]
+SourceName = Literal["scripted"]
+PolicyName = Literal["gp-word", "gp-baseline"]
+
+cli = typer.Typer(
+    name="layflat",
+    help="Teaches a simulated robot to lay cloth flat, and to repair what a disturbance undoes.",
+    add_completion=False,
+    rich_markup_mode=None,
+)
+
+
+def _count(param: typer.CallbackParam, value: int) -> int:
+    return checks.at_least_one(f"--{param.name}", value)
+
+
+def _seed(value: int) -> int:
+    return checks.seed_in_range(value)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"layflat {version('layflat')}")
+        raise typer.Exit
+
+
+Episodes = Annotated[int, typer.Option(callback=_count, help="How many; at least 1.", show_default=True)]
+Seed = Annotated[int, typer.Option(callback=_seed, help="Seed of everything that chance decides.")]
+Cloth = Annotated[str, typer.Option(help="Which cloth: towel or napkin.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")]
+Workers = Annotated[
+    int,
+    typer.Option(
+        callback=_count,
+        default_factory=checks.available_cores,
+        show_default="one per core",
+        help="Processes to share the episodes among; results do not depend on it.",
+    ),
+]
+Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the results there too.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="A trained model.")]
+DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Demonstrations.")]
+
+
+@cli.callback()
+def _main(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Teaches a simulated robot to lay cloth flat, and to repair what a disturbance undoes."""
+
+
+@cli.command()
+def demo(
+    workers: Workers,
+    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
+    episodes: Episodes = 5,
+    seed: Seed = 0,
+    task: Annotated[TaskName | None, typer.Option(help="Only this task; both by default.")] = None,
+    cloth: Cloth = "towel",
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """The whole story, into DIR/report.html.
+
+    Headless: demonstrations, training, placing, disturbance, report.
+    """
+    checks.require_simulator()
+    from app.demo import run_demo
+
+    tasks = (task,) if task else ("hanger", "pickers")
+    run_demo(out, episodes=episodes, seed=seed, tasks=tasks, cloth=cloth, workers=workers, force=force)
+
+
+@cli.command()
+def record(
+    path: DataFile,
+    workers: Workers,
+    task: Annotated[TaskName, typer.Option(help="What holds the cloth.")] = "hanger",
+    cloth: Cloth = "towel",
+    source: Annotated[SourceName, typer.Option(help="Who demonstrates.")] = "scripted",
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Record demonstrations.
+
+    FILE.h5 is appended to if it exists, and each episode is durable once it is printed.
+    """
+    checks.require_simulator()
+    from app.record import record as run
+
+    run(
+        path,
+        task=task,
+        cloth=cloth,
+        source=source,
+        episodes=episodes,
+        seed=seed,
+        images=images,
+        force=force,
+        workers=workers,
+    )
+
+
+@cli.command()
+def train(
+    data: DataFile,
+    model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
+    policy: Annotated[PolicyName, typer.Option(help="What to learn: with the cloth's state or without.")] = "gp-word",
+    seed: Seed = 0,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Learn a policy from demonstrations.
+
+    Prints points, hyperparameters and held-out error.
+    """
+    from app.train import train as run
+
+    run(data, model, policy=policy, force=force, seed=seed)
+
+
+@cli.command()
+def place(
+    model: ModelFile,
+    workers: Workers,
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    disturb: Annotated[str | None, typer.Option(metavar="NAME", help="Disturb the cloth after the stop.")] = None,
+    record: Annotated[Path | None, typer.Option(metavar="FILE.h5", help="Record the episodes there.")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
+    json: Json = None,
+    cloth: Annotated[str | None, typer.Option(help="Another cloth than the model was taught with.")] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Place a cloth with a trained model."""
+    checks.require_simulator()
+    from app.place import place as run
+
+    run(
+        model,
+        episodes=episodes,
+        seed=seed,
+        disturb=disturb,
+        record=record,
+        video=video,
+        json=json,
+        cloth=cloth,
+        workers=workers,
+        force=force,
+    )
+
+
+@cli.command()
+def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
+    """Measure how fast this machine simulates.
+
+    Simulated over wall time in the air, on the table and with the camera.
+    """
+    checks.require_simulator()
+    from app.bench import bench as run
+
+    run(json, force=force)
+
+
+@cli.command()
+def doctor(debug: Debug = False) -> None:
+    """Check this machine, and say what to do.
+
+    Interpreter, packages, films, memory, display, pad and cores.
+    """
+    from app.doctor import doctor as run
+
+    run()
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Entry point of the ``layflat`` command."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    sys.exit(run_guarded(lambda: _dispatch(arguments), debug="--debug" in arguments))
+
+
+def _dispatch(arguments: list[str]) -> int:
+    """Run the command and return its status; a call that typer refuses is one sentence."""
+    try:
+        return int(cli(arguments or ["--help"], prog_name="layflat", standalone_mode=False) or 0)
+    except typer.TyperException as error:
+        sentence = " ".join(error.format_message().split()).replace("Value error, ", "")
+        print(f"layflat: {sentence.rstrip('.')}; `layflat --help` lists what there is", file=sys.stderr)
+        return int(getattr(error, "exit_code", WRONG_CALL))
+
+
+if __name__ == "__main__":
+    main()

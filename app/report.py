@@ -1,0 +1,224 @@
+"""report.html: one self-contained page of what a demo did; pictures and films inside, no scripts, no network."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
+
+from app import figures, strips, tables
+from app.atomic import write_text
+from app.figures import FieldModel, Panel
+from app.rows import disturbed_tick
+from app.strips import Draw, Frame
+from app.video import write_video
+from data.types import Episode, Provenance, Task
+
+FRAME_WIDTH = 300
+FILM_WIDTH = 480
+JPEG_QUALITY = 84
+
+TASK_TITLES: Mapping[Task, str] = {
+    "hanger": "Hanger task: one arm, two clips",
+    "pickers": "Pickers task: two free pickers",
+}
+TASK_TEXTS: Mapping[Task, str] = {
+    "hanger": "A Panda arm holds the cloth by two corners in a clip hanger and moves it in x and z.",
+    "pickers": "Two pickers hold one corner each and move it along three axes.",
+}
+PAPER = {
+    tables.BASELINE: "Baseline: GP on the holder's position alone",
+    tables.PROPOSED: "Proposed: GP on position, WORD and contact portion",
+}
+
+Tick = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskResults:
+    """What there is to show of one task."""
+
+    task: Task
+    cloth: str
+    demonstrations: tuple[Episode, ...]
+    """Every attempt, failures too; models were trained on those of outcome "success"."""
+    models: Mapping[str, FieldModel]
+    """Policy name -> model, for the attractor fields."""
+    runs: Mapping[str, tuple[Episode, ...]]
+    """Policy name -> its episodes, by seed; the first with images is pictured and filmed."""
+    draw: Draw = strips.plain_draw
+    """Picture of an observation with what perception makes of it (contact, WORD as an arrow)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportInput:
+    """Everything that the page shows."""
+
+    tasks: tuple[TaskResults, ...]
+    provenance: Provenance
+    seed: int
+    notes: tuple[str, ...] = field(default_factory=tuple)
+    """Sentences for the reader: what fell short, what was cut."""
+
+
+def write_report(path: Path, content: ReportInput, *, tick: Tick | None = None) -> None:
+    """Write the page, whole or not at all; ``tick`` hears a clause for each part that is being made."""
+    say = tick or (lambda text: None)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("app"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("report.html.j2").render(
+        tasks=[_task_view(results, say) for results in content.tasks],
+        provenance=content.provenance,
+        seed=content.seed,
+        notes=content.notes,
+        flat_area=tables.FLAT_AREA,
+        colours=figures.POLICY_COLOURS,
+    )
+    write_text(path, page)
+
+
+def pictured_run(runs: Sequence[Episode]) -> Episode | None:
+    """The run to show: the first with images, one with a disturbance before one without."""
+    with_images = [run for run in runs if strips.has_images(run)]
+    disturbed = [run for run in with_images if disturbed_tick(run) is not None]
+    return next(iter(disturbed + with_images), None)
+
+
+def _task_view(results: TaskResults, say: Tick) -> dict[str, Any]:
+    """All that the template needs of one task; pictures as data URIs."""
+    runs = {name: results.runs[name] for name in tables.order(results.runs) if results.runs[name]}
+    all_runs = [run for group in runs.values() for run in group]
+    say(f"{results.task}: curves and fields")
+    view: dict[str, Any] = {
+        "id": results.task,
+        "title": TASK_TITLES[results.task],
+        "text": TASK_TEXTS[results.task],
+        "cloth": results.cloth,
+        "demonstrations": len(results.demonstrations),
+        "demonstrations_flat": tables.flat_count(results.demonstrations),
+        "demonstration_seeds": tables.seeds_text(results.demonstrations),
+        "seeds": tables.seeds_text(all_runs),
+        "cards": _cards(results, runs),
+        "placing": tables.placing_table(runs),
+        "disturbance": tables.disturbance_table(runs)
+        if any(disturbed_tick(run) is not None for run in all_runs)
+        else None,
+        "every_run": tables.seeds_table(runs),
+        "curves": _png_uri(figures.contact_over_time(runs)) if runs else None,
+        "field": _field(results, runs),
+        "policies": [_policy_view(name, group, results.draw, say) for name, group in runs.items()],
+    }
+    return view
+
+
+def _cards(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> list[dict[str, str]]:
+    """The few numbers that matter, with the thesis's below."""
+    flat, count = tables.flat_count(results.demonstrations), len(results.demonstrations)
+    cards = [
+        {
+            "name": "demonstrations that end flat",
+            "value": f"{flat} of {count}",
+            "below": f"area above {tables.FLAT_AREA}",
+        }
+    ]
+    for name, group in runs.items():
+        placed, gained = tables.placed_contacts(group), tables.gains(group)
+        thesis = tables.THESIS_PLACING.get(name)
+        if len(placed):
+            below = f"thesis {tables.percent(thesis[1])}" if thesis else ""
+            cards.append(
+                {"name": f"{name}: contact after placing", "value": tables.percent(placed.mean()), "below": below}
+            )
+        if len(gained):
+            theirs = [final - disturbed for _, disturbed, final in tables.THESIS_DISTURBANCE.get(name, ())]
+            below = f"thesis {tables.points(min(theirs))} to {tables.points(max(theirs))}" if theirs else ""
+            value = f"{tables.points(gained.mean())} points"
+            cards.append({"name": f"{name}: regained after disturbance", "value": value, "below": below})
+    return cards
+
+
+def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: Tick) -> dict[str, Any]:
+    """Strips and film of one policy."""
+    run = pictured_run(runs)
+    view: dict[str, Any] = {"name": name, "about": PAPER.get(name, "Comparator"), "run": None}
+    if run is None:
+        return view
+    say(f"{run.task}: pictures of {name}")
+    view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "ticks": len(run.steps)}
+    view["placing"] = _frames(strips.strip(run, strips.placing_ticks(run), draw, FRAME_WIDTH))
+    view["disturbance"] = _frames(strips.strip(run, strips.disturbance_ticks(run), draw, FRAME_WIDTH))
+    view["film"] = _film_uri(strips.film_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
+    return view
+
+
+def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[str, Any] | None:
+    """The attractor fields: one per model, and one for a cloth that has been disturbed where a model can see that."""
+    learned = [episode for episode in results.demonstrations if episode.outcome == "success" and episode.steps]
+    if not results.models or not learned:
+        return None
+    disturbed = [run.contact()[tick] for run in _flatten(runs) if (tick := disturbed_tick(run)) is not None]
+    panels = []
+    for name in tables.order(results.models):
+        model = results.models[name]
+        panels.append(Panel(model=model, title=name, held={}))
+        if disturbed and "contact" in model.layout.names:
+            held = float(np.clip(np.mean(disturbed), 0.0, 1.0))
+            title = f"{name}, contact held at {100 * held:.0f} %"
+            panels.append(Panel(model=model, title=title, held={"contact": held}))
+    return {
+        "image": _png_uri(figures.attractor_field(results.task, panels, learned)),
+        "held": any(panel.held for panel in panels),
+        "bandwidth_mm": f"{1000 * figures.BANDWIDTH_M:.0f}",
+        "who": "picker 1" if results.task == "pickers" else "the hanger",
+    }
+
+
+def _flatten(runs: Mapping[str, Sequence[Episode]]) -> Iterator[Episode]:
+    return (run for group in runs.values() for run in group)
+
+
+def _frames(frames: Sequence[Frame]) -> list[dict[str, str]]:
+    return [
+        {
+            "uri": _jpeg_uri(frame.image),
+            "number": str(number),
+            "word": frame.word,
+            "contact": tables.percent(frame.contact),
+            "time": f"{frame.time_s:.1f} s",
+            "mood": {"disturbance": "bad", "disturbed": "bad", "repair": "good"}.get(frame.word, ""),
+        }
+        for number, frame in enumerate(frames, start=1)
+    ]
+
+
+def _film_uri(frames: Iterator[NDArray[np.uint8]], *, fps: float) -> str:
+    with tempfile.TemporaryDirectory(prefix="layflat-") as folder:
+        film = Path(folder) / "film.webm"
+        write_video(film, frames, fps=fps)
+        return _uri("video/webm", film.read_bytes())
+
+
+def _jpeg_uri(image: NDArray[np.uint8]) -> str:
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return _uri("image/jpeg", encoded.tobytes())
+
+
+def _png_uri(content: bytes) -> str:
+    return _uri("image/png", content)
+
+
+def _uri(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -1,0 +1,88 @@
+"""`layflat train`: demonstrations in, a model and its numbers out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from app import checks
+from app.errors import WrongCall
+from app.progress import Progress
+from app.provenance import provenance_now
+from data.store import open_session
+from data.types import Episode
+from policy import model as model_files
+from policy import registry
+from policy.gp_model import GpModel
+
+EXPECTED_S = 30.0
+
+
+def train(data: Path, model: Path, *, policy: str, force: bool, seed: int) -> GpModel:
+    """Learn ``policy`` from the successful demonstrations in ``data``, write ``model``, print what was learned."""
+    checks.known_name("policy", policy, registry.TRAINABLE)
+    if model.suffix != ".npz":
+        raise WrongCall(f"{model} is not an .npz file; models are written as .npz")
+    checks.writable_file(model, force=force)
+    episodes = successful_demonstrations(data)
+    with Progress({"training": EXPECTED_S}) as progress:
+        progress.phase("training", items=len(episodes[0].steps[0].action))
+        learned = registry.train(
+            policy,
+            episodes,
+            seed=seed,
+            provenance=provenance_now(),
+            progress=lambda done, of, clause: progress.advance(status=clause),
+        )
+    model_files.save(learned, model, force=force)
+    show(learned, model)
+    return learned
+
+
+def successful_demonstrations(path: Path) -> list[Episode]:
+    """The successful episodes of a session, without images; WrongCall where there is none."""
+    with open_session(path) as session:
+        names = session.select(outcome="success")
+        if not len(session):
+            raise WrongCall(f"{path} holds no demonstrations; record some with `layflat record {path}`")
+        if not names:
+            raise WrongCall(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
+        episodes = [session.episode(name, images=False) for name in names]
+    if not any(episode.steps for episode in episodes):
+        raise WrongCall(f"the demonstrations in {path} hold no ticks; record some with `layflat record`")
+    return [episode for episode in episodes if episode.steps]
+
+
+def show(model: GpModel, path: Path) -> None:
+    """Print points, hyperparameters and held-out error on stdout."""
+    table = Table(title=f"{model.policy}, {model.layout.task} task, {model.cloth}", title_justify="left")
+    table.add_column("output")
+    for name in ("length scale", "signal std (mm)", "noise std (mm)", "held-out error (mm)"):
+        table.add_column(name, justify="right")
+    for a, name in enumerate(model.outputs):
+        held_out = "needs 2 demonstrations" if model.heldout_rmse_m is None else f"{1000 * model.heldout_rmse_m[a]:.2f}"
+        table.add_row(
+            name,
+            length_scales(model, a),
+            f"{1000 * model.output_scale_m * np.sqrt(model.hyper.variance[a]):.2f}",
+            f"{1000 * model.output_scale_m * np.sqrt(model.hyper.noise[a]):.2f}",
+            held_out,
+        )
+    console = Console()
+    console.print(table)
+    console.print(
+        f"{model.points} points of {model.points_available} ticks in {model.demonstrations} demonstrations; "
+        f"inputs {', '.join(model.layout.names)}; kernel {model.hyper.kernel}; seed {model.seed}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def length_scales(model: GpModel, output: int) -> str:
+    """Length scales of one output, in standard deviations of the inputs: one number where all are equal."""
+    scales = model.hyper.length_scales[output]
+    return f"{scales[0]:.2f}" if np.ptp(scales) == 0 else " ".join(f"{scale:.2f}" for scale in scales)

@@ -1,0 +1,204 @@
+"""What an episode is: frozen, validated, read-only values shared by every package.
+
+World frame: z up, table top at z = 0, x to the robot's front, y to its left. Metres, seconds, newtons,
+radians. Simulated time is the clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Task: TypeAlias = Literal["hanger", "pickers"]
+Phase: TypeAlias = Literal["place", "disturb", "repair"]
+StoppedBy: TypeAlias = Literal["converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed"]
+Outcome: TypeAlias = Literal["success", "failure", "partial"]
+
+TASKS: tuple[Task, ...] = ("hanger", "pickers")
+PHASES: tuple[Phase, ...] = ("place", "disturb", "repair")
+STOPS: tuple[StoppedBy, ...] = ("converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed")
+OUTCOMES: tuple[Outcome, ...] = ("success", "failure", "partial")
+
+ACTION_NAMES: Mapping[Task, tuple[str, ...]] = {
+    "hanger": ("dx", "dz"),
+    "pickers": ("dx1", "dy1", "dz1", "dx2", "dy2", "dz2"),
+}
+"""Displacement per tick along each axis; picker 1 holds the corner at +y, picker 2 the one at -y."""
+
+ACTION_LIMIT_M = 0.02
+"""Largest displacement along one axis in one tick; files and gymnasium store action / ACTION_LIMIT_M in [-1, 1]."""
+
+TICK_S = 0.1
+"""Simulated time of one control step."""
+
+
+class DataError(ValueError):
+    """Base of what the data package raises: says what is wrong, with which value, and what would be right."""
+
+
+def frozen_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, dtype: DTypeLike = np.float64) -> NDArray:
+    """A read-only copy of ``value`` with the given shape (None: any length) or a DataError that names it."""
+    array = np.array(value, dtype=dtype)
+    if array.ndim != len(shape) or any(w is not None and w != g for w, g in zip(shape, array.shape, strict=True)):
+        raise DataError(f"{name} has shape {array.shape}; it must be {shape}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise DataError(f"{name} holds a value that is not finite")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """What a policy may see at the start of a tick."""
+
+    time_s: float
+    """Simulated time since the episode's first tick."""
+    corner_positions: FloatArray
+    """(2, 3) m, world: where the holder has the two corners; row 0 at +y (picker 1), row 1 at -y (picker 2)."""
+    holder_position: FloatArray
+    """(3,) m, world: the hanger's centre, or the midpoint of the two pickers."""
+    word: FloatArray
+    """(2,) unit vector in table coordinates (x, y) with x >= 0, or zeros where there is no direction."""
+    word_strength: float
+    """>= 0; 0 where there is no direction."""
+    contact_portion: float
+    """Eq. 4-7 from the camera, contact pixels / flat cloth's pixels; noise may take it slightly above 1."""
+    rgb: NDArray[np.uint8] | None = None
+    """(H, W, 3) camera image."""
+    depth: NDArray[np.float32] | None = None
+    """(H, W) m along the optical axis; 0 where the sensor has no value."""
+
+    def __post_init__(self) -> None:
+        _set(self, "corner_positions", frozen_array(self.corner_positions, (2, 3), "corner_positions"))
+        _set(self, "holder_position", frozen_array(self.holder_position, (3,), "holder_position"))
+        _set(self, "word", frozen_array(self.word, (2,), "word"))
+        if not np.isfinite([self.time_s, self.word_strength, self.contact_portion]).all():
+            raise DataError("time_s, word_strength and contact_portion must be finite")
+        if self.rgb is not None:
+            _set(self, "rgb", frozen_array(self.rgb, (None, None, 3), "rgb", np.uint8))
+        if self.depth is not None:
+            _set(self, "depth", frozen_array(self.depth, (None, None), "depth", np.float32))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What only the simulator knows; kept out of every learned policy's sight."""
+
+    nodes: FloatArray
+    """(N, 3) m, world: cloth nodes, row-major grid."""
+    contact_portion_true: float
+    """Share of nodes that rest on the table, 0..1."""
+    flat_area: float
+    """Signed projected area of the triangles on the table / cloth area; a part on its reverse side counts negative."""
+
+    def __post_init__(self) -> None:
+        _set(self, "nodes", frozen_array(self.nodes, (None, 3), "nodes"))
+        if not np.isfinite([self.contact_portion_true, self.flat_area]).all():
+            raise DataError("contact_portion_true and flat_area must be finite")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One tick: what was seen, what was done, in which phase."""
+
+    observation: Observation
+    truth: Truth
+    action: FloatArray
+    """(A,) m per tick, in the order of ACTION_NAMES."""
+    action_std: FloatArray | None = None
+    """(A,) m, the policy's confidence where it has one."""
+    phase: Phase = "place"
+
+    def __post_init__(self) -> None:
+        _set(self, "action", frozen_array(self.action, (None,), "action"))
+        if self.action_std is not None:
+            _set(self, "action_std", frozen_array(self.action_std, self.action.shape, "action_std"))
+        if self.phase not in PHASES:
+            raise DataError(f"phase is {self.phase!r}; it must be one of {', '.join(PHASES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Who made an episode, with what."""
+
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Package name -> version (layflat, pybullet, numpy, python, ...)."""
+    platform: str = ""
+    created_utc: str = ""
+    command: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """One attempt from hanging in the air to the stop."""
+
+    task: Task
+    cloth: str
+    seed: int
+    source: str
+    """Who chose the actions: gamepad, keyboard, mouse, kinesthetic, scripted, or a policy's name."""
+    steps: tuple[Step, ...]
+    final_observation: Observation
+    final_truth: Truth
+    stopped_by: StoppedBy
+    outcome: Outcome
+    tick_s: float = TICK_S
+    disturbance: str = "none"
+    """Name of the disturbance, or "none"."""
+    wall_s: float = 0.0
+    start: Mapping[str, float] = field(default_factory=dict)
+    """What was random about the start, by name (friction, mass, hem side, ...)."""
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def __post_init__(self) -> None:
+        _set(self, "steps", tuple(self.steps))
+        if self.task not in TASKS:
+            raise DataError(f"task is {self.task!r}; it must be one of {', '.join(TASKS)}")
+        if self.stopped_by not in STOPS:
+            raise DataError(f"stopped_by is {self.stopped_by!r}; it must be one of {', '.join(STOPS)}")
+        if self.outcome not in OUTCOMES:
+            raise DataError(f"outcome is {self.outcome!r}; it must be one of {', '.join(OUTCOMES)}")
+        size = len(ACTION_NAMES[self.task])
+        for tick, step in enumerate(self.steps):
+            if step.action.shape != (size,):
+                raise DataError(f"tick {tick}: action has shape {step.action.shape}; task {self.task} needs ({size},)")
+
+    def observations(self) -> tuple[Observation, ...]:
+        """Observations at the start of each tick and the one after the last: len(steps) + 1."""
+        return (*(step.observation for step in self.steps), self.final_observation)
+
+    def truths(self) -> tuple[Truth, ...]:
+        """As observations(), of the mesh."""
+        return (*(step.truth for step in self.steps), self.final_truth)
+
+    def contact(self) -> FloatArray:
+        """(len(steps) + 1,) camera contact portion over time."""
+        return np.array([o.contact_portion for o in self.observations()])
+
+    def phase_bounds(self, phase: Phase) -> tuple[int, int] | None:
+        """First tick of a phase and the tick after its last, or None where the episode has no such phase."""
+        ticks = [i for i, step in enumerate(self.steps) if step.phase == phase]
+        return (ticks[0], ticks[-1] + 1) if ticks else None
+
+    @property
+    def unstable(self) -> bool:
+        return self.stopped_by == "unstable"
+
+
+def action_size(task: Task) -> int:
+    return len(ACTION_NAMES[task])
+
+
+def actions_of(steps: Sequence[Step]) -> FloatArray:
+    """(T, A) m per tick."""
+    return np.array([step.action for step in steps])
+
+
+def _set(instance: object, name: str, value: object) -> None:
+    """Assign inside __post_init__ of a frozen dataclass."""
+    object.__setattr__(instance, name, value)

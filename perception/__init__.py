@@ -1,0 +1,29 @@
+"""From images to what is known of the cloth: arrays in, arrays out; no simulator, no files."""
+
+from perception.contact import contact_portion
+from perception.errors import PerceptionError
+from perception.overlay import draw_percept
+from perception.percept import Descriptor, Perceiver, Percept, PerceptionConfig
+from perception.pinhole import Pinhole
+from perception.segmentation import HsvRange
+from perception.tableview import ClothView, TableGrid
+from perception.word import THESIS, Word, WordConfig, WordDescriptor, compute_word
+
+__all__ = [
+    "THESIS",
+    "ClothView",
+    "Descriptor",
+    "HsvRange",
+    "Perceiver",
+    "Percept",
+    "PerceptionConfig",
+    "PerceptionError",
+    "Pinhole",
+    "TableGrid",
+    "Word",
+    "WordConfig",
+    "WordDescriptor",
+    "compute_word",
+    "contact_portion",
+    "draw_percept",
+]

@@ -1,0 +1,68 @@
+"""Where the cloth lies on the table (thesis 3-1-2, contact detection) and how much of it does (Eq. 4-7)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.errors import PerceptionError
+from perception.tableview import BoolArray
+
+LOWEST_M = -0.02
+"""Heights below are a depth sensor's errors; clipped so that one of them cannot spoil a mean."""
+SUNKEN_M = -0.05
+"""No sensor errs by so much: a cloth mostly below this was measured in other units or from another place."""
+HIGHEST_M = 0.06
+"""Heights above are all equally far from contact; clipped for the same reason."""
+
+
+def smooth_height(height: NDArray[np.float32], cloth: BoolArray, size_px: int = 5) -> NDArray[np.float32]:
+    """(h, w) m: mean height of the valid cloth pixels in a box of ``size_px`` around each pixel.
+
+    ``height`` (h, w) is NaN where the sensor has no value. The table around the cloth takes no part, so a lifted rim is
+    not drawn down. A cloth pixel with no value in its box takes that of the nearest pixel that has one: missing depth
+    is filled, never read as "no contact". Defined on the cloth and one pixel around it, HIGHEST_M elsewhere.
+    """
+    valid = cloth & ~np.isnan(height)
+    seen = np.count_nonzero(valid)
+    if seen == 0 and cloth.any():
+        raise PerceptionError("no cloth pixel has a depth value; is the depth in metres, with 0 for missing?")
+    below = np.count_nonzero(height[valid] < SUNKEN_M)
+    if 2 * below > seen:
+        raise PerceptionError(
+            f"{below} of {seen} cloth pixels lie more than {-SUNKEN_M} m below the table; "
+            "is the depth in metres along the optical axis, and does cam_to_world fit the camera?"
+        )
+    values = np.where(valid, height, np.float32(0)).clip(LOWEST_M, HIGHEST_M)
+    box = (size_px, size_px)
+    count = cv2.boxFilter(valid.astype(np.float32), -1, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    total = cv2.boxFilter(values, -1, box, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    known = count > 0.5
+    smooth = np.where(known, total / np.maximum(count, np.float32(1)), np.float32(HIGHEST_M))
+    wanted = cv2.dilate(cloth.view(np.uint8), np.ones((3, 3), np.uint8)).view(np.bool_)
+    holes = wanted & ~known
+    if holes.any():
+        smooth[holes] = _nearest(smooth, known)[holes]
+    return smooth
+
+
+def contact_mask(cloth: BoolArray, height: NDArray[np.float32], below_m: float) -> BoolArray:
+    """(h, w): cloth no higher than ``below_m`` above the table; ``height`` without NaN, from ``smooth_height``."""
+    return cloth & (height <= np.float32(below_m))
+
+
+def contact_portion(contact_pixels: int, flat_pixels: int) -> float:
+    """Eq. 4-7: C = P_contact / P_flat, both counted in the same table view; noise may take it slightly above 1."""
+    if flat_pixels <= 0:
+        raise PerceptionError(f"flat_pixels is {flat_pixels}; it must be the positive pixel count of the flat cloth")
+    return contact_pixels / flat_pixels
+
+
+def _nearest(values: NDArray[np.float32], known: BoolArray) -> NDArray[np.float32]:
+    """Each pixel's value from the nearest pixel that is known."""
+    unknown = (~known).astype(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL)
+    by_label = np.zeros(int(labels.max()) + 1, dtype=np.float32)
+    by_label[labels[known]] = values[known]
+    return np.asarray(by_label[labels], dtype=np.float32)

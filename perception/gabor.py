@@ -1,0 +1,76 @@
+"""Gabor kernels as in Eq. 3-1 of the thesis, and banks of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.errors import PerceptionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaborParams:
+    """The parameters of Eq. 3-1, lengths in pixels."""
+
+    wavelength: float
+    """lambda: length of one period of the sine."""
+    sigma: float
+    """Standard deviation of the envelope across the stripes."""
+    gamma: float
+    """Aspect ratio: the envelope is sigma / gamma long along the stripes."""
+    psi: float
+    """Phase of the sine, rad. 0 is odd (an edge), pi/2 even (a ridge)."""
+    size: int
+    """Side of the window; an even one is enlarged by one, as OpenCV does (12 -> 13)."""
+
+    def __post_init__(self) -> None:
+        if not (self.wavelength > 0 and self.sigma > 0 and self.gamma > 0 and self.size >= 1):
+            raise PerceptionError(f"{self}: wavelength, sigma, gamma and size must be positive")
+
+
+def gabor_kernel(params: GaborParams, theta: float) -> NDArray[np.float64]:
+    """(2 * (size // 2) + 1)^2 samples of Eq. 3-1 for stripes whose normal is at ``theta`` rad from the columns' axis.
+
+    g = exp(-(x'^2 + gamma^2 y'^2) / (2 sigma^2)) * sin(2 pi x' / lambda + psi),
+    x' = x cos(theta) + y sin(theta), y' = -x sin(theta) + y cos(theta), x right and y down.
+    Laid out like ``cv2.getGaborKernel`` (point-mirrored, so that ``filter2D``, a correlation, convolves with g). That
+    function has a cosine where the thesis has a sine: it gives this kernel for its psi = ours - pi/2.
+    """
+    envelope, along = _envelope_and_axis(params, theta)
+    return np.asarray(envelope * np.sin(2 * math.pi * along / params.wavelength + params.psi))
+
+
+@lru_cache(maxsize=64)
+def gabor_bank(params: GaborParams, thetas: tuple[float, ...], normalise: bool = True) -> NDArray[np.float32]:
+    """(n, k, k) kernels, read-only.
+
+    ``normalise`` takes out what answers to a constant image, by subtracting a share of the envelope (a constant would
+    be seen as a box), and scales so that a plane wave of the same wavelength and direction and of amplitude 1 gives
+    responses of amplitude 1: responses are then in units of the image, and no orientation is favoured by the way
+    in which the square window cuts its envelope. Without it the kernels are Eq. 3-1 as it stands.
+    """
+    kernels = []
+    for theta in thetas:
+        kernel = gabor_kernel(params, theta)
+        if normalise:
+            envelope, along = _envelope_and_axis(params, theta)
+            kernel = kernel - envelope * (kernel.sum() / envelope.sum())
+            kernel = kernel / abs(np.sum(kernel * np.exp(-2j * math.pi * along / params.wavelength)))
+        kernels.append(kernel)
+    bank = np.array(kernels, dtype=np.float32)
+    bank.setflags(write=False)
+    return bank
+
+
+def _envelope_and_axis(params: GaborParams, theta: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The Gaussian envelope and x' on the kernel's pixels."""
+    half = params.size // 2
+    offsets = np.arange(half, -half - 1, -1, dtype=np.float64)
+    x, y = offsets[None, :], offsets[:, None]
+    along = x * math.cos(theta) + y * math.sin(theta)
+    across = -x * math.sin(theta) + y * math.cos(theta)
+    return np.exp(-(along**2 + params.gamma**2 * across**2) / (2 * params.sigma**2)), along

@@ -1,0 +1,49 @@
+"""The seam between who decides and the rest: a person, the scripted expert and a learned GP are one type."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array
+
+
+class PolicyError(ValueError):
+    """Base of what the policy package raises."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What to do in one tick."""
+
+    action: FloatArray
+    """(A,) m per tick, world axes, in the order of data.types.ACTION_NAMES."""
+    std: FloatArray | None = None
+    """(A,) m, standard deviation of the action where the policy knows one."""
+    stop: StoppedBy | None = None
+    """Not None: the policy has finished and says why; the action of this tick is still carried out (zeros as a rule)."""
+    reason: str = ""
+    """One clause for a person: "descending", "output below 2 mm for 8 ticks", ..."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "action", frozen_array(self.action, (None,), "action"))
+        if self.std is not None:
+            object.__setattr__(self, "std", frozen_array(self.std, self.action.shape, "std"))
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """Chooses a displacement from what it sees."""
+
+    name: str
+    """As in tables and files: scripted, gp-word, gp-baseline, drag-rule, ..."""
+    task: Task
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode."""
+
+    def resume(self) -> None:
+        """Go on after a stop (a disturbance came): forget the stop counter, keep the rest."""
+
+    def act(self, observation: Observation) -> Decision:
+        """Decide one tick."""

@@ -1,0 +1,227 @@
+"""Learns Gaussian processes from demonstrations; the only importer of GPy, which rolling out does not need.
+
+Thesis, chapter 4-1: one process per output, squared-exponential kernel (Eq. 4-6), hyperparameters by maximum
+likelihood with L-BFGS. The outputs are not centred, so that the prior mean of zero means "stay where you are".
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import platform
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from data.types import ACTION_NAMES, Episode, FloatArray, Provenance, action_size, actions_of
+from policy.base import PolicyError
+from policy.features import FeatureLayout
+from policy.gp_model import STOP_THRESHOLD_M, STOP_TICKS, GpModel, Hyperparameters, held_out_errors, weights
+
+OUTPUT_SCALE_M = 0.01
+"""A usual move in one tick; the bounds below are relative to it. A constant, so that no data set changes the prior."""
+
+LENGTH_SCALE_BOUNDS = (0.1, 5.0)
+"""In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
+table; below, it would remember ticks instead of learning from them."""
+VARIANCE_BOUNDS = (0.01, 25.0)
+"""Prior deviation of 1 mm to 50 mm a tick."""
+NOISE_BOUNDS = (1e-4, 0.25)
+"""Deviation of 0.1 mm to 5 mm a tick: less than the first no hand achieves, and more would drown the slowest move."""
+
+MAX_POINTS = 1000
+"""Training costs N^3; more points are thinned evenly over the ticks of all demonstrations."""
+MIN_POINTS = 10
+MAX_ITERATIONS = 200
+
+Progress = Callable[[int, int, str], None]
+"""Called with outputs done, outputs in all, and a clause on the last one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """What may be chosen about a fit."""
+
+    ard: bool = False
+    """One length scale per input instead of the thesis's one for all."""
+    starts: int = 2
+    """Starting points of the optimiser: a fixed one, then drawn by the seed; the likeliest end wins."""
+    max_points: int = MAX_POINTS
+    stop_threshold_m: float = STOP_THRESHOLD_M
+    stop_ticks: int = STOP_TICKS
+
+    def __post_init__(self) -> None:
+        if self.starts < 1 or self.max_points < MIN_POINTS:
+            raise PolicyError(
+                f"starts is {self.starts} and max_points {self.max_points}; at least 1 and {MIN_POINTS} are needed"
+            )
+
+
+def fit(
+    episodes: Sequence[Episode],
+    layout: FeatureLayout,
+    *,
+    policy: str,
+    seed: int = 0,
+    options: FitOptions | None = None,
+    provenance: Provenance | None = None,
+    progress: Progress | None = None,
+) -> GpModel:
+    """Learn from whole demonstrations, all of one task, cloth and tick; ticks of phase ``disturb`` are left out.
+
+    Which episodes are worth learning from (no failures, no folds) is the caller's choice.
+    """
+    options = options or FitOptions()
+    cloth, tick_s = _common(episodes, layout)
+    kept = [[step for step in episode.steps if step.phase != "disturb"] for episode in episodes]
+    inputs = np.concatenate([layout.matrix(steps) for steps in kept])
+    size = action_size(layout.task)
+    targets = np.concatenate([actions_of(steps).reshape(-1, size) for steps in kept])
+    groups = np.repeat(np.arange(len(kept)), [len(steps) for steps in kept])
+    rows = thinned(len(inputs), options.max_points)
+    if len(rows) < MIN_POINTS:
+        raise PolicyError(f"the demonstrations hold {len(rows)} ticks; at least {MIN_POINTS} are needed")
+    scale = layout.scales()
+    scaled, outputs = inputs[rows] / scale, targets[rows] / OUTPUT_SCALE_M
+    hyper = fit_hyperparameters(
+        scaled,
+        outputs,
+        ard=options.ard,
+        starts=options.starts,
+        seed=seed,
+        names=ACTION_NAMES[layout.task],
+        progress=progress,
+    )
+    errors = OUTPUT_SCALE_M * held_out_errors(scaled, outputs, groups[rows], hyper)
+    return GpModel(
+        policy=policy,
+        layout=layout,
+        cloth=cloth,
+        inputs=inputs[rows],
+        input_scale=scale,
+        alpha=weights(scaled, outputs, hyper),
+        output_scale_m=OUTPUT_SCALE_M,
+        hyper=hyper,
+        tick_s=tick_s,
+        stop_threshold_m=options.stop_threshold_m,
+        stop_ticks=options.stop_ticks,
+        seed=seed,
+        demonstrations=len(episodes),
+        points_available=len(inputs),
+        heldout_rmse_m=tuple(np.sqrt((errors**2).mean(axis=0))) if len(set(groups[rows])) > 1 else None,
+        provenance=_with_versions(provenance or Provenance()),
+    )
+
+
+def fit_hyperparameters(
+    inputs: FloatArray,
+    targets: FloatArray,
+    *,
+    ard: bool = False,
+    starts: int = 2,
+    seed: int = 0,
+    names: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Hyperparameters:
+    """Maximum likelihood within the bounds, for scaled inputs (N, D) and targets (N, A), output by output."""
+    rng = np.random.default_rng(seed)
+    size, outputs = inputs.shape[1], targets.shape[1]
+    found: list[tuple[FloatArray, float, float]] = []
+    for a in range(outputs):
+        ends = [
+            _optimise(inputs, targets[:, a : a + 1], _start(k, rng, size if ard else 1), ard) for k in range(starts)
+        ]
+        _, length, variance, noise = min(ends, key=lambda end: end[0])
+        found.append((np.broadcast_to(length, size), variance, noise))
+        if progress is not None:
+            name = names[a] if a < len(names) else f"output {a}"
+            progress(a + 1, outputs, f"{name}: noise {1000 * OUTPUT_SCALE_M * math.sqrt(noise):.2f} mm a tick")
+    return Hyperparameters(
+        kernel="se-ard" if ard else "se",
+        length_scales=np.array([length for length, _, _ in found]),
+        variance=np.array([variance for _, variance, _ in found]),
+        noise=np.array([noise for _, _, noise in found]),
+    )
+
+
+def thinned(count: int, most: int) -> np.ndarray:
+    """(min(count, most),) rows, evenly spread over ``count``, first and last among them."""
+    if count <= most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, most).round().astype(int)
+
+
+def _start(number: int, rng: np.random.Generator, lengths: int) -> tuple[FloatArray, float, float]:
+    """Length scales, variance and noise to start from: the middle of the bounds, then log-uniform draws."""
+    if number == 0:
+        return np.ones(lengths), 1.0, 0.01
+
+    def draw(low: float, high: float, size: int) -> FloatArray:
+        return np.exp(rng.uniform(math.log(low), math.log(high), size))
+
+    return draw(0.3, 3.0, lengths), float(draw(0.1, 5.0, 1)[0]), float(draw(1e-3, 0.1, 1)[0])
+
+
+def _optimise(
+    inputs: FloatArray, target: FloatArray, start: tuple[FloatArray, float, float], ard: bool
+) -> tuple[float, FloatArray, float, float]:
+    """Negative log likelihood, length scales (1,) or (D,), variance and noise at the end of one run of L-BFGS."""
+    gpy = import_gpy()
+    length, variance, noise = start
+    # A line search may try a corner of the bounds; what it overflows there is rejected by its own value.
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        kernel = gpy.kern.RBF(inputs.shape[1], variance=variance, lengthscale=length, ARD=ard)
+        model = gpy.models.GPRegression(inputs, target, kernel, noise_var=noise)
+        model.kern.lengthscale.constrain_bounded(*LENGTH_SCALE_BOUNDS, warning=False)
+        model.kern.variance.constrain_bounded(*VARIANCE_BOUNDS, warning=False)
+        model.likelihood.variance.constrain_bounded(*NOISE_BOUNDS, warning=False)
+        model.optimize("lbfgsb", max_iters=MAX_ITERATIONS)
+    lengths = np.array(model.kern.lengthscale, dtype=np.float64)
+    return (
+        float(model.objective_function()),
+        lengths,
+        float(model.kern.variance[0]),
+        float(model.likelihood.variance[0]),
+    )
+
+
+def import_gpy() -> Any:
+    """GPy, imported when it is first needed: it takes a second or two, and placing does without."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import GPy
+    except ImportError as error:
+        # paramz 0.9.6, the last for Python 3.10, does not work with numpy 2: neither its imports nor its arrays.
+        raise PolicyError(
+            f"GPy cannot be imported with numpy {np.__version__} on Python {platform.python_version()} ({error}); "
+            "Python 3.10 needs numpy below 2 and GPy 1.13.2"
+        ) from error
+    for name in ("GP", "paramz", "GPy"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    return GPy
+
+
+def _common(episodes: Sequence[Episode], layout: FeatureLayout) -> tuple[str, float]:
+    """Cloth and tick that all the demonstrations share."""
+    if not episodes:
+        raise PolicyError("there are no demonstrations to learn from; at least one is needed")
+    first = episodes[0]
+    for number, episode in enumerate(episodes):
+        if episode.task != layout.task:
+            raise PolicyError(f"demonstration {number} is of task {episode.task}; the model is for {layout.task}")
+        if episode.cloth != first.cloth:
+            raise PolicyError(f"demonstrations mix the cloths {first.cloth} and {episode.cloth}; choose one")
+        if episode.tick_s != first.tick_s:
+            raise PolicyError(f"demonstrations mix ticks of {first.tick_s} s and {episode.tick_s} s; choose one")
+    return first.cloth, first.tick_s
+
+
+def _with_versions(provenance: Provenance) -> Provenance:
+    """Adds what the numbers of a fit depend on, where the caller has not said."""
+    own = {"python": platform.python_version(), "numpy": np.__version__, "GPy": str(import_gpy().__version__)}
+    return replace(provenance, versions={**own, **provenance.versions})

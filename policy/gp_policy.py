@@ -1,0 +1,54 @@
+"""Rolls a trained model out: each tick, the mean of the processes, until the output has faded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data.types import Observation
+from policy.base import Decision
+from policy.gp_model import GpModel
+from policy.simple import X_LIMIT_M
+from policy.stopping import AnyOf, BelowThreshold, NoContactGain, StopRule, XLimit
+
+NO_GAIN_TICKS = 10
+NO_GAIN_FROM_CONTACT = 0.8
+
+
+def default_guard() -> StopRule:
+    """Against running away: a fold keeps the contact portion low, so that a policy would drag on to the edge.
+
+    Without gain counts only from 80 % contact on: before that a part of the cloth is still in the air.
+    """
+    return AnyOf(XLimit(X_LIMIT_M), NoContactGain(ticks=NO_GAIN_TICKS, from_contact=NO_GAIN_FROM_CONTACT))
+
+
+class GpPolicy:
+    """Gaussian processes in the loop; thesis, chapter 4-2-3.
+
+    Stops with ``threshold`` when the norm of the output has stayed below the model's threshold for the model's number
+    of ticks, or when its guard says so. ``guard=AnyOf()`` is the thesis's method, which has none.
+    """
+
+    def __init__(self, model: GpModel, *, guard: StopRule | None = None) -> None:
+        self.model = model
+        self.name = model.policy
+        self.task = model.layout.task
+        self._stop = AnyOf(
+            BelowThreshold(threshold_m=model.stop_threshold_m, ticks=model.stop_ticks),
+            default_guard() if guard is None else guard,
+        )
+
+    def reset(self, seed: int) -> None:
+        self._stop.reset()
+
+    def resume(self) -> None:
+        self._stop.reset()
+
+    def act(self, observation: Observation) -> Decision:
+        means, stds = self.model.predict(self.model.layout.vector(observation)[np.newaxis])
+        limit = self.model.action_limit_m
+        action = np.clip(means[0], -limit, limit)
+        stop = self._stop.update(observation, action)
+        if stop is not None:
+            return Decision(action=np.zeros_like(action), std=stds[0], stop=stop.by, reason=stop.reason)
+        return Decision(action=action, std=stds[0], reason=f"output {1000 * np.linalg.norm(action):.1f} mm")

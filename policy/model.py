@@ -1,0 +1,233 @@
+"""Model files: an ``.npz`` of plain arrays with a JSON header; no pickle, no class names, nothing that is run.
+
+The file is a zip of ``header.npy`` (the JSON as bytes) and one ``.npy`` for each array of ``ARRAYS``, little-endian
+float64. The header holds a schema version, the shapes, all that rolling out needs, and a SHA-256 over itself and the
+arrays: it finds damage and careless edits; it is no signature.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.types import FloatArray, Provenance
+from policy.base import PolicyError
+from policy.features import FeatureLayout
+from policy.gp_model import GpModel, Hyperparameters
+
+FORMAT = "layflat-gp"
+SCHEMA = 1
+ARRAYS = ("inputs", "input_scale", "alpha", "length_scales", "variance", "noise")
+"""Members of the file beside the header."""
+
+MAX_FILE_BYTES = 64 * 2**20
+MAX_HEADER_BYTES = 2**20
+MAX_POINTS = 20_000
+"""More than this no fit makes; the kernel matrices alone would be 3 GB for each output."""
+
+_SCALARS: Mapping[str, type] = {
+    "policy": str,
+    "cloth": str,
+    "output_scale_m": float,
+    "tick_s": float,
+    "action_limit_m": float,
+    "stop_threshold_m": float,
+    "stop_ticks": int,
+    "seed": int,
+    "demonstrations": int,
+    "points_available": int,
+}
+"""Fields of GpModel that are stored in the header as they are."""
+
+
+def save(model: GpModel, path: str | Path, *, force: bool = False) -> None:
+    """Write a model, whole or not at all; a file that exists is kept unless ``force``."""
+    target = Path(path)
+    if target.exists() and not force:
+        raise PolicyError(f"{target} exists already; choose another name or force overwriting it")
+    arrays = _arrays_of(model)
+    header = _header_of(model, arrays)
+    header["checksum"] = checksum(header, arrays)
+    text = json.dumps(header, indent=1, sort_keys=True, allow_nan=False).encode()
+    buffer = io.BytesIO()
+    members: dict[str, Any] = {"header": np.frombuffer(text, dtype=np.uint8), **arrays}
+    np.savez(buffer, **members)
+    try:
+        _write_aside(target, buffer.getvalue())
+    except OSError as error:
+        raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+def load(path: str | Path) -> GpModel:
+    """Read a model; anything else than a whole, unchanged model file is refused with a PolicyError."""
+    source = Path(path)
+    try:
+        if source.stat().st_size > MAX_FILE_BYTES:
+            raise PolicyError(f"it has {source.stat().st_size} bytes; a model has at most {MAX_FILE_BYTES}")
+        with zipfile.ZipFile(source) as archive:
+            header = _read_header(archive)
+            arrays = {name: _read_array(archive, name, header["shapes"][name]) for name in ARRAYS}
+        if header["checksum"] != checksum(header, arrays):
+            raise PolicyError("its checksum does not match: it was damaged or changed; train it again")
+        return _model_of(header, arrays)
+    except FileNotFoundError as error:
+        raise PolicyError(f"{source} does not exist; `layflat train` makes a model") from error
+    except zipfile.BadZipFile as error:
+        raise PolicyError(f"{source} is not a model file, or only a part of one ({error})") from error
+    except OSError as error:
+        raise PolicyError(f"cannot read {source}: {error.strerror or error}") from error
+    except ValueError as error:
+        # Base of PolicyError and DataError, and what numpy and json raise on foreign bytes.
+        raise PolicyError(f"{source} is not a usable model: {error}") from error
+    except (EOFError, KeyError, NotImplementedError, RuntimeError, TypeError, zlib.error) as error:
+        raise PolicyError(f"{source} is not a usable model ({type(error).__name__}: {error})") from error
+
+
+def checksum(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256 over the header without its checksum, and each array's name and bytes."""
+    digest = hashlib.sha256()
+    rest = {key: value for key, value in header.items() if key != "checksum"}
+    digest.update(json.dumps(rest, sort_keys=True).encode())
+    for name in ARRAYS:
+        digest.update(f"\0{name}\0".encode())
+        digest.update(np.ascontiguousarray(arrays[name], dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+def _arrays_of(model: GpModel) -> dict[str, FloatArray]:
+    values = {
+        "inputs": model.inputs,
+        "input_scale": model.input_scale,
+        "alpha": model.alpha,
+        "length_scales": model.hyper.length_scales,
+        "variance": model.hyper.variance,
+        "noise": model.hyper.noise,
+    }
+    return {name: np.ascontiguousarray(values[name], dtype="<f8") for name in ARRAYS}
+
+
+def _header_of(model: GpModel, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
+    provenance = model.provenance
+    return {
+        "format": FORMAT,
+        "schema": SCHEMA,
+        "kernel": model.hyper.kernel,
+        "task": model.layout.task,
+        "features": list(model.layout.names),
+        "outputs": list(model.outputs),
+        "shapes": {name: list(array.shape) for name, array in arrays.items()},
+        "heldout_rmse_m": None if model.heldout_rmse_m is None else list(model.heldout_rmse_m),
+        "provenance": {
+            "versions": dict(provenance.versions),
+            "platform": provenance.platform,
+            "created_utc": provenance.created_utc,
+            "command": provenance.command,
+        },
+        **{name: kind(getattr(model, name)) for name, kind in _SCALARS.items()},
+    }
+
+
+def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> GpModel:
+    """A model from a checked header; GpModel checks what the numbers mean."""
+    told = header["heldout_rmse_m"]
+    model = GpModel(
+        layout=FeatureLayout(task=header["task"], names=tuple(header["features"])),
+        inputs=arrays["inputs"],
+        input_scale=arrays["input_scale"],
+        alpha=arrays["alpha"],
+        hyper=Hyperparameters(
+            kernel=header["kernel"],
+            length_scales=arrays["length_scales"],
+            variance=arrays["variance"],
+            noise=arrays["noise"],
+        ),
+        heldout_rmse_m=None if told is None else tuple(told),
+        provenance=Provenance(**header["provenance"]),
+        **{name: _scalar(header, name, kind) for name, kind in _SCALARS.items()},
+    )
+    if tuple(header["outputs"]) != model.outputs:
+        raise PolicyError(f"its outputs are {header['outputs']}; task {model.layout.task} has {list(model.outputs)}")
+    return model
+
+
+def _scalar(header: Mapping[str, Any], name: str, kind: type) -> Any:
+    value = header[name]
+    if type(value) is not kind:
+        raise PolicyError(f"its {name} is {value!r}; it must be of type {kind.__name__}")
+    return value
+
+
+def _read_header(archive: zipfile.ZipFile) -> dict[str, Any]:
+    members = {info.filename for info in archive.infolist()}
+    wanted = {f"{name}.npy" for name in ("header", *ARRAYS)}
+    if members != wanted:
+        odd = sorted(members ^ wanted)
+        raise PolicyError(f"it is not a model file: {odd[0]} is {'missing' if odd[0] in wanted else 'no part of one'}")
+    raw = _read_member(archive, "header", MAX_HEADER_BYTES, "|u1", None)
+    header = json.loads(raw.tobytes().decode("utf-8"))
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise PolicyError(f"its header does not say format {FORMAT}")
+    if header.get("schema") != SCHEMA:
+        raise PolicyError(f"its schema is {header.get('schema')!r}; this version reads {SCHEMA}")
+    if set(header["shapes"]) != set(ARRAYS):
+        raise PolicyError(f"its header has the shapes of {sorted(header['shapes'])}; it must have {sorted(ARRAYS)}")
+    return header
+
+
+def _read_array(archive: zipfile.ZipFile, name: str, shape: Any) -> FloatArray:
+    sizes = tuple(shape)
+    if not all(type(size) is int and 0 < size <= MAX_POINTS for size in sizes):
+        raise PolicyError(f"its {name} claims the shape {shape}; each size must be in 1..{MAX_POINTS}")
+    return _read_member(archive, name, MAX_FILE_BYTES, "<f8", sizes)
+
+
+def _read_member(
+    archive: zipfile.ZipFile, name: str, most_bytes: int, dtype: str, shape: tuple[int, ...] | None
+) -> np.ndarray:
+    """One array; its claimed size is held against the bytes that are there before anything is made of it."""
+    info = archive.getinfo(f"{name}.npy")
+    if info.file_size > most_bytes:
+        raise PolicyError(f"its {name} has {info.file_size} bytes; at most {most_bytes} are allowed")
+    stream = io.BytesIO(archive.read(info))
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise PolicyError(f"its {name} is not an array of format 1.0")
+    claimed, _, kind = np.lib.format.read_array_header_1_0(stream)
+    if kind != np.dtype(dtype) or (shape is not None and claimed != shape):
+        raise PolicyError(f"its {name} is {kind} {claimed}; it must be {dtype} {'(n,)' if shape is None else shape}")
+    if math.prod(claimed) * kind.itemsize != len(stream.getvalue()) - stream.tell():
+        raise PolicyError(f"its {name} claims {claimed} but has another number of bytes")
+    stream.seek(0)
+    return np.asarray(np.load(stream, allow_pickle=False))
+
+
+def _write_aside(target: Path, content: bytes) -> None:
+    """Beside the target, to the disk, then in its place: a reader sees the old file or the whole new one."""
+    aside = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        with aside.open("xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(aside, target)
+    finally:
+        aside.unlink(missing_ok=True)
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name itself is durable only when the folder is."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,156 @@
+"""What disturbances there are: kinds, names, and what is left to chance.
+
+Lengths are shares of the cloth's length and forces are multiples of its weight, so that one name means the same to a
+towel and to a napkin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from data.types import FloatArray
+from sim.cloth import ClothSpec
+from sim.world import GRAVITY_M_S2, SimError
+
+Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "wind"]
+Range: TypeAlias = tuple[float, float]
+"""Least and greatest value of what is drawn uniformly."""
+Waypoint: TypeAlias = tuple[float, float]
+"""Share of the cloth's length forward (along the heading) and up, from where the hands took hold."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbanceSpec:
+    """A disturbance by name; ``schedule`` settles what is random about it."""
+
+    name: str
+    kind: Kind
+    along: Range = (0.35, 0.65)
+    """Centre of the patch as a share of the length: 0 the free edge, 1 the held edge."""
+    across: Range = (0.3, 0.7)
+    """Centre of the patch as a share of the width: 0 at +y, 1 at -y."""
+    patch: tuple[int, int] = (3, 3)
+    """Nodes along the length, across the width."""
+    heading_deg: Range = (0.0, 0.0)
+    """Direction of the path on the table: 0 is +x, towards the held edge; 90 is +y."""
+    path: tuple[Waypoint, ...] = ()
+    """Corners of the hands' path; the start is (0, 0)."""
+    scale: Range = (1.0, 1.0)
+    """Factor on the path."""
+    speed_m_s: float = 0.15
+    """Of the hands' target along the path."""
+    force_weights: float = 3.0
+    """Greatest total force of the hands / weight of the cloth."""
+    wind_m_s2: float = 0.0
+    """Acceleration that a wind gives to the cloth, along the heading."""
+    time_limit_s: float = 1.0
+    """The hands let go, or the wind ends, after this time at the latest."""
+    settle_s: float = 1.0
+    """From the end of the force until the disturbance counts as over."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise SimError(f"disturbance {self.name}: kind is {self.kind!r}; it must be one of {get_args(Kind)}")
+        for field in ("along", "across"):
+            low, high = getattr(self, field)
+            if not 0 <= low <= high <= 1:
+                raise SimError(f"disturbance {self.name}: {field} is {low}..{high}; it must rise within 0..1")
+        for field in ("speed_m_s", "force_weights", "time_limit_s"):
+            if not getattr(self, field) > 0:
+                raise SimError(f"disturbance {self.name}: {field} is {getattr(self, field)}; it must be above 0")
+        if min(self.patch) < 1 or self.settle_s < 0:
+            raise SimError(f"disturbance {self.name}: patch {self.patch} or settle_s {self.settle_s} makes no sense")
+        if (self.kind in ("none", "wind")) == bool(self.path):
+            raise SimError(f"disturbance {self.name}: a path is for hands, and a {self.kind} has {self.path}")
+        if (self.kind == "wind") != (self.wind_m_s2 != 0):
+            raise SimError(f"disturbance {self.name}: wind_m_s2 is {self.wind_m_s2} in a {self.kind}")
+
+    def schedule(self, rng: np.random.Generator, cloth: ClothSpec) -> Plan:
+        """What will happen to this cloth; draws the same number of values whatever the kind."""
+        along, across = rng.uniform(*self.along), rng.uniform(*self.across)
+        heading, scale = math.radians(rng.uniform(*self.heading_deg)), rng.uniform(*self.scale)
+        forward = np.array([math.cos(heading), math.sin(heading), 0.0])
+        size = scale * cloth.length_m
+        corners = [np.zeros(3), *(size * (ahead * forward + up * np.array([0.0, 0.0, 1.0])) for ahead, up in self.path)]
+        wind = self.wind_m_s2 * scale * forward
+        return Plan(
+            nodes=_patch_nodes(cloth, along, across, self.patch) if self.path else (),
+            path_m=np.array(corners),
+            speed_m_s=self.speed_m_s,
+            force_limit_n=self.force_weights * cloth.mass_kg * GRAVITY_M_S2,
+            wind_m_s2=(float(wind[0]), float(wind[1]), float(wind[2])),
+            time_limit_s=self.time_limit_s,
+            settle_s=self.settle_s,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """A disturbance with nothing left to chance."""
+
+    nodes: tuple[int, ...]
+    """Cloth nodes that hands take hold of."""
+    path_m: FloatArray
+    """(W, 3) m, world axes: corners of the path from where each hand took hold; the first is zero."""
+    speed_m_s: float
+    force_limit_n: float
+    wind_m_s2: tuple[float, float, float]
+    time_limit_s: float
+    settle_s: float
+
+    def target(self, time_s: float) -> tuple[FloatArray, FloatArray, bool]:
+        """Offset (3,) m and velocity (3,) m/s of the targets, and whether they are at the path's end."""
+        left = self.speed_m_s * time_s
+        for start, end in zip(self.path_m[:-1], self.path_m[1:], strict=True):
+            length = float(np.linalg.norm(end - start))
+            if left < length:
+                forward = (end - start) / length
+                return start + left * forward, self.speed_m_s * forward, False
+            left -= length
+        return self.path_m[-1], np.zeros(3), True
+
+
+def _patch_nodes(cloth: ClothSpec, along: float, across: float, patch: tuple[int, int]) -> tuple[int, ...]:
+    """Nodes of a patch around a place, moved inwards where it would leave the cloth; never the held corners."""
+    rows, columns = min(patch[0], cloth.rows), min(patch[1], cloth.columns)
+    row = int(np.clip(round(along * (cloth.rows - 1)) - rows // 2, 0, cloth.rows - rows))
+    column = int(np.clip(round(across * (cloth.columns - 1)) - columns // 2, 0, cloth.columns - columns))
+    nodes = (i * cloth.columns + j for i in range(row, row + rows) for j in range(column, column + columns))
+    return tuple(node for node in nodes if node not in cloth.corners)
+
+
+NONE = DisturbanceSpec(name="none", kind="none", settle_s=0.0)
+
+DISTURBANCES: Mapping[str, DisturbanceSpec] = {
+    spec.name: spec
+    for spec in (
+        NONE,
+        DisturbanceSpec(name="push", kind="push", path=((0.0, 0.03), (0.15, 0.03))),
+        DisturbanceSpec(name="pull", kind="pull", path=((0.0, 0.03), (0.15, 0.03)), heading_deg=(180.0, 180.0)),
+        DisturbanceSpec(
+            name="lift-drop", kind="lift-drop", along=(0.1, 0.4), path=((0.0, 0.3),), speed_m_s=0.3, force_weights=4.0
+        ),
+        DisturbanceSpec(
+            name="poke", kind="poke", along=(0.15, 0.7), across=(0.15, 0.85), patch=(2, 2),
+            heading_deg=(-180.0, 180.0), path=((0.1, 0.0),), speed_m_s=0.6, time_limit_s=0.4,
+        ),
+        DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
+        DisturbanceSpec(
+            name="thesis", kind="push", along=(0.3, 0.6), across=(0.35, 0.65), heading_deg=(-15.0, 15.0),
+            path=((0.02, 0.04), (0.15, 0.04)), scale=(1.0, 1.15), time_limit_s=0.8,
+        ),
+    )
+}  # fmt: skip
+"""Every disturbance by name; ``thesis`` is the stick of chapters 4-2-3 and 4-3-3."""
+
+
+def disturbance_spec(name: str) -> DisturbanceSpec:
+    """A preset by name; SimError lists the known ones."""
+    if name not in DISTURBANCES:
+        raise SimError(f"unknown disturbance {name!r}; the known ones are {', '.join(DISTURBANCES)}")
+    return DISTURBANCES[name]

@@ -1,0 +1,139 @@
+"""A Panda arm with a two-clip hanger that carries the cloth's corners in x and z (chapters 3-3-1 and 4-3)."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+import pybullet as bullet
+
+from data.types import FloatArray, Task
+from sim.cloth import HELD_STRETCH, Cloth
+from sim.impedance import STIFFNESS_N_M, CartesianImpedance, hanger_pose
+from sim.panda import JOINTS, TORQUE_LIMIT_N_M, WRIST_LINK, inverse_kinematics, load_arm
+from sim.world import SimError
+
+Control: TypeAlias = Literal["impedance", "position"]
+
+WORKSPACE_LOW_M = np.array([-0.10, 0.004])
+"""x and z of the corners' set point; z is the height at which cloth rests."""
+WORKSPACE_HIGH_M = np.array([0.60, 0.55])
+"""Higher up, at both ends of x, the elbow would be nearly straight."""
+MAX_LEAD_M = 0.030
+"""The set point stays this close to the real hanger along each axis (12 N of spring): a blocked arm cannot wind up."""
+FIT_TOLERANCE_M = 0.001
+MAX_SIDE_M = 0.02
+"""How far from y = 0 the hanger may start."""
+POSITION_GAIN = 0.3
+"""Share of a joint's error that position control takes back in one substep."""
+_AXES = [0, 2]
+
+
+class Hanger:
+    """Holds the two corners in clips that are parts of the arm's last link; the anchors' error is zero."""
+
+    task: Task = "hanger"
+
+    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
+        """Put the arm, at rest, where its clips are at ``corner_positions`` (2, 3) m, row 0 at +y.
+
+        The clips are HELD_STRETCH times the cloth's width apart, level and parallel to y; anything else is a SimError.
+        ``control``: "impedance" (the thesis's arm: it yields to a push) or "position" (stiff joints).
+        """
+        if control not in get_args(Control):
+            raise SimError(f"control is {control!r}; it must be one of {', '.join(get_args(Control))}")
+        self._cloth = cloth
+        self._client = cloth.world.client
+        self._control = control
+        self._clips = 0.5 * HELD_STRETCH * cloth.spec.width_m * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+        centre = self._checked_centre(np.asarray(corner_positions, dtype=float))
+        self._set_point = centre
+        self._target = centre.copy()
+        self._velocity = np.zeros(3)
+        self._posture = inverse_kinematics(centre)
+        self._posture_speed = np.zeros(JOINTS)
+        self._torque = np.zeros(JOINTS)
+        self.arm = load_arm(self._client, float(self._clips[0, 1] - self._clips[1, 1]))
+        for joint, angle in enumerate(self._posture):
+            bullet.resetJointState(self.arm, joint, float(angle), 0.0, physicsClientId=self._client)
+        self._impedance = CartesianImpedance(self._client, self.arm, cloth.world.step_s)
+
+    def _checked_centre(self, corners: FloatArray) -> FloatArray:
+        centre = corners.mean(axis=0)
+        if np.abs(corners - centre - self._clips).max() > FIT_TOLERANCE_M:
+            wanted = np.round(self._clips, 4).tolist()
+            raise SimError(
+                f"corners {np.round(corners, 4).tolist()} do not fit the clips, which are at centre + {wanted}"
+            )
+        inside = (centre[_AXES] >= WORKSPACE_LOW_M - 1e-9) & (centre[_AXES] <= WORKSPACE_HIGH_M + 1e-9)
+        if not inside.all() or abs(centre[1]) > MAX_SIDE_M:
+            raise SimError(
+                f"the hanger cannot start at {np.round(centre, 3).tolist()} m; x and z must be within "
+                f"{WORKSPACE_LOW_M.tolist()} to {WORKSPACE_HIGH_M.tolist()}, y within {MAX_SIDE_M} of 0"
+            )
+        return centre
+
+    def corner_positions(self) -> FloatArray:
+        place, rotation = hanger_pose(self._client, self.arm)
+        # The hand's y points to -y when it looks down.
+        return place - self._clips @ rotation.T
+
+    def position(self) -> FloatArray:
+        return hanger_pose(self._client, self.arm)[0]
+
+    def set_point(self) -> FloatArray:
+        """(3,) m, world: where the springs pull the corners' midpoint now."""
+        return self._set_point.copy()
+
+    def grip(self) -> None:
+        # Both anchors sit on the last link; each keeps the offset at which its node is now.
+        for node in self._cloth.spec.corners:
+            self._cloth.anchor(node, self.arm, WRIST_LINK)
+
+    def start_tick(self, action: FloatArray, substeps: int) -> None:
+        """``action`` (2,) m: dx, dz, added to the last set point; kept in the workspace and near the real hanger."""
+        step = np.asarray(action, dtype=float)
+        if step.shape != (2,) or not np.isfinite(step).all():
+            raise SimError(f"the action is {step.tolist()}; it must be two finite numbers: dx, dz in m")
+        real = self.position()[_AXES]
+        wanted = np.clip(self._set_point[_AXES] + step, real - MAX_LEAD_M, real + MAX_LEAD_M)
+        self._target[_AXES] = np.clip(wanted, WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        duration = substeps * self._cloth.world.step_s
+        self._velocity = (self._target - self._set_point) / duration
+        self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
+
+    def before_substep(self) -> None:
+        step = self._cloth.world.step_s
+        self._set_point += self._velocity * step
+        self._posture += self._posture_speed * step
+        if self._control == "impedance":
+            self._torque = self._impedance.apply(self._set_point, self._velocity, self._posture)
+        else:
+            self._drive_joints()
+
+    def _drive_joints(self) -> None:
+        # Straight lines in joint space: 20 mm of travel bend by less than 0.1 mm.
+        bullet.setJointMotorControlArray(
+            self.arm,
+            range(JOINTS),
+            bullet.POSITION_CONTROL,
+            targetPositions=self._posture.tolist(),
+            targetVelocities=self._posture_speed.tolist(),
+            forces=TORQUE_LIMIT_N_M.tolist(),
+            positionGains=[POSITION_GAIN] * JOINTS,
+            velocityGains=[1.0] * JOINTS,
+            physicsClientId=self._client,
+        )
+
+    def spring_force_n(self) -> FloatArray:
+        """(3,) N, world: pull of the springs on the hanger; with the arm at rest the opposite of its load."""
+        if self._control != "impedance":
+            raise SimError("position control has no springs; make the hanger with control='impedance'")
+        return STIFFNESS_N_M * (self._set_point - self.position())
+
+    def joint_torques(self) -> FloatArray:
+        """(7,) N m that the joints were driven with in the last substep."""
+        if self._control == "impedance":
+            return self._torque.copy()
+        states = bullet.getJointStates(self.arm, range(JOINTS), physicsClientId=self._client)
+        return np.array([state[3] for state in states])

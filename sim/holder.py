@@ -1,0 +1,32 @@
+"""The seam between the task and who holds the cloth: two free pickers, or a Panda arm with a two-clip hanger."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from data.types import FloatArray, Task
+
+
+class Holder(Protocol):
+    """Holds the cloth's two corners and carries them along displacements, one per tick.
+
+    A holder is made at its home pose with the clips or pickers at ``corner_positions()``; the caller puts the cloth's
+    corner nodes there and calls ``grip``.
+    """
+
+    task: Task
+
+    def corner_positions(self) -> FloatArray:
+        """(2, 3) m, world: where the two held corners really are; row 0 at +y."""
+
+    def position(self) -> FloatArray:
+        """(3,) m, world: the hanger's centre between the clips, or the midpoint of the pickers."""
+
+    def grip(self) -> None:
+        """Anchor the cloth's corners; they must already be at ``corner_positions()``."""
+
+    def start_tick(self, action: FloatArray, substeps: int) -> None:
+        """Begin one tick: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
+
+    def before_substep(self) -> None:
+        """Called before each substep: move the kinematic bodies or apply the torques."""

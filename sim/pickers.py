@@ -1,0 +1,59 @@
+"""Two free pickers (chapter 4-2): massless bodies that carry one corner each, three axes each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pybullet as bullet
+
+from data.types import FloatArray, Task
+from sim.cloth import Cloth
+
+MIN_HEIGHT_M = 0.004
+"""A picker never goes below the height at which cloth rests."""
+WORKSPACE_LOW_M = np.array([-0.25, -0.45, MIN_HEIGHT_M])
+WORKSPACE_HIGH_M = np.array([0.75, 0.45, 0.80])
+MAX_SPREAD = 1.06
+"""Distance of the pickers / width of the cloth at which they stop parting: real fingers would slip or tear."""
+
+
+class Pickers:
+    """Kinematic pickers; anchor error is one substep of motion."""
+
+    task: Task = "pickers"
+
+    def __init__(self, cloth: Cloth, corner_positions: FloatArray) -> None:
+        """Hold ``cloth`` at ``corner_positions`` (2, 3) m, row 0 at +y."""
+        self._cloth = cloth
+        self._client = cloth.world.client
+        self._at = np.array(corner_positions, dtype=float)
+        self._velocity = np.zeros((2, 3))
+        self._bodies = [
+            int(bullet.createMultiBody(0.0, basePosition=p.tolist(), physicsClientId=self._client)) for p in self._at
+        ]
+
+    def corner_positions(self) -> FloatArray:
+        return self._at.copy()
+
+    def position(self) -> FloatArray:
+        return self._at.mean(axis=0)
+
+    def grip(self) -> None:
+        for node, body in zip(self._cloth.spec.corners, self._bodies, strict=True):
+            self._cloth.anchor(node, body)
+
+    def start_tick(self, action: FloatArray, substeps: int) -> None:
+        """``action`` (6,) m: dx, dy, dz of picker 1, then of picker 2; kept inside the workspace."""
+        wanted = np.clip(self._at + np.asarray(action).reshape(2, 3), WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        limit = MAX_SPREAD * self._cloth.spec.width_m
+        apart = wanted[0] - wanted[1]
+        distance = float(np.linalg.norm(apart))
+        if distance > limit:
+            wanted = wanted.mean(axis=0) + np.array([0.5, -0.5])[:, None] * apart * (limit / distance)
+        self._velocity = (wanted - self._at) / (substeps * self._cloth.world.step_s)
+
+    def before_substep(self) -> None:
+        self._at = self._at + self._velocity * self._cloth.world.step_s
+        for body, position, velocity in zip(self._bodies, self._at, self._velocity, strict=True):
+            bullet.resetBasePositionAndOrientation(body, position, (0, 0, 0, 1), physicsClientId=self._client)
+            # The solver takes the anchor's velocity from the body, not from its change of place.
+            bullet.resetBaseVelocity(body, velocity, physicsClientId=self._client)

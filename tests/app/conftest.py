@@ -1,0 +1,119 @@
+"""Made-up episodes with the shape of real ones: placing, a disturbance, and a repair or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from data.types import ACTION_NAMES, Episode, FloatArray, Observation, Step, Task, Truth
+from policy.features import FeatureLayout, input_set
+
+PLACE, DISTURB, REPAIR = 60, 10, 25
+EpisodeMaker = Callable[..., Episode]
+
+
+def _picture(share: float, tick: int) -> np.ndarray:
+    """A grey table with a striped red cloth, of which ``share`` lies."""
+    rgb = np.full((120, 160, 3), 215, np.uint8)
+    length = int(20 + 110 * min(max(share, 0.0), 1.0))
+    stripes = (30 * np.sin(np.arange(length) / 4 + tick)).astype(int)
+    rgb[30:95, 15 : 15 + length] = (190, 40, 50)
+    rgb[30:95, 15 : 15 + length, 0] = np.clip(190 + stripes, 0, 255)
+    return rgb
+
+
+def _contact(tick: int, gain: float, noise: FloatArray) -> float:
+    """Rises while placing, falls by 14 points while disturbed, rises by ``gain`` while repaired."""
+    if tick <= PLACE:
+        return float(0.97 / (1 + np.exp(-(tick - 38) / 5)) + noise[tick])
+    if tick <= PLACE + DISTURB:
+        return float(0.96 - 0.14 * (tick - PLACE) / DISTURB)
+    return float(0.82 + gain * (tick - PLACE - DISTURB) / REPAIR)
+
+
+def _fake_episode(
+    *,
+    task: Task = "hanger",
+    source: str = "gp-word",
+    seed: int = 0,
+    disturbed: bool = True,
+    gain: float = 0.08,
+    images: bool = False,
+    **changes: Any,
+) -> Episode:
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(0, 0.004, PLACE + 1)
+    wave = 0.02 * rng.normal()
+    ticks = PLACE + (DISTURB + REPAIR if disturbed else 0)
+
+    def observation(tick: int) -> Observation:
+        progress = min(tick / PLACE, 1.0)
+        late = gain / 2 * max(tick - PLACE - DISTURB, 0) / REPAIR
+        place = np.array(
+            [-0.15 + 0.45 * progress**2 + late, 0.0, 0.02 + 0.4 * (1 - progress) ** 2 + wave * (1 - progress)]
+        )
+        contact = _contact(tick, gain, noise)
+        return Observation(
+            time_s=tick * 0.1,
+            corner_positions=place + np.array([[0, 0.175, 0], [0, -0.175, 0]]),
+            holder_position=place,
+            word=np.array([1.0, 0.0]) if contact < 0.9 else np.zeros(2),
+            word_strength=0.1,
+            contact_portion=contact,
+            rgb=_picture(contact, tick) if images else None,
+        )
+
+    def truth(tick: int) -> Truth:
+        contact = _contact(tick, gain, noise)
+        return Truth(nodes=np.zeros((4, 3)), contact_portion_true=min(contact, 1.0), flat_area=min(contact + 0.01, 1.0))
+
+    def step(tick: int) -> Step:
+        here, after = observation(tick), observation(tick + 1)
+        move = np.vstack([after.corner_positions - here.corner_positions])
+        action = move[0, [0, 2]] if task == "hanger" else move.ravel()
+        phase = "place" if tick < PLACE else "disturb" if tick < PLACE + DISTURB else "repair"
+        return Step(observation=here, truth=truth(tick), action=action, phase=phase)
+
+    values: dict[str, Any] = {
+        "task": task,
+        "cloth": "towel",
+        "seed": seed,
+        "source": source,
+        "steps": tuple(step(tick) for tick in range(ticks)),
+        "final_observation": observation(ticks),
+        "final_truth": truth(ticks),
+        "stopped_by": "threshold",
+        "outcome": "success",
+        "disturbance": "push" if disturbed else "none",
+        "wall_s": 4.5,
+    }
+    return Episode(**{**values, **changes})
+
+
+class NearestModel:
+    """Predicts the action of the nearest demonstrated tick, the less surely the farther it is."""
+
+    def __init__(self, layout: FeatureLayout, episodes: list[Episode]) -> None:
+        self.layout = layout
+        self._inputs = np.concatenate([layout.matrix(episode.steps) for episode in episodes])
+        self._actions = np.concatenate([[step.action for step in episode.steps] for episode in episodes])
+
+    def predict(self, inputs: FloatArray, /) -> tuple[FloatArray, FloatArray]:
+        distance = np.linalg.norm(np.asarray(inputs)[:, None] - self._inputs[None], axis=2)
+        near = distance.argmin(axis=1)
+        fade = np.exp(-((distance.min(axis=1) / 0.1) ** 2))[:, None]
+        outputs = len(ACTION_NAMES[self.layout.task])
+        return fade * self._actions[near], np.repeat(0.001 + 0.008 * (1 - fade), outputs, axis=1)
+
+
+@pytest.fixture(scope="session")
+def make_episode() -> EpisodeMaker:
+    return _fake_episode
+
+
+@pytest.fixture(scope="session")
+def make_model() -> Callable[[Task, str, list[Episode]], NearestModel]:
+    return lambda task, inputs, episodes: NearestModel(input_set(task, inputs), episodes)

@@ -1,0 +1,136 @@
+"""Wrong calls end before any work, with status 2 and one sentence; help needs nothing heavy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from app import checks, cli
+from app.errors import LayflatError, WrongCall
+from data.types import TASKS
+from policy.registry import TRAINABLE
+
+COMMANDS = ("demo", "record", "train", "place", "bench", "doctor")
+
+
+def _run(capsys, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    out, err = capsys.readouterr()
+    return int(stop.value.code or 0), out, err
+
+
+WRONG = [
+    ("nonsense",),
+    ("place",),
+    ("demo",),
+    ("demo", "--out", "x", "--episodes", "0"),
+    ("demo", "--out", "x", "--episodes", "-3"),
+    ("demo", "--out", "x", "--episodes", "many"),
+    ("demo", "--out", "x", "--workers", "0"),
+    ("demo", "--out", "x", "--seed", "-1"),
+    ("demo", "--out", "x", "--task", "arm"),
+    ("record", "x.h5", "--episodes", "0"),
+    ("record", "x.h5", "--source", "telepathy"),
+    ("place", "x.npz", "--episodes", "-3"),
+    ("train", "x.h5", "m.npz", "--policy", "gmr"),
+    ("train", "x.h5", "m.npz", "--nope"),
+    ("train", "x.h5"),
+    ("doctor", "extra"),
+]
+
+
+@pytest.mark.parametrize("arguments", WRONG, ids=" ".join)
+def test_wrong_calls_are_one_sentence_and_status_2(arguments, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = _run(capsys, *arguments)
+    assert status == 2
+    assert out == ""
+    assert err.startswith("layflat: ")
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_message_names_the_value_and_what_would_be_right(capsys):
+    assert "--episodes is -3; at least 1 is needed" in _run(capsys, "record", "x.h5", "--episodes", "-3")[2]
+    err = _run(capsys, "demo", "--out", "x", "--task", "arm")[2]
+    assert "'arm'" in err
+    assert all(task in err for task in TASKS)
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_of_every_command(command, capsys):
+    status, out, err = _run(capsys, *([command] if command else []), "--help")
+    assert (status, err) == (0, "")
+    assert "Usage: layflat" in out
+
+
+def test_choices_are_those_of_the_packages():
+    assert set(get_args(cli.TaskName)) == set(TASKS)
+    assert set(get_args(cli.PolicyName)) <= set(TRAINABLE)
+
+
+def test_help_imports_nothing_heavy():
+    heavy = ("numpy", "pybullet", "cv2", "GPy", "matplotlib", "h5py", "scipy", "pandas", "pygame")
+    program = (
+        "import sys\nfrom app.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        f"print([m for m in {heavy} if m in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+def test_another_interpreter_gets_one_sentence(capsys, monkeypatch):
+    monkeypatch.setattr(checks, "SUPPORTED_PYTHONS", ((3, 8),))
+    status, _, err = _run(capsys, "place", "x.npz")
+    assert status == 1
+    assert err.count("\n") == 1
+    assert "3.11 or 3.10" in err
+    assert "doctor" in err
+
+
+def test_a_missing_simulator_gets_one_sentence(monkeypatch):
+    monkeypatch.setattr(checks.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(LayflatError, match="PyBullet is not installed"):
+        checks.require_simulator()
+
+
+def test_unknown_cloth_lists_the_known_ones():
+    with pytest.raises(WrongCall, match="cloth 'silk' is unknown; known ones are napkin, towel"):
+        checks.known_name("cloth", "silk", ["towel", "napkin"])
+    assert checks.known_name("cloth", "towel", ["towel", "napkin"]) == "towel"
+
+
+def test_existing_output_needs_force(tmp_path):
+    path = tmp_path / "m.npz"
+    path.write_bytes(b"old")
+    with pytest.raises(WrongCall, match="--force"):
+        checks.writable_file(path, force=False)
+    assert checks.writable_file(path, force=True) == path
+    assert checks.writable_file(path, force=False, append=True) == path
+    assert path.read_bytes() == b"old"
+
+
+def test_output_that_cannot_be_written_is_found_before_the_work(tmp_path):
+    blocker = tmp_path / "file"
+    blocker.touch()
+    for path in (blocker / "m.npz", Path("/proc/nowhere/m.npz"), Path("/dev/null/m.npz")):
+        with pytest.raises(WrongCall, match="cannot be written"):
+            checks.writable_file(path, force=False)
+    with pytest.raises(WrongCall, match="is a folder"):
+        checks.writable_file(tmp_path, force=True)
+
+
+def test_a_good_output_path_leaves_nothing_behind(tmp_path):
+    checks.writable_file(tmp_path / "new" / "m.npz", force=False)
+    assert not list((tmp_path / "new").iterdir())
+
+
+def test_models_for_the_other_task_are_refused():
+    with pytest.raises(WrongCall, match="is for the pickers task"):
+        checks.same_task(Path("m.npz"), found="pickers", wanted="hanger")
+    checks.same_task(Path("m.npz"), found="hanger", wanted="hanger")

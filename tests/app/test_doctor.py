@@ -1,0 +1,52 @@
+"""The doctor runs, here and where nothing is installed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app import doctor
+from app.errors import LayflatError
+
+ROOT = Path(doctor.__file__).parents[1]
+
+
+def test_this_machine_is_fit(capsys):
+    doctor.doctor()
+    out = capsys.readouterr().out
+    assert "problem" not in out
+    assert all(name in out for name in doctor.REQUIRED)
+
+
+def test_a_missing_package_is_a_problem_with_advice(capsys, monkeypatch):
+    monkeypatch.setitem(doctor.REQUIRED, "no-such-package", "no_such_package")
+    with pytest.raises(LayflatError, match="no-such-package") as failure:
+        doctor.doctor()
+    assert failure.value.exit_status == 1
+    assert "pip install" in capsys.readouterr().out
+
+
+def test_another_interpreter_is_a_problem(monkeypatch):
+    monkeypatch.setattr(doctor, "SUPPORTED_PYTHONS", ((3, 8),))
+    (check,) = doctor.interpreter()
+    assert check.state == "problem"
+    assert "3.11" in check.advice
+
+
+def test_it_needs_nothing_but_the_standard_library():
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-I",
+            "-S",
+            "-c",
+            f"import sys; sys.path.insert(0, {str(ROOT)!r}); import app.doctor as d; d.doctor()",
+        ],
+        capture_output=True,
+        text=True,
+    )
+    assert "missing" in done.stdout
+    assert "ModuleNotFoundError" not in done.stderr

@@ -1,0 +1,132 @@
+"""Rows are what the contract says, and statistics what independent formulas say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from app import rows, summary
+from data.types import Observation
+
+CONTRACT = [
+    "policy",
+    "task",
+    "cloth",
+    "seed",
+    "disturbance",
+    "contact_start",
+    "contact_placed",
+    "contact_disturbed",
+    "contact_final",
+    "contact_final_true",
+    "flat_area_final",
+    "ticks",
+    "stopped_by",
+    "unstable",
+    "crashed",
+    "sim_s",
+    "wall_s",
+]
+
+
+def _with_contact(observation: Observation, contact: float) -> Observation:
+    return replace(observation, contact_portion=contact)
+
+
+def test_columns_are_those_of_the_contract_in_its_order(make_episode):
+    assert list(rows.row_of(make_episode())) == CONTRACT == list(rows.COLUMNS)
+
+
+def test_moments_are_those_at_the_end_of_each_phase(make_episode):
+    episode = make_episode()
+    marked = [_with_contact(o, 0.001 * tick) for tick, o in enumerate(episode.observations())]
+    steps = tuple(replace(step, observation=o) for step, o in zip(episode.steps, marked[:-1], strict=True))
+    row = rows.row_of(replace(episode, steps=steps, final_observation=marked[-1]))
+    first_disturbed = next(i for i, step in enumerate(steps) if step.phase == "disturb")
+    first_repair = next(i for i, step in enumerate(steps) if step.phase == "repair")
+    assert row["contact_start"] == 0.0
+    assert row["contact_placed"] == pytest.approx(0.001 * first_disturbed)
+    assert row["contact_disturbed"] == pytest.approx(0.001 * first_repair)
+    assert row["contact_final"] == pytest.approx(0.001 * len(steps))
+
+
+def test_without_disturbance_that_moment_is_null_and_placed_is_final(make_episode):
+    row = rows.row_of(make_episode(disturbed=False))
+    assert row["contact_disturbed"] is None
+    assert row["disturbance"] == "none"
+    assert row["contact_placed"] == row["contact_final"]
+
+
+def test_an_episode_that_never_began_placing_has_no_placed_moment(make_episode):
+    row = rows.row_of(replace(make_episode(), steps=(), stopped_by="crashed", outcome="failure"))
+    assert row["contact_placed"] is None
+    assert (row["ticks"], row["sim_s"], row["crashed"], row["unstable"]) == (0, 0.0, True, False)
+
+
+def test_sensor_noise_above_one_is_cut_off(make_episode):
+    episode = make_episode(disturbed=False)
+    row = rows.row_of(replace(episode, final_observation=_with_contact(episode.final_observation, 1.03)))
+    assert row["contact_final"] == 1.0
+
+
+def test_simulated_time_is_ticks_times_tick(make_episode):
+    row = rows.row_of(make_episode(tick_s=0.2))
+    assert row["sim_s"] == pytest.approx(row["ticks"] * 0.2)
+
+
+def test_json_has_the_schema_and_survives_a_round_trip(tmp_path, make_episode):
+    path = tmp_path / "rows.json"
+    row = rows.row_of(make_episode())
+    rows.write_json(path, {"episodes": [row], "extra": np.float64(0.5)})
+    content = json.loads(path.read_text())
+    assert content == {"schema": 1, "episodes": [row], "extra": 0.5}
+
+
+def test_json_that_cannot_be_written_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "rows.json"
+    rows.write_json(path, {"episodes": []})
+    before = path.read_bytes()
+    with pytest.raises(TypeError, match="object"):
+        rows.write_json(path, {"episodes": object()})
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["rows.json"]
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=20))
+def test_interval_lies_within_the_range_and_is_repeatable(values):
+    sample = np.array(values)
+    low, high = summary.confidence_interval(sample)
+    assert sample.min() - 1e-12 <= low <= high <= sample.max() + 1e-12
+    assert summary.confidence_interval(sample) == (low, high)
+
+
+def test_interval_agrees_with_the_normal_one_for_many_values():
+    sample = np.random.default_rng(3).normal(0.9, 0.05, 400)
+    half = norm.ppf(0.975) * sample.std() / np.sqrt(len(sample))
+    low, high = summary.confidence_interval(sample)
+    assert low == pytest.approx(sample.mean() - half, abs=0.1 * half)
+    assert high == pytest.approx(sample.mean() + half, abs=0.1 * half)
+
+
+def test_one_value_has_no_interval_and_equal_values_have_a_point():
+    assert np.isnan(summary.confidence_interval(np.array([0.9]))).all()
+    assert summary.confidence_interval(np.array([0.9] * 5)) == pytest.approx((0.9, 0.9))
+
+
+def test_summary_groups_by_policy_and_leaves_gain_empty_without_disturbance(make_episode):
+    made = [make_episode(source="gp-word", seed=s, gain=0.1) for s in range(4)]
+    made += [make_episode(source="gp-baseline", seed=s, disturbed=False) for s in range(3)]
+    frame = summary.summary([rows.row_of(episode) for episode in made]).set_index("policy")
+    assert frame.loc["gp-word", "n"] == 4
+    assert frame.loc["gp-word", "gain_mean"] == pytest.approx(0.1)
+    assert frame.loc["gp-baseline", "n"] == 3
+    assert np.isnan(frame.loc["gp-baseline", "gain_mean"])
+    expected = np.mean([episode.contact()[-1] for episode in made[4:]])
+    assert frame.loc["gp-baseline", "contact_final_mean"] == pytest.approx(expected)

@@ -1,0 +1,79 @@
+"""`layflat train` from a recorded file to a model that loads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app import cli
+from app.train import successful_demonstrations
+from data.recorder import SessionRecorder
+from policy import model as model_files
+
+
+def _run(capsys, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(arguments)
+    out, err = capsys.readouterr()
+    return int(stop.value.code or 0), out, err
+
+
+@pytest.fixture
+def session(tmp_path, make_episode):
+    def write(*outcomes: str):
+        path = tmp_path / "demos.h5"
+        with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+            for seed, outcome in enumerate(outcomes):
+                recorder.keep(make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome))
+        return path
+
+    return write
+
+
+def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session, tmp_path, capsys):
+    data, model = session("success", "failure", "success"), tmp_path / "m.npz"
+    status, out, _ = _run(capsys, "train", str(data), str(model), "--policy", "gp-baseline")
+    assert status == 0
+    assert "2 demonstrations" in out
+    assert "held-out" in out
+    learned = model_files.load(model)
+    episode = successful_demonstrations(data)[0]
+    mean, _ = learned.predict(learned.layout.matrix(episode.steps))
+    wanted = np.array([step.action for step in episode.steps])
+    assert np.sqrt(((mean - wanted) ** 2).mean()) < 0.25 * wanted.std()
+    assert learned.provenance.versions["python"]
+
+
+def test_one_demonstration_has_no_held_out_error_and_says_so(session, tmp_path, capsys):
+    status, out, _ = _run(capsys, "train", str(session("success")), str(tmp_path / "m.npz"), "--policy", "gp-baseline")
+    assert status == 0
+    assert "needs 2" in out
+
+
+@pytest.mark.parametrize("outcomes", [(), ("failure", "partial")])
+def test_nothing_to_learn_from_is_a_wrong_call(outcomes, session, tmp_path, capsys):
+    status, out, err = _run(capsys, "train", str(session(*outcomes)), str(tmp_path / "m.npz"))
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "record" in err
+    assert not (tmp_path / "m.npz").exists()
+
+
+def test_bad_inputs(session, tmp_path, capsys):
+    good, foreign, short = session("success"), tmp_path / "foreign.h5", tmp_path / "short.h5"
+    foreign.write_bytes(b"not HDF5")
+    short.write_bytes(good.read_bytes()[:-2000])
+    kept = tmp_path / "kept.npz"
+    kept.write_bytes(b"precious")
+    for data, model in [
+        (tmp_path / "missing.h5", tmp_path / "m.npz"),
+        (foreign, tmp_path / "m.npz"),
+        (short, tmp_path / "m.npz"),
+        (tmp_path, tmp_path / "m.npz"),
+        (good, tmp_path / "m.pkl"),
+        (good, kept),
+        (good, foreign / "m.npz"),
+    ]:
+        status, out, err = _run(capsys, "train", str(data), str(model))
+        assert (status, out, err.count("\n")) == (2, "", 1), (data, model, err)
+    assert kept.read_bytes() == b"precious"

@@ -1,0 +1,86 @@
+"""Eq. 3-1 against OpenCV's Gabor kernel and against what a Gabor must do."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.errors import PerceptionError
+from perception.gabor import GaborParams, gabor_bank, gabor_kernel
+
+PARAMS = st.builds(
+    GaborParams,
+    wavelength=st.floats(3, 30),
+    sigma=st.floats(1, 10),
+    gamma=st.floats(0.1, 1),
+    psi=st.floats(-10, 10),
+    size=st.integers(1, 33),
+)
+RIDGE = GaborParams(wavelength=11.6, sigma=3.6, gamma=0.3, psi=math.pi / 2, size=15)
+EIGHT = tuple(i * math.pi / 8 for i in range(8))
+
+
+@given(params=PARAMS, theta=st.floats(0, math.pi))
+def test_equals_opencv_with_the_phase_shifted_by_a_quarter(params: GaborParams, theta: float) -> None:
+    size = (params.size, params.size)
+    theirs = cv2.getGaborKernel(
+        size, params.sigma, theta, params.wavelength, params.gamma, params.psi - math.pi / 2, cv2.CV_64F
+    )
+    if params.size % 2:  # OpenCV enlarges even sizes by one; so do we
+        assert theirs.shape == size
+    np.testing.assert_allclose(gabor_kernel(params, theta), theirs, atol=1e-9)
+
+
+def test_the_thesis_window_of_12_is_13() -> None:
+    assert gabor_kernel(GaborParams(wavelength=8, sigma=4, gamma=0.1, psi=10, size=12), 0.3).shape == (13, 13)
+
+
+@given(params=PARAMS, theta=st.floats(0, math.pi))
+def test_orientation_has_period_pi_for_even_kernels(params: GaborParams, theta: float) -> None:
+    even = GaborParams(**{**params.__dict__, "psi": math.pi / 2})
+    np.testing.assert_allclose(gabor_kernel(even, theta), gabor_kernel(even, theta + math.pi), atol=1e-9)
+
+
+def test_a_constant_image_gives_nothing() -> None:
+    image = np.full((40, 40), 3.7, dtype=np.float32)
+    for kernel in gabor_bank(RIDGE, EIGHT):
+        assert np.abs(cv2.filter2D(image, cv2.CV_32F, kernel)).max() < 1e-5
+
+
+@pytest.mark.parametrize("theta", EIGHT)
+def test_a_matching_wave_of_amplitude_one_answers_with_amplitude_one(theta: float) -> None:
+    y, x = np.mgrid[:90, :90]
+    wave = np.sin(2 * math.pi * (x * math.cos(theta) + y * math.sin(theta)) / RIDGE.wavelength)
+    responses = [cv2.filter2D(wave.astype(np.float32), cv2.CV_32F, k)[15:75, 15:75] for k in gabor_bank(RIDGE, EIGHT)]
+    amplitude = [math.sqrt(2 * np.mean(r**2)) for r in responses]
+    assert amplitude[EIGHT.index(theta)] == pytest.approx(1.0, abs=0.03)
+    assert int(np.argmax(amplitude)) == EIGHT.index(theta)
+
+
+@given(seed=st.integers(0, 2**16))
+def test_rotating_the_image_by_90_degrees_rolls_the_responses(seed: int) -> None:
+    image = np.random.default_rng(seed).normal(size=(32, 32)).astype(np.float32)
+    bank = gabor_bank(RIDGE, EIGHT)
+
+    def sums(picture: np.ndarray) -> np.ndarray:
+        picture = np.ascontiguousarray(picture)
+        return np.array([np.abs(cv2.filter2D(picture, cv2.CV_32F, k)).sum() for k in bank])
+
+    np.testing.assert_allclose(sums(np.rot90(image)), np.roll(sums(image), 4), rtol=1e-4)
+
+
+def test_banks_are_cached_and_read_only() -> None:
+    bank = gabor_bank(RIDGE, EIGHT)
+    assert gabor_bank(RIDGE, EIGHT) is bank
+    with pytest.raises(ValueError, match="read-only"):
+        bank[0, 0, 0] = 1.0
+
+
+def test_wrong_parameters_are_refused() -> None:
+    with pytest.raises(PerceptionError, match="must be positive"):
+        GaborParams(wavelength=0, sigma=4, gamma=0.1, psi=0, size=13)

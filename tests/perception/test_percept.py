@@ -1,0 +1,190 @@
+"""The whole way from a camera's RGB-D frame to a Percept, on drawn frames of known sheets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perception.errors import PerceptionError
+from perception.percept import Perceiver, Percept, PerceptionConfig
+from perception.pinhole import Pinhole
+from perception.tableview import TableGrid
+from perception.word import THESIS
+
+FLAT = round(0.35**2 / 0.0025**2)
+
+
+@pytest.fixture(scope="module")
+def perceiver(tilted_camera: Pinhole) -> Perceiver:
+    return Perceiver(tilted_camera, PerceptionConfig(), FLAT)
+
+
+@pytest.fixture(scope="module")
+def look(perceiver: Perceiver, draw_sheet: Callable, make_sheet: Callable) -> Callable[..., Percept]:
+    """Draw a sheet (keywords of Sheet; those of draw in ``drawn``) and perceive it."""
+
+    def see(drawn: dict | None = None, by: Perceiver = perceiver, **sheet: object) -> Percept:
+        frame = draw_sheet(by.camera, make_sheet(**sheet), **(drawn or {}))
+        return by.perceive(frame.rgb, frame.depth)
+
+    return see
+
+
+def axis_degrees(vector: np.ndarray, normal: float) -> float:
+    angle = math.degrees(math.atan2(vector[1], vector[0]) - normal) % 180
+    return min(angle, 180 - angle)
+
+
+def test_flat_cloth_is_all_contact_and_has_no_direction(look: Callable[..., Percept]) -> None:
+    for drawn in ({}, {"seed": 3, "missing": 0.03}, {"seed": 4, "exposure": 0.6}):
+        percept = look(drawn)
+        assert percept.cloth_pixels == pytest.approx(FLAT, rel=0.02)
+        assert percept.contact_portion == pytest.approx(1.0, abs=0.02)
+        assert not percept.word.any()
+        assert percept.strength == 0.0
+        assert not percept.out_of_view
+
+
+def test_flat_count_does_not_depend_on_place_or_turn(look: Callable[..., Percept]) -> None:
+    counts = [
+        look(centre=centre, yaw=yaw).contact_pixels
+        for centre in [(0.25, 0.0), (0.1, 0.05), (0.42, -0.04)]
+        for yaw in (0.0, 0.3)
+    ]
+    assert max(counts) / min(counts) < 1.02
+
+
+def test_a_lifted_part_is_not_contact(look: Callable[..., Percept]) -> None:
+    # Rises from x = 0.25 at 1:2; it passes the threshold of 8 mm 8 mm farther on: half the cloth and 8 mm of 350.
+    percept = look({"seed": 0, "missing": 0.02}, lift_x=0.25)
+    assert percept.contact_portion == pytest.approx(0.5 + 0.008 / 0.35, abs=0.03)
+    assert percept.cloth_pixels > percept.contact_pixels
+
+
+def test_a_cloth_in_the_air_has_no_contact_and_no_direction(look: Callable[..., Percept]) -> None:
+    percept = look(rest=0.15, amplitude=0.004)
+    assert percept.contact_pixels == 0
+    assert percept.contact_portion == 0.0
+    assert not percept.word.any()
+    assert percept.strength == 0.0
+
+
+def test_without_cloth_there_is_nothing_and_it_is_said(
+    perceiver: Perceiver, tilted_camera: Pinhole, draw_sheet: Callable
+) -> None:
+    frame = draw_sheet(tilted_camera, None, seed=0)
+    percept = perceiver.perceive(frame.rgb, frame.depth)
+    assert percept.cloth_pixels == percept.contact_pixels == 0
+    assert percept.contact_portion == percept.strength == percept.coherence == 0.0
+    assert not percept.word.any()
+    assert percept.out_of_view
+
+
+def test_missing_depth_hardly_changes_contact(look: Callable[..., Percept]) -> None:
+    sheet = {"lift_x": 0.3, "amplitude": 0.001}
+    whole = look({"seed": 5}, **sheet).contact_pixels
+    for seed in (5, 6):
+        assert look({"seed": seed, "missing": 0.03}, **sheet).contact_pixels == pytest.approx(whole, rel=0.01)
+
+
+def test_contact_grows_with_the_threshold(tilted_camera: Pinhole, look: Callable[..., Percept]) -> None:
+    counts = [
+        look(
+            {"seed": 2}, by=Perceiver(tilted_camera, PerceptionConfig(contact_height_m=height)), amplitude=0.005
+        ).contact_pixels
+        for height in (0.004, 0.006, 0.008, 0.012, 0.02)
+    ]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[2] < counts[-1]
+
+
+def test_wrinkles_across_the_light_give_their_axis(look: Callable[..., Percept]) -> None:
+    for degrees in (-80, -65, -15, 0, 20, 45, 70, 85):
+        normal = math.radians(degrees)
+        percept = look({"seed": 7, "missing": 0.02}, normal=normal, amplitude=0.002)
+        assert axis_degrees(percept.word_axial, normal) < 5.0
+        assert percept.word[0] >= 0
+        assert np.linalg.norm(percept.word) == pytest.approx(1.0)
+        assert percept.coherence > 0.3
+
+
+def test_wrinkles_along_y_give_word_along_x(look: Callable[..., Percept]) -> None:
+    percept = look({"seed": 8}, normal=0.0, amplitude=0.002)
+    assert axis_degrees(percept.word, 0.0) < 6.0
+
+
+def test_deeper_wrinkles_are_stronger(look: Callable[..., Percept]) -> None:
+    strengths = [look(amplitude=a).strength for a in (0.0, 0.001, 0.002, 0.003)]
+    assert strengths == sorted(strengths)
+    assert strengths[3] == pytest.approx(3 * strengths[1], rel=0.2)
+
+
+def test_exposure_leaves_word(look: Callable[..., Percept]) -> None:
+    sheet = {"amplitude": 0.002, "normal": 0.5}
+    one, two = look(**sheet), look({"exposure": 0.6}, **sheet)
+    np.testing.assert_allclose(two.word, one.word, atol=0.02)
+    assert two.strength == pytest.approx(one.strength, rel=0.05)
+
+
+def test_out_of_view_at_the_image_and_at_the_grid(tilted_camera: Pinhole, look: Callable[..., Percept]) -> None:
+    assert look(centre=(0.65, 0.0)).out_of_view
+    assert look(centre=(0.25, -0.35)).out_of_view
+    small = Perceiver(tilted_camera, PerceptionConfig(grid=TableGrid(x_max=0.35)), FLAT)
+    assert look(by=small).out_of_view
+    assert not look(by=small, centre=(0.1, 0.0)).out_of_view
+
+
+def test_a_lifted_part_may_leave_the_image(look: Callable[..., Percept]) -> None:
+    percept = look(centre=(0.25, 0.0), size=(0.2, 1.2), rest=0.2)
+    assert percept.contact_pixels == 0
+    assert not percept.out_of_view
+
+
+def test_the_thesis_settings_run(tilted_camera: Pinhole, look: Callable[..., Percept]) -> None:
+    percept = look(by=Perceiver(tilted_camera, PerceptionConfig(word=THESIS), FLAT), amplitude=0.002)
+    assert np.linalg.norm(percept.word) == pytest.approx(1.0)
+
+
+def test_flat_pixels_are_needed_for_the_portion_only(tilted_camera: Pinhole, look: Callable[..., Percept]) -> None:
+    blank = Perceiver(tilted_camera)
+    percept = look(by=blank)
+    assert math.isnan(percept.contact_portion)
+    known = blank.with_flat_pixels(percept.cloth_pixels)
+    assert look(by=known).contact_portion == 1.0
+    assert blank.flat_pixels is None
+    with pytest.raises(PerceptionError, match="flat_pixels is 0"):
+        blank.with_flat_pixels(0)
+
+
+def test_wrong_frames_are_refused(perceiver: Perceiver) -> None:
+    rgb, depth = np.zeros((240, 320, 3), np.uint8), np.ones((240, 320), np.float32)
+    with pytest.raises(PerceptionError, match="rgb is float64"):
+        perceiver.perceive(rgb.astype(float), depth)  # type: ignore[arg-type]
+    with pytest.raises(PerceptionError, match="rgb is uint8 of shape"):
+        perceiver.perceive(rgb[:100], depth)
+    with pytest.raises(PerceptionError, match="depth has shape"):
+        perceiver.perceive(rgb, depth[:, :10])
+    with pytest.raises(PerceptionError, match="must be odd"):
+        PerceptionConfig(smoothing_px=4)
+    with pytest.raises(PerceptionError, match="below near_height_m"):
+        PerceptionConfig(contact_height_m=0.05)
+
+
+def test_depth_in_millimetres_by_mistake_does_not_pass_for_contact(
+    perceiver: Perceiver, tilted_camera: Pinhole, draw_sheet: Callable, make_sheet: Callable
+) -> None:
+    frame = draw_sheet(tilted_camera, make_sheet())
+    with pytest.raises(PerceptionError, match="metres"):
+        perceiver.perceive(frame.rgb, frame.depth * 1000)
+
+
+def test_percepts_are_read_only_and_checked(look: Callable[..., Percept]) -> None:
+    percept = look()
+    for array in (percept.cloth_mask, percept.contact_mask, percept.word, percept.word_axial):
+        assert not array.flags.writeable
+    with pytest.raises(PerceptionError, match="word has shape"):
+        replace(percept, word=np.zeros(3))

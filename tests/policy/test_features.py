@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from data.types import TASKS, Observation
+from policy.base import PolicyError
+from policy.features import COLUMNS, INPUT_SETS, FeatureLayout, input_set
+
+finite = st.floats(-1, 1)
+
+
+@pytest.mark.parametrize(
+    ("task", "inputs", "size"),
+    [("hanger", "position", 2), ("hanger", "all", 5), ("pickers", "position", 6), ("pickers", "all", 9)],
+)
+def test_sizes_are_those_of_the_thesis(task, inputs, size, observe):
+    layout = input_set(task, inputs)
+    assert layout.size == size
+    assert layout.vector(observe()).shape == layout.scales().shape == (size,)
+
+
+def test_hanger_layout_is_x_z_word_contact(observe):
+    vector = input_set("hanger", "all").vector(observe(0.1, 0.2, contact=0.7, word=(0.8, -0.6)))
+    np.testing.assert_array_equal(vector, [0.1, 0.2, 0.8, -0.6, 0.7])
+
+
+def test_pickers_layout_begins_with_the_corners():
+    corners = np.arange(6.0).reshape(2, 3) / 10
+    observation = Observation(
+        time_s=0.0,
+        corner_positions=corners,
+        holder_position=corners.mean(axis=0),
+        word=np.array([0.6, 0.8]),
+        word_strength=1.0,
+        contact_portion=0.25,
+    )
+    vector = input_set("pickers", "all").vector(observation)
+    np.testing.assert_array_equal(vector, [*corners.ravel(), 0.6, 0.8, 0.25])
+
+
+@pytest.mark.parametrize("task", TASKS)
+@given(contact=st.floats(0, 1), angle=st.floats(-1.5, 1.5))
+def test_cloth_state_reaches_exactly_the_sets_that_name_it(task, observe, contact, angle):
+    word = (np.cos(angle), np.sin(angle))
+    calm, stirred = observe(0.1, 0.1, contact=0.5), observe(0.1, 0.1, contact=contact, word=word)
+    for name in INPUT_SETS:
+        layout = input_set(task, name)
+        moved = layout.vector(calm) != layout.vector(stirred)
+        changed = {column for column, differs in zip(layout.names, moved, strict=True) if differs}
+        expected = {"contact"} if contact != 0.5 else set()
+        expected |= {"word_x"} if word[0] != 0 else set()
+        expected |= {"word_y"} if word[1] != 0 else set()
+        assert changed == expected & set(layout.names)
+
+
+def test_matrix_is_the_vectors_in_order(observe, episode_of):
+    observations = [observe(0.1 * k, 0.3, contact=0.2 * k) for k in range(4)]
+    layout = input_set("hanger", "all")
+    matrix = layout.matrix(episode_of(observations, np.zeros((4, 2))).steps)
+    np.testing.assert_array_equal(matrix, [layout.vector(o) for o in observations])
+    assert layout.matrix([]).shape == (0, 5)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_no_column_reads_what_only_the_simulator_knows(task):
+    assert not {"nodes", "contact_true", "flat_area"} & set(COLUMNS[task])
+
+
+@pytest.mark.parametrize(
+    ("task", "names", "message"),
+    [
+        ("hanger", ("x", "y1"), "feature 'y1' is unknown"),
+        ("hanger", ("x", "x"), "none twice"),
+        ("hanger", (), "at least one"),
+        ("table", ("x",), "task is 'table'"),
+    ],
+)
+def test_wrong_layouts_are_refused(task, names, message):
+    with pytest.raises(PolicyError, match=message):
+        FeatureLayout(task=task, names=names)
+
+
+def test_unknown_set_names_the_known():
+    with pytest.raises(PolicyError, match="position"):
+        input_set("hanger", "everything")

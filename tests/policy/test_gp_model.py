@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+
+from data.types import DataError
+from policy.base import PolicyError
+from policy.gp_model import JITTER, GpModel, Hyperparameters, held_out_errors, weights
+from policy.gp_policy import GpPolicy
+from policy.stopping import AnyOf
+
+
+def random_problem(seed: int, points: int, dims: int, ard: bool) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
+    rng = np.random.default_rng(seed)
+    inputs, targets = rng.normal(size=(points, dims)), rng.normal(size=(points, 2))
+    lengths = rng.uniform(0.4, 2.5, (2, dims if ard else 1))
+    hyper = Hyperparameters(
+        kernel="se-ard" if ard else "se",
+        length_scales=np.broadcast_to(lengths, (2, dims)),
+        variance=rng.uniform(0.3, 3.0, 2),
+        noise=rng.uniform(1e-3, 0.1, 2),
+    )
+    return inputs, targets, hyper
+
+
+def oracle(hyper: Hyperparameters, output: int) -> GaussianProcessRegressor:
+    """scikit-learn at the same hyperparameters."""
+    kernel = ConstantKernel(hyper.variance[output]) * RBF(hyper.length_scales[output])
+    return GaussianProcessRegressor(kernel, alpha=hyper.noise[output] + JITTER, optimizer=None)
+
+
+def targets_of(model: GpModel, output: int) -> np.ndarray:
+    """What a model was trained on, from scikit-learn's kernel and the model's weights."""
+    scaled = model.inputs / model.input_scale
+    regressor = oracle(model.hyper, output)
+    kernel = regressor.kernel(scaled) + regressor.alpha * np.eye(len(scaled))
+    return kernel @ model.alpha[output]
+
+
+@pytest.mark.parametrize("task", ["hanger", "pickers"])
+@pytest.mark.parametrize("inputs", ["position", "all"])
+def test_posterior_is_that_of_scikit_learn(task, inputs, model_of):
+    model = model_of(task, inputs, points=40)
+    queries = np.random.default_rng(9).uniform(-0.5, 0.8, (30, model.layout.size))
+    mean, std = model.predict(queries)
+    for a in range(len(model.outputs)):
+        regressor = oracle(model.hyper, a).fit(model.inputs / model.input_scale, targets_of(model, a))
+        want, spread = regressor.predict(queries / model.input_scale, return_std=True)
+        np.testing.assert_allclose(mean[:, a] / model.output_scale_m, want, atol=1e-9)
+        np.testing.assert_allclose((std[:, a] / model.output_scale_m) ** 2, spread**2 + model.hyper.noise[a], atol=1e-9)
+
+
+@pytest.mark.parametrize("ard", [False, True])
+def test_held_out_errors_are_those_of_models_trained_without_the_group(ard):
+    inputs, targets, hyper = random_problem(3, 36, 3, ard)
+    groups = np.repeat([4, 1, 9], [10, 20, 6])
+    errors = held_out_errors(inputs, targets, groups, hyper)
+    for group in (4, 1, 9):
+        out = groups == group
+        for a in range(2):
+            regressor = oracle(hyper, a).fit(inputs[~out], targets[~out, a])
+            np.testing.assert_allclose(errors[out, a], targets[out, a] - regressor.predict(inputs[out]), atol=1e-8)
+
+
+def test_nothing_is_known_without_the_only_demonstration():
+    inputs, targets, hyper = random_problem(5, 15, 2, False)
+    np.testing.assert_allclose(held_out_errors(inputs, targets, np.zeros(15), hyper), targets, atol=1e-8)
+
+
+@pytest.mark.parametrize("task", ["hanger", "pickers"])
+def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(task, model_of):
+    model = model_of(task)
+    start = model.inputs[0]
+    away = np.ones(model.layout.size) / np.sqrt(model.layout.size) * model.input_scale
+    mean, std = model.predict([start + d * away for d in (0, 5, 8, 30)])
+    norms = np.linalg.norm(mean, axis=1)
+    assert norms[-1] < 1e-12 < norms[0]
+    assert norms[2] < norms[0]
+    np.testing.assert_allclose(std[-1], model.prior_std, rtol=1e-9)
+    assert (std <= model.prior_std * (1 + 1e-12)).all()
+    assert (std[0] < 0.5 * model.prior_std).all()
+
+
+def test_deviation_never_falls_below_the_noise(model_of):
+    model = model_of(points=60)
+    _, std = model.predict(model.inputs)
+    assert (std >= model.output_scale_m * np.sqrt(model.hyper.noise)).all()
+
+
+def test_small_noise_goes_through_the_points():
+    inputs, targets, hyper = random_problem(7, 12, 2, False)
+    inputs = 4 * inputs  # further apart than the length scales, else the matrix is too close to singular to tell
+    sure = replace(hyper, noise=np.full(2, 1e-9))
+    alpha = weights(inputs, targets, sure)
+    for a in range(2):
+        np.testing.assert_allclose(oracle(sure, a).kernel(inputs) @ alpha[a], targets[:, a], atol=1e-4)
+
+
+def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
+    flat = observe(0.1, 0.1, contact=1.0)
+    stirred = observe(0.1, 0.1, contact=0.5, word=(0.6, 0.8))
+    for inputs, blind in (("position", True), ("all", False)):
+        policy = GpPolicy(model_of("hanger", inputs))
+        actions = [policy.act(o).action for o in (flat, stirred)]
+        assert np.array_equal(*actions) is blind
+
+
+def test_output_is_clipped_to_the_action_limit(model_of, observe):
+    model = model_of()
+    wild = replace(model, alpha=1e4 * model.alpha)
+    policy = GpPolicy(wild, guard=AnyOf())
+    raw, _ = wild.predict([wild.layout.vector(observe())])
+    assert np.abs(raw).max() > wild.action_limit_m
+    np.testing.assert_allclose(policy.act(observe()).action, np.clip(raw[0], -wild.action_limit_m, wild.action_limit_m))
+
+
+def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, observe):
+    model = model_of()
+    policy = GpPolicy(model, guard=AnyOf())
+    policy.reset(0)
+    lost = observe(-30.0, 30.0)
+    for _ in range(2):
+        stops = [policy.act(lost).stop for _ in range(model.stop_ticks)]
+        assert stops == [None] * (model.stop_ticks - 1) + ["threshold"]
+        policy.resume()
+
+
+def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):
+    model = model_of(inputs="position")
+    eager = replace(model, stop_threshold_m=1e-12)
+    stops = [GpPolicy(eager).act(observe(0.8, contact=0.9)).stop]
+    assert stops == ["tick_limit"]
+    policy = GpPolicy(eager)
+    assert "converged" in [policy.act(observe(0.3, contact=0.9)).stop for _ in range(15)]
+
+
+def test_arrays_cannot_be_changed(model_of):
+    with pytest.raises(ValueError, match="read-only"):
+        model_of().alpha[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"alpha": np.zeros((2, 3))}, "alpha has shape"),
+        ({"inputs": np.full((25, 5), np.nan)}, "not finite"),
+        ({"input_scale": np.zeros(5)}, "above 0"),
+        ({"stop_threshold_m": -1.0}, "stop_threshold_m is -1.0"),
+        ({"action_limit_m": 0.5}, "action_limit_m is 0.5"),
+        ({"heldout_rmse_m": (1.0,)}, "heldout_rmse_m has 1"),
+        ({"cloth": ""}, "must name"),
+    ],
+)
+def test_a_model_that_makes_no_sense_is_refused(model_of, changes, message):
+    with pytest.raises(PolicyError, match=message):
+        replace(model_of(), **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kernel": "matern"}, "must be one of se"),
+        ({"variance": np.array([1.0, 0.0])}, "variance holds 0"),
+        ({"length_scales": np.array([[1.0, 2.0], [1.0, 1.0]])}, "they differ"),
+    ],
+)
+def test_hyperparameters_that_make_no_sense_are_refused(changes, message):
+    good = {"kernel": "se", "length_scales": np.ones((2, 2)), "variance": np.ones(2), "noise": np.ones(2)}
+    with pytest.raises((PolicyError, DataError), match=message):
+        Hyperparameters(**{**good, **changes})
+
+
+def test_queries_of_the_wrong_width_are_refused(model_of):
+    with pytest.raises(PolicyError, match="must be"):
+        model_of().predict(np.zeros((3, 2)))

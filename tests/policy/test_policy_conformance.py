@@ -1,0 +1,75 @@
+"""What every policy keeps, whatever it decides by; a new one in the registry inherits this."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from data.types import ACTION_LIMIT_M, STOPS, TASKS, Observation, action_size
+from policy import registry
+from policy.base import Policy
+from policy.gp_policy import GpPolicy
+
+LEARNED = {"gp-word": "all", "gp-baseline": "position"}
+
+
+@pytest.fixture(params=[(name, task) for name in (*registry.MADE, *LEARNED) for task in TASKS], ids="-".join)
+def policy(request, model_of) -> Policy:
+    name, task = request.param
+    return GpPolicy(model_of(task, LEARNED[name])) if name in LEARNED else registry.make(name, task)
+
+
+def placing(observe: Callable[..., Observation], ticks: int = 40) -> list[Observation]:
+    """From the air to the table, contact growing to 0.9 and staying there."""
+    share = np.linspace(0, 1, ticks)
+    return [
+        observe(0.4 * s, 0.4 * (1 - s), contact=min(1.2 * s, 0.9), word=(np.cos(s), np.sin(s)), time_s=0.1 * k)
+        for k, s in enumerate(share)
+    ]
+
+
+def run(policy: Policy, observations: list[Observation], seed: int) -> list:
+    policy.reset(seed)
+    return [policy.act(observation) for observation in observations]
+
+
+def test_is_a_policy_with_a_name_and_a_task(policy):
+    assert isinstance(policy, Policy)
+    assert policy.name
+    assert policy.task in TASKS
+
+
+def test_decisions_are_well_formed(policy, observe):
+    for decision in run(policy, placing(observe), seed=1):
+        assert decision.action.shape == (action_size(policy.task),)
+        assert np.abs(decision.action).max() <= ACTION_LIMIT_M
+        assert decision.stop is None or decision.stop in STOPS
+        assert decision.reason
+        if decision.std is not None:
+            assert (decision.std > 0).all()
+
+
+def test_a_stop_moves_nothing(policy, observe):
+    stops = [d for d in run(policy, placing(observe) + 40 * [observe(0.4, 0.0, contact=0.9)], seed=1) if d.stop]
+    assert all(not decision.action.any() for decision in stops)
+
+
+def test_same_seed_same_decisions_also_after_another_episode(policy, observe):
+    observations = placing(observe)
+    first = run(policy, observations, seed=5)
+    run(policy, observations[::-1], seed=6)
+    again = run(policy, observations, seed=5)
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a.action, b.action)
+        assert (a.stop, a.reason) == (b.stop, b.reason)
+
+
+def test_resume_goes_on_where_a_new_episode_would_begin(policy, observe):
+    """After resume a stop needs as many ticks as after reset: nothing of the old counters is left."""
+    policy.reset(0)
+    fresh = [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)]
+    policy.resume()
+    resumed = [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)]
+    assert fresh == resumed

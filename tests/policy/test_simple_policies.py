@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data.types import ACTION_LIMIT_M, TASKS
+from policy import registry
+from policy.base import PolicyError
+from policy.simple import RandomMoves, along_x, drag_rule, stretch_right
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_along_x_moves_every_holder_point_alike_and_only_in_x(task):
+    action = along_x(task, 0.004)
+    names = {"hanger": ["dx", "dz"], "pickers": ["dx1", "dy1", "dz1", "dx2", "dy2", "dz2"]}[task]
+    assert {name: value for name, value in zip(names, action, strict=True) if value} == {
+        name: 0.004 for name in names if name.startswith("dx")
+    }
+
+
+def test_hold_never_moves(observe):
+    policy = registry.make("hold", "pickers")
+    assert not any(policy.act(observe(contact=c)).action.any() for c in (0.0, 0.5, 1.0))
+
+
+def test_stretch_right_ignores_the_cloth_and_ends_with_the_view(observe):
+    policy = stretch_right("hanger")
+    policy.reset(0)
+    actions = [policy.act(observe(0.3, contact=c)).action for c in (0.0, 1.0, 0.4)]
+    assert all(np.array_equal(action, actions[0]) and action[0] > 0 for action in actions)
+    assert policy.act(observe(5.0)).stop is not None
+
+
+def test_drag_rule_goes_on_while_contact_grows_and_stops_when_it_does_not(observe):
+    policy = drag_rule("hanger")
+    policy.reset(0)
+    growing = [policy.act(observe(0.3, contact=0.5 + 0.01 * k)) for k in range(40)]
+    assert all(decision.stop is None for decision in growing)
+    stuck = [policy.act(observe(0.3, contact=0.9)) for _ in range(10)]
+    assert stuck[-1].stop == "converged"
+
+
+def test_drag_rule_leaves_a_flat_cloth_alone(observe):
+    policy = drag_rule("hanger")
+    policy.reset(0)
+    decision = policy.act(observe(0.3, contact=1.0))
+    assert decision.stop == "converged"
+    assert not decision.action.any()
+
+
+def test_random_moves_fill_their_range_and_differ_by_seed(observe):
+    policy = RandomMoves("pickers", limit_m=0.01)
+    draws = []
+    for seed in (1, 2):
+        policy.reset(seed)
+        draws.append(np.array([policy.act(observe()).action for _ in range(300)]))
+    assert not np.array_equal(*draws)
+    assert np.abs(draws).max() <= 0.01
+    assert np.abs(np.mean(draws)) < 1e-3
+    assert np.std(draws) == pytest.approx(0.01 / np.sqrt(3), rel=0.05)
+
+
+@pytest.mark.parametrize("limit_m", [0.0, -1.0, 2 * ACTION_LIMIT_M, float("nan")])
+def test_random_moves_beyond_the_action_limit_are_refused(limit_m):
+    with pytest.raises(PolicyError, match="limit_m"):
+        RandomMoves("hanger", limit_m=limit_m)
+
+
+@pytest.mark.parametrize("name", ["gmr", "dmp", "GP-WORD", ""])
+def test_unknown_trainable_policies_list_the_known(name):
+    with pytest.raises(PolicyError, match="gp-word, gp-baseline"):
+        registry.train(name, [])
+
+
+def test_unknown_and_untrained_policies_are_told_apart():
+    with pytest.raises(PolicyError, match="drag-rule"):
+        registry.make("magic", "hanger")
+    with pytest.raises(PolicyError, match="is learned"):
+        registry.make("gp-word", "hanger")
+
+
+def test_unknown_task_is_refused():
+    for name in registry.MADE:
+        with pytest.raises(PolicyError, match="task is 'table'"):
+            registry.make(name, "table")
+
+
+def test_model_makes_the_policy_that_it_names(model_of):
+    assert registry.from_model(model_of()).name == "gp-word"
+    with pytest.raises(PolicyError, match="'magic' is unknown"):
+        registry.from_model(model_of(policy="magic"))

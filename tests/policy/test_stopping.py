@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from data.types import STOPS
+from policy.base import PolicyError
+from policy.stopping import AllOf, AnyOf, BelowThreshold, ContactReached, NoContactGain, StopRule, TickLimit, XLimit
+
+lengths = st.lists(st.floats(0, 0.01), max_size=40)
+
+
+def fires(rule: StopRule, observations, actions) -> list[bool]:
+    return [rule.update(o, np.array([a, 0.0])) is not None for o, a in zip(observations, actions, strict=True)]
+
+
+@given(norms=lengths, ticks=st.integers(1, 10))
+def test_below_threshold_fires_exactly_when_the_last_ticks_were_all_low(observe, norms, ticks):
+    fired = fires(BelowThreshold(threshold_m=0.002, ticks=ticks), len(norms) * [observe()], norms)
+    expected = [k + 1 >= ticks and max(norms[k + 1 - ticks : k + 1]) < 0.002 for k in range(len(norms))]
+    assert fired == expected
+
+
+@given(norms=lengths)
+def test_a_larger_threshold_never_stops_later(observe, norms):
+    seen = len(norms) * [observe()]
+    small = fires(BelowThreshold(threshold_m=0.002, ticks=3), seen, norms)
+    large = fires(BelowThreshold(threshold_m=0.004, ticks=3), seen, norms)
+    assert all(b or not a for a, b in zip(small, large, strict=True))
+
+
+def test_threshold_looks_at_the_norm_not_at_one_axis(observe):
+    rule = BelowThreshold(threshold_m=0.002)
+    assert rule.update(observe(), np.full(6, 0.0015)) is None
+    assert rule.update(observe(), np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.0015])) is not None
+
+
+def test_tick_limit_counts_from_the_reset(observe):
+    rule = TickLimit(3)
+    seen = 3 * [observe()]
+    assert fires(rule, seen, np.ones(3)) == [False, False, True]
+    rule.reset()
+    assert fires(rule, seen, np.ones(3)) == [False, False, True]
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=40), st.integers(1, 8))
+def test_no_gain_needs_that_many_ticks_without_a_new_best(observe, contacts, ticks):
+    fired = fires(NoContactGain(ticks=ticks, gain=0.01), [observe(contact=c) for c in contacts], np.ones(len(contacts)))
+    assert not any(fired[:ticks])
+    for k in np.flatnonzero(fired):
+        assert max(contacts[k - ticks + 1 : k + 1]) < max(contacts[: k - ticks + 1]) + 0.01
+
+
+def test_steady_gain_never_stops_and_standstill_does(observe):
+    rising = [observe(contact=0.02 * k) for k in range(50)]
+    assert not any(fires(NoContactGain(ticks=3), rising, np.ones(50)))
+    assert fires(NoContactGain(ticks=3), 5 * [observe(contact=0.5)], np.ones(5)) == [False, False, False, True, True]
+
+
+def test_a_cloth_in_the_air_is_not_given_up(observe):
+    rule = NoContactGain(ticks=3, from_contact=0.5)
+    assert not any(fires(rule, 30 * [observe(contact=0.0)], np.ones(30)))
+    assert any(fires(rule, 6 * [observe(contact=0.6)], np.ones(6)))
+
+
+def test_contact_drop_after_reset_counts_as_a_new_start(observe):
+    rule = NoContactGain(ticks=2)
+    fires(rule, 5 * [observe(contact=1.0)], np.ones(5))
+    rule.reset()
+    repairing = [observe(contact=c) for c in (0.85, 0.87, 0.9, 0.93)]
+    assert not any(fires(rule, repairing, np.ones(4)))
+
+
+def test_contact_reached_and_x_limit(observe):
+    assert fires(ContactReached(0.9), [observe(contact=c) for c in (0.89, 0.9, 1.0)], np.ones(3)) == [False, True, True]
+    assert fires(XLimit(0.5), [observe(x) for x in (0.49, 0.5, 0.6)], np.ones(3)) == [False, True, True]
+
+
+def test_any_tells_every_rule_of_every_tick(observe):
+    """Also the rules behind the one that fires: else their counts would lag."""
+    rule = AnyOf(ContactReached(0.9), TickLimit(3))
+    stops = [rule.update(observe(contact=c), np.ones(2)) for c in (0.95, 0.95, 0.0)]
+    assert [stop.by if stop else None for stop in stops] == ["converged", "converged", "tick_limit"]
+
+
+def test_all_waits_for_the_last(observe):
+    rule = AllOf(ContactReached(0.9), TickLimit(2))
+    assert fires(rule, [observe(contact=0.95)] * 2, np.ones(2)) == [False, True]
+    rule.reset()
+    assert fires(rule, [observe(contact=0.5)] * 4, np.ones(4)) == [False] * 4
+    stop = rule.update(observe(contact=0.95), np.ones(2))
+    assert stop is not None
+    assert " and " in stop.reason
+
+
+def test_any_of_nothing_never_stops(observe):
+    assert AnyOf().update(observe(contact=1.0), np.zeros(2)) is None
+
+
+def test_every_rule_uses_words_that_files_know(observe):
+    rules = [
+        BelowThreshold(threshold_m=1.0),
+        TickLimit(1),
+        NoContactGain(ticks=1),
+        ContactReached(0.1),
+        XLimit(0.1),
+    ]
+    for rule in rules:
+        rule.reset()
+        stops = [rule.update(observe(0.5, contact=0.5), np.zeros(2)) for _ in range(2)]
+        assert stops[-1] is not None
+        assert stops[-1].by in STOPS
+        assert stops[-1].reason
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: BelowThreshold(threshold_m=0.0), lambda: TickLimit(0), lambda: NoContactGain(ticks=1, gain=float("nan"))],
+)
+def test_impossible_rules_are_refused(make):
+    with pytest.raises(PolicyError, match="must be"):
+        make()
