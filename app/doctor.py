@@ -101,19 +101,11 @@ def _package(name: str, module: str) -> Check:
     except PackageNotFoundError:
         return Check(name, "problem", "missing", INSTALL)
     try:
-        _load(module)
+        importlib.import_module(module)
     except Exception as error:
         reason = " ".join(str(error).split())
         return Check(name, "problem", f"{found}, but it does not load: {reason}", f"reinstall it: {INSTALL}")
     return Check(name, "ok", found)
-
-
-def _load(module: str) -> None:
-    """Import a package as the program does: GPy needs a hand on Python 3.10."""
-    if module == "GPy":
-        importlib.import_module("policy.gpy_import").import_gpy()
-    else:
-        importlib.import_module(module)
 
 
 def films() -> list[Check]:

@@ -22,9 +22,9 @@ LOCK_NAME = "lock"
 _ERRNO = re.compile(r"errno = (\d+)")
 
 
-def os_reason(error: OSError) -> str:
+def os_reason(error: OSError | RuntimeError) -> str:
     """The operating system's words for an error, also where HDF5 has wrapped it in its own."""
-    number = error.errno or next((int(found) for found in _ERRNO.findall(str(error))), None)
+    number = getattr(error, "errno", None) or next((int(found) for found in _ERRNO.findall(str(error))), None)
     return os.strerror(number) if number else (str(error).splitlines() or ["unknown error"])[0]
 
 

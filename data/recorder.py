@@ -209,9 +209,7 @@ def _writing(path: Path) -> Iterator[None]:
     """Errors of the file system as one sentence."""
     try:
         yield
-    except OSError as error:
+    except (OSError, RuntimeError) as error:  # RuntimeError: HDF5, closing a file that it could not write in full.
         raise DataError(
             f"{path} cannot be written: {os_reason(error)}; episodes that were kept before are safe"
         ) from error
-    except RuntimeError as error:  # HDF5, closing a file that it could not write in full.
-        raise DataError(f"{path} cannot be written: {error}; episodes that were kept before are safe") from error

@@ -199,7 +199,7 @@ def import_gpy() -> Any:
         # paramz 0.9.6, the last for Python 3.10, does not work with numpy 2: neither its imports nor its arrays.
         raise PolicyError(
             f"GPy cannot be imported with numpy {np.__version__} on Python {platform.python_version()} ({error}); "
-            "Python 3.10 needs numpy below 2 and GPy 1.13.2"
+            "install the versions that constraints.txt names"
         ) from error
     for name in ("GP", "paramz", "GPy"):
         logging.getLogger(name).setLevel(logging.ERROR)

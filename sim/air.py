@@ -16,19 +16,18 @@ from sim.world import GRAVITY_M_S2
 
 DRAG_RATE_PER_S = 3.0
 UPDATE_S = 0.02
-WIND_LIMIT_M_S2 = 3.0
+DRAG_LIMIT_M_S2 = 3.0
 """Drag never exceeds this, whatever a wild cloth does."""
 
 
 class Air:
-    """Applies drag of the mean motion, and a uniform wind acceleration where there is one."""
+    """Applies the drag of the mean motion."""
 
     def __init__(self, cloth: Cloth, *, drag_rate_per_s: float = DRAG_RATE_PER_S) -> None:
         self._cloth = cloth
         self._rate = drag_rate_per_s
         self._every = max(1, round(UPDATE_S / cloth.world.step_s))
         self._last: tuple[int, FloatArray] | None = None
-        self.wind_m_s2: FloatArray = np.zeros(3)
 
     def before_substep(self) -> None:
         """Every 20 ms: mean velocity of the cloth -> gravity of the next 20 ms."""
@@ -40,7 +39,7 @@ class Air:
         if last is None:
             return
         velocity = (centre - last[1]) / ((world.substeps_done - last[0]) * world.step_s)
-        drag = np.clip(-self._rate * velocity, -WIND_LIMIT_M_S2, WIND_LIMIT_M_S2)
+        drag = np.clip(-self._rate * velocity, -DRAG_LIMIT_M_S2, DRAG_LIMIT_M_S2)
         drag[2] = 0.0  # the descent is driven by the holder; only the swing needs damping
-        ax, ay, az = (drag + self.wind_m_s2 + (0.0, 0.0, -GRAVITY_M_S2)).tolist()
+        ax, ay, az = (drag - (0.0, 0.0, GRAVITY_M_S2)).tolist()
         world.set_gravity((ax, ay, az))

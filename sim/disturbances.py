@@ -131,18 +131,20 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
     for spec in (
         NONE,
         DisturbanceSpec(name="push", kind="push", path=((0.0, 0.03), (0.15, 0.03))),
-        DisturbanceSpec(name="pull", kind="pull", path=((0.0, 0.03), (0.15, 0.03)), heading_deg=(180.0, 180.0)),
         DisturbanceSpec(
-            name="lift-drop", kind="lift-drop", along=(0.1, 0.4), path=((0.0, 0.3),), speed_m_s=0.3, force_weights=4.0
+            name="pull", kind="pull", along=(0.0, 0.3), heading_deg=(100.0, 170.0), path=((0.0, 0.03), (0.15, 0.03)),
+        ),
+        DisturbanceSpec(
+            name="lift-drop", kind="lift-drop", along=(0.1, 0.4), path=((0.0, 0.2),), speed_m_s=0.3, force_weights=4.0
         ),
         DisturbanceSpec(
             name="poke", kind="poke", along=(0.15, 0.7), across=(0.15, 0.85), patch=(2, 2),
-            heading_deg=(-180.0, 180.0), path=((0.1, 0.0),), speed_m_s=0.6, time_limit_s=0.4,
+            heading_deg=(-90.0, 90.0), path=((0.12, 0.02),), speed_m_s=0.6, time_limit_s=0.4,
         ),
         DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
         DisturbanceSpec(
-            name="thesis", kind="push", along=(0.3, 0.6), across=(0.35, 0.65), heading_deg=(-15.0, 15.0),
-            path=((0.02, 0.04), (0.15, 0.04)), scale=(1.0, 1.15), time_limit_s=0.8,
+            name="thesis", kind="push", along=(0.45, 0.65), across=(0.35, 0.65), heading_deg=(-15.0, 15.0),
+            path=((0.02, 0.1), (0.15, 0.06)), scale=(0.7, 0.82), time_limit_s=0.8,
         ),
     )
 }  # fmt: skip

@@ -40,9 +40,10 @@ class Raster:
 
 
 def rasterize(screen: FloatArray, triangles: NDArray, width: int, height: int) -> Raster:
-    """Draw ``triangles`` (T, 3) over vertices ``screen`` (V, 3): column px, row px, depth m; pixel centres are integers.
+    """Draw ``triangles`` (T, 3) over vertices ``screen`` (V, 3): column px, row px, depth m.
 
-    1 / depth of a plane is affine in the image, so the depth of each pixel is exact.
+    A pixel is drawn where its centre, at whole numbers, lies in a triangle. 1 / depth of a plane is affine in the
+    image, so the depth of each pixel is exact.
     """
     corner = screen[triangles]
     u, v, w = corner[..., 0], corner[..., 1], 1.0 / np.maximum(corner[..., 2], NEAR_M)
@@ -96,6 +97,6 @@ def _span(values: FloatArray, size: int) -> tuple[NDArray[np.intp], NDArray[np.i
 
 def _weight_planes(u: FloatArray, v: FloatArray, area: FloatArray) -> NDArray[np.float32]:
     """(T, 4): d/du and d/dv of the second weight, then of the third; both are 0 at the first corner."""
-    return np.stack(
-        [v[:, 2] - v[:, 0], u[:, 0] - u[:, 2], v[:, 0] - v[:, 1], u[:, 1] - u[:, 0]], axis=1, dtype=np.float32
-    ) / area[:, None].astype(np.float32)
+    slopes = [v[:, 2] - v[:, 0], u[:, 0] - u[:, 2], v[:, 0] - v[:, 1], u[:, 1] - u[:, 0]]
+    planes: NDArray[np.float32] = (np.stack(slopes, axis=1) / area[:, None]).astype(np.float32)
+    return planes

@@ -72,12 +72,12 @@ class DepthSensor:
         noise = self.noise
         near, far = noise.range_m
         seen = (depth > near) & (depth < far)
-        disparity = np.float32(noise.disparity_m) / np.where(seen, depth, np.float32(far))
+        disparity: DepthImage = np.float32(noise.disparity_m) / np.where(seen, depth, far).astype(np.float32)
         missing = self._missing(disparity)
         error = self._field(depth.shape, noise.correlation_px) * np.float32(noise.subpixel_px)
         step = np.float32(noise.disparity_step_px)
         measured = np.rint((disparity + error) / step) * step
-        out: DepthImage = np.float32(noise.disparity_m) / np.maximum(measured, step)
+        out: DepthImage = (noise.disparity_m / np.maximum(measured, step)).astype(np.float32)
         out[~seen | missing] = 0.0
         return out
 

@@ -75,7 +75,7 @@ class View:
         slope = raster.interpolate(mesh.normals @ LIGHT, mesh.triangles)
         # The light falls on the side that the camera sees.
         bright = AMBIENT + DIFFUSE * np.maximum(np.where(raster.facing, slope, -slope), 0.0)
-        base = np.where(raster.facing[:, None], np.float32(FACE_RGB), np.float32(REVERSE_RGB))
+        base = np.where(raster.facing[:, None], FACE_RGB, REVERSE_RGB).astype(np.float32)
         picture.put(raster.pixels, raster.depth, base * bright[:, None])
 
     def draw_ball(self, picture: Picture, centre: FloatArray, radius_m: float, rgb: tuple[float, float, float]) -> None:

@@ -229,10 +229,10 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
 
 def test_a_gpy_that_cannot_be_imported_is_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "GPy", None)
-    with pytest.raises(PolicyError, match=r"GPy cannot be imported with numpy .*Python 3\.10 needs"):
+    with pytest.raises(PolicyError, match=r"GPy cannot be imported with numpy .*constraints"):
         gp.fit_hyperparameters(np.zeros((4, 2)), np.zeros((4, 1)))
 
 
-def test_rolling_out_does_not_gp.import_gpy():
+def test_rolling_out_does_not_import_gpy():
     code = "import sys, policy.registry, policy.model, policy.gp; sys.exit('GPy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

@@ -1,0 +1,31 @@
+"""Pictures of an observation with what perception makes of it: contact tinted, WORD as an arrow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.types import Observation
+from perception.overlay import draw_percept
+from perception.percept import Perceiver
+from sim.camera import default_pinhole
+
+SCALE = 2
+
+
+class Drawer:
+    """Perceives an observation's own images again and draws the result, with the contact portion that was recorded."""
+
+    def __init__(self) -> None:
+        self._camera = default_pinhole()
+        self._perceiver = Perceiver(self._camera)
+
+    def __call__(self, observation: Observation) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8 RGB, twice the camera's size."""
+        if observation.rgb is None or observation.depth is None:
+            raise ValueError("the observation has no images; record it with images")
+        percept = self._perceiver.perceive(observation.rgb, observation.depth)
+        shown = replace(percept, contact_portion=observation.contact_portion)
+        return draw_percept(observation.rgb, shown, self._camera, scale=SCALE)

@@ -1,0 +1,115 @@
+"""`layflat place`: autonomous placing with a trained model, disturbed if wished."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from app import checks
+from app.draw import Drawer
+from app.errors import LayflatError, WrongCall
+from app.jobs import EpisodeJob, JobFailure, run_jobs
+from app.progress import Progress
+from app.provenance import provenance_now
+from app.record import kept_line
+from app.rows import row_of, write_json
+from app.strips import film_frames
+from app.video import write_video
+from data.recorder import SessionRecorder
+from data.types import Episode
+from policy import model as model_files
+from policy.gp_model import GpModel
+from sim.cloth import CLOTHS
+from sim.disturbances import DISTURBANCES
+
+EPISODE_S = 18.0
+FILM_WIDTH = 640
+
+
+def place(
+    model: Path,
+    *,
+    episodes: int,
+    seed: int,
+    disturb: str | None,
+    record: Path | None,
+    video: Path | None,
+    json: Path | None,
+    cloth: str | None,
+    workers: int,
+    force: bool,
+) -> list[Episode]:
+    """Place with ``model`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for."""
+    checks.readable_file(model, "a model that `layflat train` wrote")
+    learned = model_files.load(model)
+    cloth = checks.known_name("cloth", cloth or learned.cloth, CLOTHS)
+    disturbance = checks.known_name("disturbance", disturb or "none", DISTURBANCES)
+    for file, append in ((record, True), (video, False), (json, False)):
+        if file is not None:
+            checks.writable_file(file, force=force, append=append)
+    if video is not None and video.suffix != ".webm":
+        raise WrongCall(f"{video} is not a .webm file; films are written as .webm")
+    jobs = [
+        EpisodeJob(
+            task=learned.layout.task,
+            cloth=cloth,
+            seed=seed + k,
+            model=learned,
+            disturbance=disturbance,
+            images=video is not None and k == 0,
+        )
+        for k in range(episodes)
+    ]
+    done, lost = _run(jobs, learned, cloth, record, workers)
+    if video is not None and done:
+        drawer = Drawer()
+        write_video(video, film_frames(done[0], drawer, FILM_WIDTH))
+    if json is not None:
+        provenance = provenance_now()
+        write_json(json, {"episodes": [row_of(e) for e in done], "provenance": vars(provenance), "lost": len(lost)})
+    show(done)
+    if lost:
+        raise LayflatError(f"{len(lost)} of {episodes} episodes were lost: {lost[0].reason}; the others are written")
+    return done
+
+
+def _run(
+    jobs: list[EpisodeJob], learned: GpModel, cloth: str, record: Path | None, workers: int
+) -> tuple[list[Episode], list[JobFailure]]:
+    done: list[Episode] = []
+    lost: list[JobFailure] = []
+    with ExitStack() as stack:
+        recorder = None
+        if record is not None:
+            recorder = stack.enter_context(SessionRecorder(record, task=learned.layout.task, cloth=cloth))
+        progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
+        results = stack.enter_context(closing(run_jobs(jobs, workers=workers)))
+        progress.phase("placing", items=len(jobs))
+        for result in results:
+            if isinstance(result, JobFailure):
+                lost.append(result)
+                progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
+                continue
+            done.append(result)
+            if recorder is not None:
+                progress.note(kept_line(recorder, result))
+            row = row_of(result)
+            progress.advance(status=f"seed {result.seed}: contact {row['contact_final']:.2f}, {row['stopped_by']}")
+    return done, lost
+
+
+def show(episodes: list[Episode]) -> None:
+    """Print one line per episode on stdout."""
+    table = Table(title=None)
+    for name in ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "ticks", "stopped by"):
+        table.add_column(name, justify="right")
+    for episode in episodes:
+        row = row_of(episode)
+        contacts = [row["contact_placed"], row["contact_disturbed"], row["contact_final"], row["contact_final_true"]]
+        cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
+        flat = f"{row['flat_area_final']:.3f}"
+        table.add_row(str(episode.seed), *cells, flat, str(row["ticks"]), episode.stopped_by)
+    Console().print(table)

@@ -1,0 +1,200 @@
+"""The task: a cloth hangs in the air after 20 random moves, and is to lie flat on the table (chapter 4-2-2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from data.types import TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
+from perception.percept import Perceiver
+from sim.air import Air
+from sim.camera import D435_NOISE, Camera, default_pinhole
+from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from sim.disturbance import Disturbance
+from sim.disturbances import disturbance_spec
+from sim.hanger import Hanger
+from sim.holder import Holder
+from sim.pickers import Pickers
+from sim.world import SimError, World
+
+START_CLEARANCE_M = 0.12
+"""The free edge hangs this high above the table before the random moves."""
+START_MOVES = 20
+START_STEP_M = 0.008
+"""Largest random displacement along each axis in one of the start's ticks."""
+FLAT_AREA = 0.97
+"""A demonstration or placement is a success when its flat area ends above this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchSettings:
+    """What a bench is made of; with a seed it determines a start."""
+
+    task: Task
+    cloth: str = "towel"
+    table_friction: float = 1.0
+    """Multiplied with the cloth's own 0.5; the product worked best at 0.5 of 0.3, 0.5 and 0.8."""
+    control: Literal["impedance", "position"] = "impedance"
+    camera: bool = True
+    """False: observations have no image, and contact and WORD read 0 (for benchmarks of the physics)."""
+    noise: bool = True
+    """Depth noise of the camera."""
+    tick_s: float = TICK_S
+    spec: ClothSpec = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.task not in TASKS:
+            raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(TASKS)}")
+        if not 0.01 <= self.tick_s <= 1.0:
+            raise SimError(f"tick_s is {self.tick_s}; it must be between 0.01 and 1")
+        object.__setattr__(self, "spec", cloth_spec(self.cloth))
+
+    @property
+    def substeps(self) -> int:
+        return max(1, round(self.tick_s * self.spec.rate_hz))
+
+    def home(self) -> FloatArray:
+        """(2, 3) m: the corners before the random moves; the free edge hangs over x = 0."""
+        half = HELD_STRETCH * self.spec.width_m / 2
+        top = self.spec.length_m + START_CLEARANCE_M
+        return np.array([[0.0, half, top], [0.0, -half, top]])
+
+
+class Placing:
+    """The bench: one world at a time, made anew by each ``reset``. One per process."""
+
+    def __init__(self, settings: BenchSettings) -> None:
+        self.settings = settings
+        self.world: World | None = None
+        self._pinhole = default_pinhole()
+        self._perceiver = Perceiver(self._pinhole)
+
+    def reset(self, seed: int) -> None:
+        """Hang the cloth and make the start's random moves; the same seed in a fresh process gives the same bits."""
+        self.close()
+        settings = self.settings
+        spec = settings.spec
+        rng = np.random.default_rng([seed, 0x57A7])
+        self.world = World(step_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
+        self.cloth = Cloth(self.world, spec)
+        home = settings.home()
+        self.cloth.set_nodes(spec.hanging_nodes(home))
+        self.holder: Holder = (
+            Hanger(self.cloth, home, control=settings.control)
+            if settings.task == "hanger"
+            else Pickers(self.cloth, home)
+        )
+        self.air = Air(self.cloth)
+        self.disturbance: Disturbance | None = None
+        self._nodes = self.cloth.nodes()
+        if settings.camera:
+            self._start_camera(seed)
+        self.holder.grip()
+        for _ in range(START_MOVES):
+            self.step(rng.uniform(-START_STEP_M, START_STEP_M, action_size(settings.task)))
+        self._ticks_before = self.world.substeps_done
+        self.start = self._describe_start()
+
+    def _start_camera(self, seed: int) -> None:
+        """P_flat of Eq. 4-7 is measured through the same camera: the cloth as it would lie flat."""
+        self.camera = Camera(
+            self._running(),
+            self.cloth,
+            pinhole=self._pinhole,
+            noise=D435_NOISE if self.settings.noise else None,
+            seed=seed,
+        )
+        flat = self._perceiver.perceive(*self.camera.capture(self.settings.spec.flat_nodes()))
+        self._calibrated = self._perceiver.with_flat_pixels(flat.cloth_pixels)
+
+    def _describe_start(self) -> dict[str, float]:
+        """What the random moves left behind, for the record: nothing of it is hidden from the reader of a file."""
+        spec, nodes = self.settings.spec, self._nodes.reshape(self.settings.spec.rows, self.settings.spec.columns, 3)
+        centre = self.holder.position()
+        hem = nodes[-1]
+        return {
+            "holder_x_m": float(centre[0]),
+            "holder_z_m": float(centre[2]),
+            "swing_m": float(nodes[0, :, 0].mean() - centre[0]),
+            "hem_side_m": float(hem[spec.columns // 2, 0] - centre[0]),
+            "hem_sag_m": float(hem[[0, -1], 2].max() - hem[:, 2].min()),
+            "table_friction": self.settings.table_friction,
+        }
+
+    def observe(self, *, images: bool = True) -> Observation:
+        """What the camera and the holder tell now."""
+        rgb = depth = None
+        word, strength, contact = np.zeros(2), 0.0, 0.0
+        if self.settings.camera:
+            rgb, depth = self.camera.capture(self._nodes)
+            percept = self._calibrated.perceive(rgb, depth)
+            word, strength = percept.word, percept.strength
+            contact = min(1.0, percept.contact_portion)
+        return Observation(
+            time_s=self.time_s,
+            corner_positions=self.holder.corner_positions(),
+            holder_position=self.holder.position(),
+            word=word,
+            word_strength=strength,
+            contact_portion=contact,
+            rgb=rgb if images else None,
+            depth=depth if images else None,
+        )
+
+
+    def truth(self) -> Truth:
+        """The mesh, and what it says of contact and folds."""
+        return Truth(
+            nodes=self._nodes,
+            contact_portion_true=self.cloth.contact_portion_true(self._nodes),
+            flat_area=self.cloth.flat_area(self._nodes),
+        )
+
+    def step(self, action: FloatArray) -> None:
+        """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
+        world = self._running()
+        self.holder.start_tick(np.asarray(action, dtype=float), self.settings.substeps)
+        for _ in range(self.settings.substeps):
+            # What sets gravity comes first: the arm carries its weight in the gravity of now.
+            self.air.before_substep()
+            if self.disturbance is not None:
+                self.disturbance.before_substep()
+            self.holder.before_substep()
+            world.step()
+        self._nodes = self.cloth.nodes()
+        if self.disturbance is not None and self.disturbance.done:
+            self.disturbance = None
+
+    def disturb(self, name: str, seed: int) -> None:
+        """Begin a disturbance by name; it acts in the following ticks until ``disturbed`` is false."""
+        rng = np.random.default_rng([seed, 0xD157])
+        self.disturbance = Disturbance(self._running(), self.cloth, disturbance_spec(name), rng)
+
+    @property
+    def disturbed(self) -> bool:
+        return self.disturbance is not None
+
+    def instability(self) -> str | None:
+        """Why the cloth has diverged, or None; call once a tick."""
+        return self.cloth.instability(self._nodes)
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the start's random moves ended."""
+        world = self._running()
+        return (world.substeps_done - self._ticks_before) * world.step_s
+
+    def success(self) -> bool:
+        return self.cloth.flat_area(self._nodes) > FLAT_AREA
+
+    def _running(self) -> World:
+        if self.world is None:
+            raise SimError("the bench has no world; call reset(seed) first")
+        return self.world
+
+    def close(self) -> None:
+        if self.world is not None:
+            self.world.close()
+            self.world = None

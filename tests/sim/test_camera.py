@@ -1,0 +1,188 @@
+"""The RGB-D camera against geometry, TinyRenderer and the eye's needs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pybullet as bullet
+import pytest
+
+from perception.pinhole import Pinhole
+from perception.segmentation import HsvRange, segment
+from perception.tableview import touches_border
+from sim.camera import Camera, default_pinhole
+from sim.cloth import Cloth, cloth_spec
+from sim.view import View
+from sim.world import World
+
+SPEC = cloth_spec("towel")
+
+
+@pytest.fixture
+def bench() -> Iterator[tuple[World, Cloth]]:
+    world = World(step_s=1 / SPEC.rate_hz, table_friction=1.0)
+    cloth = Cloth(world, SPEC)
+    cloth.set_nodes(SPEC.flat_nodes())
+    yield world, cloth
+    world.close()
+
+
+def _wavy(direction_deg: float) -> np.ndarray:
+    nodes = SPEC.flat_nodes()
+    along = nodes[:, :2] @ [np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))]
+    nodes[:, 2] += 0.008 * (1 + np.sin(2 * np.pi * along / 0.1))
+    return nodes
+
+
+def test_solid_bodies_and_the_raster_see_the_same_box(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, noise=None, seed=0)  # hides the table from Bullet's renderer
+    half, at = np.array([0.12, 0.09, 0.05]), np.array([0.25, 0.0, 0.25])
+    turn = bullet.getQuaternionFromEuler((0.5, 0.4, 0.7))
+    rotation = np.array(bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
+    shape = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=world.client)
+    bullet.createMultiBody(0, -1, shape, basePosition=at.tolist(), baseOrientation=turn, physicsClientId=world.client)
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half @ rotation.T + at
+    quads = [[i for i in range(8) if i >> axis & 1 == side] for axis in range(3) for side in (0, 1)]
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, d), (a, d, c))])
+
+    # An unequal, off-centre pinhole, so that a swapped or shifted axis shows.
+    pose = camera.pinhole.cam_to_world
+    view = View(Pinhole(width=320, height=240, fx=307, fy=290, cx=150.3, cy=125.7, cam_to_world=pose))
+    raster = view.raster(corners, triangles)
+    picture = view.blank()
+    picture.depth[:] = np.inf
+    view.draw_solids(picture, world.client)
+    seen = np.flatnonzero(np.isfinite(picture.depth))
+    assert len(seen) > 2000
+    assert len(np.setxor1d(seen, raster.pixels)) < 0.005 * len(seen)
+    both, first, _ = np.intersect1d(raster.pixels, seen, return_indices=True)
+    assert np.abs(raster.depth[first] - picture.depth[both]).max() < 2e-4
+
+
+def test_flat_cloth_fills_its_projected_outline(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, noise=None, seed=0)
+    rgb, _ = camera.capture()
+    corners, _ = camera.pinhole.project(SPEC.flat_nodes()[[0, SPEC.columns - 1, -1, -SPEC.columns]])
+    area = cv2.contourArea(corners.astype(np.float32))
+    blue = rgb[..., 2].astype(int) - rgb[..., 0] > 60
+    assert blue.sum() == pytest.approx(area, rel=0.02)
+
+
+def test_depth_gives_the_height_of_what_is_seen(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, noise=None, seed=0)
+    rgb, depth = camera.capture()
+    assert depth.dtype == np.float32
+    assert rgb.dtype == np.uint8
+    height = camera.pinhole.height_above_table(depth)
+    on_cloth = rgb[..., 2].astype(int) - rgb[..., 0] > 60
+    np.testing.assert_allclose(height[on_cloth], SPEC.margin_m, atol=2e-4)
+    table = ~on_cloth & (np.abs(height) < 0.3)
+    np.testing.assert_allclose(height[table], 0.0, atol=2e-4)
+    assert table.mean() > 0.5
+
+
+def test_the_region_where_cloth_goes_is_in_the_image() -> None:
+    pinhole = default_pinhole()
+    region = np.array([[x, y, 0.0] for x in (-0.15, 0.75) for y in (-0.25, 0.25)])
+    pixels, depth = pinhole.project(region)
+    assert (depth > 0).all()
+    assert (pixels >= 0).all()
+    assert (pixels <= [pinhole.width - 1, pinhole.height - 1]).all()
+
+
+@pytest.mark.parametrize("direction_deg", [0, 30, 60, 90])
+def test_wrinkles_of_these_directions_are_shaded(bench: tuple[World, Cloth], direction_deg: float) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, noise=None, seed=0)
+
+    def contrast(nodes: np.ndarray) -> float:
+        rgb, _ = camera.capture(nodes)
+        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+        inside = cv2.erode((rgb[..., 2].astype(int) - rgb[..., 0] > 40).astype(np.uint8), np.ones((7, 7))) > 0
+        return float(grey[inside].std())
+
+    assert contrast(_wavy(direction_deg)) > 8 > 1 > contrast(SPEC.flat_nodes())
+
+
+def test_one_range_of_hue_takes_face_reverse_and_shade(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, noise=None, seed=0)
+    reverse = SPEC.flat_nodes()
+    reverse[:, 1] *= -1
+    counts = [segment(camera.capture(nodes)[0], HsvRange()).sum() for nodes in (SPEC.flat_nodes(), reverse)]
+    assert counts[0] == pytest.approx(counts[1], rel=0.01)
+    face, back = (camera.capture(nodes)[0] for nodes in (SPEC.flat_nodes(), reverse))
+    assert np.abs(face.astype(int) - back).max() > 10
+    wavy, depth = camera.capture(_wavy(45))
+    on_cloth = (camera.pinhole.height_above_table(depth) > 0.002) & (depth < 1.3)
+    assert segment(wavy, HsvRange())[on_cloth].mean() > 0.97
+
+
+def test_same_seed_same_frames_bit_for_bit(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    first, second = (Camera(world, cloth, seed=3) for _ in range(2))
+    for _ in range(2):
+        (rgb_a, depth_a), (rgb_b, depth_b) = first.capture(), second.capture()
+        assert rgb_a.tobytes() == rgb_b.tobytes()
+        assert depth_a.tobytes() == depth_b.tobytes()
+    assert Camera(world, cloth, seed=4).capture()[1].tobytes() != depth_a.tobytes()
+
+
+def test_a_body_in_front_hides_and_one_beneath_does_not(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, noise=None, seed=0)
+    assert camera.hidden_share(SPEC.flat_nodes()) == 0.0
+    shape = bullet.createVisualShape(
+        bullet.GEOM_BOX, halfExtents=[0.3, 0.3, 0.01], rgbaColor=[0, 1, 0, 1], physicsClientId=world.client
+    )
+    board = bullet.createMultiBody(0, -1, shape, basePosition=[0.175, 0, -0.02], physicsClientId=world.client)
+    assert camera.hidden_share(SPEC.flat_nodes()) == 0.0
+    place, turn = [0.175, 0.0, 0.05], [0, 0, 0, 1]
+    bullet.resetBasePositionAndOrientation(board, place, turn, physicsClientId=world.client)
+    assert camera.hidden_share(SPEC.flat_nodes()) > 0.95
+    rgb, _ = camera.capture()
+    assert segment(rgb, HsvRange()).sum() == 0
+
+
+def test_pictures_for_people(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    camera = Camera(world, cloth, seed=0)
+    hanging = SPEC.hanging_nodes(np.array([[0.0, 0.18, 0.45], [0.0, -0.18, 0.45]]))
+    for nodes in (SPEC.flat_nodes(), hanging):
+        picture = camera.render(160, 120, nodes=nodes)
+        assert picture.shape == (120, 160, 3)
+        mask = segment(picture, HsvRange())
+        assert mask.sum() > 300
+        assert not touches_border(mask)
+    with_marker = camera.render(160, 120, nodes=hanging, markers=np.array([[0.4, 0.0, 0.1]]))
+    assert 0 < (with_marker != picture).any(axis=2).sum() < 60
+
+
+def test_memory_does_not_grow_with_the_frames(bench: tuple[World, Cloth]) -> None:
+    world, cloth = bench
+    shape = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.02, physicsClientId=world.client)
+    bullet.createMultiBody(0, -1, shape, basePosition=[0.5, 0, 0.2], physicsClientId=world.client)
+    camera = Camera(world, cloth, seed=0, pinhole=default_pinhole(width=80, height=60))
+    statm = Path("/proc/self/statm")
+    if not statm.exists():
+        pytest.skip("resident memory is read from /proc")
+
+    def resident_kb() -> float:
+        return int(statm.read_text().split()[1]) * 4.0
+
+    for _ in range(30):
+        camera.capture()
+    before, end = resident_kb(), time.monotonic() + 1.0
+    frames = 0
+    while time.monotonic() < end or frames < 60:
+        camera.capture()
+        frames += 1
+    # A mesh body shown and removed each frame keeps 195 kB of each.
+    assert (resident_kb() - before) / frames < 10
