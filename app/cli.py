@@ -6,6 +6,7 @@ where the rest cannot.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -202,6 +203,10 @@ def doctor(debug: Debug = False) -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     """Entry point of the ``layflat`` command."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    # One episode is one core's work: libraries that make threads of their own only get in each other's way. They look
+    # once, when they are imported.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     sys.exit(run_guarded(lambda: _dispatch(arguments), debug="--debug" in arguments))
 
 

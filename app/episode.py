@@ -35,7 +35,6 @@ class _Run:
         self.images = images
         self.hooks = hooks
         self.steps: list[Step] = []
-        self.stopped_by: StoppedBy = "tick_limit"
         self.zeros = np.zeros(action_size(bench.settings.task))
         self.seen = bench.observe()
         self.truth = bench.truth()
@@ -62,15 +61,15 @@ class _Run:
                 hook.on_tick(step, len(self.steps))
         return stop
 
-    def phase(self, phase: Phase, ticks: int) -> None:
-        self.stopped_by = "tick_limit"
+    def phase(self, phase: Phase, ticks: int) -> StoppedBy:
+        """Ticks until the phase is over; says why."""
         for _ in range(ticks):
             stop = self.tick(phase)
             if stop is not None:
-                self.stopped_by = stop
-                return
+                return stop
             if phase == "disturb" and not self.bench.disturbed:
-                return
+                break
+        return "tick_limit"
 
 
 def run_episode(
@@ -90,14 +89,14 @@ def run_episode(
     began = time.monotonic()
     policy.reset(seed)
     run = _Run(bench, policy, images, hooks)
-    run.phase("place", max_ticks)
-    if disturbance != "none" and run.stopped_by != "unstable":
+    stopped_by = run.phase("place", max_ticks)
+    if disturbance != "none" and stopped_by != "unstable":
         bench.disturb(disturbance, seed)
-        run.phase("disturb", DISTURB_TICKS)
-        if run.stopped_by != "unstable":
+        stopped_by = run.phase("disturb", DISTURB_TICKS)
+        if stopped_by != "unstable":
             policy.resume()
-            run.phase("repair", REPAIR_TICKS)
-    outcome: Outcome = "success" if run.stopped_by != "unstable" and bench.success() else "failure"
+            stopped_by = run.phase("repair", REPAIR_TICKS)
+    outcome: Outcome = "success" if stopped_by != "unstable" and bench.success() else "failure"
     return Episode(
         task=bench.settings.task,
         cloth=bench.settings.cloth,
@@ -106,7 +105,7 @@ def run_episode(
         steps=tuple(run.steps),
         final_observation=run.kept(run.seen),
         final_truth=run.truth,
-        stopped_by=run.stopped_by,
+        stopped_by=stopped_by,
         outcome=outcome,
         tick_s=bench.settings.tick_s,
         disturbance=disturbance,

@@ -6,14 +6,16 @@ reproducible; and a crash, or a solver that never comes back, then takes one epi
 
 from __future__ import annotations
 
-import os
+import ctypes
 import signal
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 
-from pebble import ProcessExpired, ProcessPool
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from app.errors import LayflatError
 from data.types import Episode, Task
@@ -23,6 +25,7 @@ from policy.expert import ScriptedExpert
 from policy.gp_model import GpModel
 from sim.cloth import HELD_STRETCH
 from sim.placing import BenchSettings, Placing
+from sim.world import SimError
 
 JOB_LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
@@ -82,35 +85,52 @@ def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
     )
 
 
-def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Iterator[Episode | JobFailure]:
+def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Generator[Episode | JobFailure, None, None]:
     """Results in the order of ``jobs``, each as soon as it and those before it are there.
 
     Every job gets a fresh process, forked from this one, which must never have stepped a simulation. Closing the
-    iterator (also by Ctrl-C in the caller) ends the workers.
+    iterator ends the workers. On Ctrl-C what is finished already still comes, before the KeyboardInterrupt.
     """
-    # One episode is one core's work: libraries that make threads of their own only get in each other's way.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    pool = ProcessPool(
-        max_workers=min(workers, max(len(jobs), 1)),
-        max_tasks=1,
-        context=get_context("fork"),
-        initializer=_prepare_worker,
-    )
+    with fresh_processes(min(workers, max(len(jobs), 1))) as pool:
+        futures = [pool.schedule(run_job, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
+        waiting = list(zip(jobs, futures, strict=True))
+        try:
+            while waiting:
+                result = _result(*waiting[0])
+                waiting.pop(0)
+                yield result
+        except KeyboardInterrupt:
+            yield from [_result(job, future) for job, future in waiting if future.done()]
+            raise
+
+
+@contextmanager
+def fresh_processes(workers: int) -> Iterator[ProcessPool]:
+    """A pool that gives every task a process of its own; left with an error (or Ctrl-C), it ends them at once."""
+    pool = ProcessPool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=_prepare_worker)
     finished = False
     try:
-        futures = [pool.schedule(run_job, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
-        for job, future in zip(jobs, futures, strict=True):
-            try:
-                yield future.result()
-            except FutureTimeoutError:
-                yield JobFailure(job=job, reason=f"took more than {JOB_LIMIT_S:.0f} s")
-            except ProcessExpired as error:
-                yield JobFailure(job=job, reason=f"its process ended with status {error.exitcode}")
+        yield pool
         finished = True
     finally:
-        pool.close() if finished else pool.stop()
+        if finished:
+            pool.close()  # type: ignore[no-untyped-call]
+        else:
+            pool.stop()  # type: ignore[no-untyped-call]
         pool.join()
+
+
+def _result(job: EpisodeJob, future: ProcessFuture) -> Episode | JobFailure:
+    """What came of a job; waits for it."""
+    try:
+        episode: Episode = future.result()
+    except FutureTimeoutError:
+        return JobFailure(job=job, reason=f"took more than {JOB_LIMIT_S:.0f} s")
+    except ProcessExpired as error:
+        return JobFailure(job=job, reason=f"its process ended with status {error.exitcode}")
+    except SimError as error:
+        return JobFailure(job=job, reason=str(error))
+    return episode
 
 
 def episode_of(result: Episode | JobFailure) -> Episode:
@@ -124,6 +144,9 @@ def episode_of(result: Episode | JobFailure) -> Episode:
 def _prepare_worker() -> None:
     # Ctrl-C reaches the whole process group; only the parent decides what to keep and then stops the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        # A parent that is killed cannot stop its workers; PR_SET_PDEATHSIG makes the system do it.
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
     import cv2
 
     cv2.setNumThreads(1)

@@ -63,24 +63,38 @@ def place(
         )
         for k in range(episodes)
     ]
-    done, lost = _run(jobs, learned, cloth, record, workers)
-    if video is not None and done:
+    done: list[Episode] = []
+    lost: list[JobFailure] = []
+    interrupted: KeyboardInterrupt | None = None
+    try:
+        _run(jobs, learned, cloth, record, workers, done, lost)
+    except KeyboardInterrupt as error:
+        interrupted = error  # what is finished is written before the command ends
+    if video is not None and done and interrupted is None:
         drawer = Drawer()
         write_video(video, film_frames(done[0], drawer, FILM_WIDTH))
-    if json is not None:
+    if json is not None and (done or interrupted is None):
         provenance = provenance_now()
         write_json(json, {"episodes": [row_of(e) for e in done], "provenance": vars(provenance), "lost": len(lost)})
-    show(done)
+    if done:
+        show(done)
+    if interrupted is not None:
+        raise interrupted
     if lost:
         raise LayflatError(f"{len(lost)} of {episodes} episodes were lost: {lost[0].reason}; the others are written")
     return done
 
 
 def _run(
-    jobs: list[EpisodeJob], learned: GpModel, cloth: str, record: Path | None, workers: int
-) -> tuple[list[Episode], list[JobFailure]]:
-    done: list[Episode] = []
-    lost: list[JobFailure] = []
+    jobs: list[EpisodeJob],
+    learned: GpModel,
+    cloth: str,
+    record: Path | None,
+    workers: int,
+    done: list[Episode],
+    lost: list[JobFailure],
+) -> None:
+    """Run the jobs, record them if asked to, and add each to ``done`` or ``lost`` as it comes."""
     with ExitStack() as stack:
         recorder = None
         if record is not None:
@@ -98,7 +112,6 @@ def _run(
                 progress.note(kept_line(recorder, result))
             row = row_of(result)
             progress.advance(status=f"seed {result.seed}: contact {row['contact_final']:.2f}, {row['stopped_by']}")
-    return done, lost
 
 
 def show(episodes: list[Episode]) -> None:

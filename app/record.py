@@ -37,10 +37,12 @@ def record(
         raise WrongCall(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     checks.writable_file(path, force=False, append=True)
     jobs = [EpisodeJob(task=task, cloth=cloth, seed=seed + k, images=images) for k in range(episodes)]
-    with SessionRecorder(path, task=task, cloth=cloth, keep_images=images) as recorder:
-        with Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress:
-            progress.phase("demonstrations", items=episodes)
-            lost = keep_all(jobs, recorder, progress, workers=workers, echo=True)
+    with (
+        SessionRecorder(path, task=task, cloth=cloth, keep_images=images) as recorder,
+        Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
+    ):
+        progress.phase("demonstrations", items=episodes)
+        lost = keep_all(jobs, recorder, progress, workers=workers, echo=True)
     if lost:
         raise LayflatError(f"{len(lost)} of {episodes} demonstrations were lost: {lost[0].reason}; the others are kept")
 

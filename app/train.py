@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,8 @@ def train(data: Path, model: Path, *, policy: str, force: bool, seed: int) -> Gp
         raise WrongCall(f"{model} is not an .npz file; models are written as .npz")
     checks.writable_file(model, force=force)
     episodes = successful_demonstrations(data)
-    with Progress({"training": EXPECTED_S}) as progress:
+    # GPy prints when it is interrupted; stdout is for results.
+    with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
         progress.phase("training", items=len(episodes[0].steps[0].action))
         learned = registry.train(
             policy,

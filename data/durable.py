@@ -63,6 +63,20 @@ def write_durably(target: Path, payload: bytes) -> None:
         raise
 
 
+_HELD: set[int] = set()
+"""Descriptors of this process's locks."""
+
+
+def _leave_to_parent() -> None:
+    """A forked child shares the lock's open file, and would keep it locked when the writer itself is killed."""
+    for descriptor in _HELD:
+        os.close(descriptor)
+    _HELD.clear()
+
+
+os.register_at_fork(after_in_child=_leave_to_parent)
+
+
 class WriterLock:
     """Held by the one writer of a session; the system frees it when the process ends, however it ends."""
 
@@ -91,6 +105,7 @@ class WriterLock:
                 raise
             if self._still_named(descriptor):
                 self._descriptor = descriptor
+                _HELD.add(descriptor)
             else:
                 os.close(descriptor)
         os.ftruncate(self._descriptor, 0)
@@ -98,13 +113,14 @@ class WriterLock:
 
     def release(self) -> None:
         """Give the lock back, and remove the folder if nothing else is in it."""
-        if self._descriptor is None:
+        if self._descriptor is None or self._descriptor not in _HELD:
             return
         # Removed while still held: whoever opened it meanwhile sees that the name is gone and starts again.
         with contextlib.suppress(OSError):
             self._path.unlink()
         with contextlib.suppress(OSError):
             self._folder.rmdir()
+        _HELD.discard(self._descriptor)
         os.close(self._descriptor)
         self._descriptor = None
 

@@ -17,30 +17,34 @@ TOUCH_HEIGHT_M = 0.012
 """The free edge counts as touching below this height."""
 BRAKE_ABOVE_M = 0.06
 DESCEND_STEP_M = 0.010
-TRAIL_STEP_M = (0.012, 0.005)
+TRAIL_STEP_M = (0.012, 0.004)
 """Forward and down in one tick while the free edge begins to touch."""
-TRAIL_M = 0.045
+TRAIL_M = 0.05
 """The edge trails once it is this far behind the holder."""
 LAY_STEP_M = 0.012
+REACH = (0.91, 0.985)
+"""How much of the cloth's length the lay covers: what is left is slack, to be dragged out."""
 LAND_GAIN = 0.3
 LAND_STEP_M = 0.0015
-TOUCH_X_M = (-0.04, 0.09)
-"""Where along x the free edge is to touch, drawn for each demonstration: from one place everything that follows would
-happen at the same x, and a learner could not tell what it did because of x from what it did because of contact."""
+ASIDE_X_M = (-0.07, 0.08)
+"""Where along x the descent begins, drawn for each demonstration. It spreads few demonstrations over all starts; and
+from one place everything that follows would happen at the same x, so that a learner could not tell what was done
+because of x from what was done because of contact."""
+ASIDE_STEP_M = (0.008, 0.002)
+"""Sideways and down in one tick on the way there."""
+ASIDE_TICKS = 12
 TREMOR_M = 0.0015
 TREMOR_MEMORY = 0.8
 """A hand wanders by about 2 mm a tick, for about 5 ticks to the same side; what follows shows how to come back.
 Without it five demonstrations lie on one narrow path, and a policy that leaves it never returns."""
 STEADY_M = 0.10
-STEER_GAIN = 0.25
-STEER_STEP_M = 0.008
 HELD_HEIGHT_M = 0.005
 DRAG_STEP_M = (0.004, 0.010)
 DRAG_GAIN_M = 0.06
 FLAT_CONTACT = 0.98
 GAIN_TICKS = 12
 DRAG_LIMIT_M = 0.10
-HOLD_TICKS = 8
+HOLD_TICKS = 12
 ALIGN_STEP_M = 0.006
 
 
@@ -67,11 +71,12 @@ class ScriptedExpert:
 
     def reset(self, seed: int) -> None:
         rng = np.random.default_rng([seed, 0xE0])
-        self._reach = float(rng.uniform(0.93, 1.0))  # how much of the cloth's length the lay covers
+        self._reach = float(rng.uniform(*REACH))  # how much of the cloth's length the lay covers
         self._rng = rng
         self._tremor = np.zeros(2)
-        self._touch_x = float(rng.uniform(*TOUCH_X_M))
-        self._phase = "descend"
+        self._aside_x = float(rng.uniform(*ASIDE_X_M))
+        self._aside_ticks = 0
+        self._phase = "aside"
         self.resume()
 
     def resume(self) -> None:
@@ -83,6 +88,12 @@ class ScriptedExpert:
             self._phase = "drag"
 
     def act(self, observation: Observation) -> Decision:
+        if self._phase == "aside":
+            to_go, self._aside_ticks = self._aside_x - float(observation.holder_position[0]), self._aside_ticks + 1
+            if abs(to_go) > ASIDE_STEP_M[0] and self._aside_ticks <= ASIDE_TICKS:
+                dx, dz = np.sign(to_go) * ASIDE_STEP_M[0], -ASIDE_STEP_M[1]
+                return self._decide(observation, float(dx), dz, "going to where the descent begins")
+            self._phase = "descend"
         if self._phase == "descend":
             edge = self._look().nodes[: self._columns]
             if float(observation.holder_position[0] - edge[:, 0].max()) < TRAIL_M or edge[:, 2].min() > TOUCH_HEIGHT_M:
@@ -104,9 +115,7 @@ class ScriptedExpert:
         height alone and never pauses, so that a policy that sees only the holder's place can learn it.
         """
         high = float(np.clip((lowest_m - TOUCH_HEIGHT_M) / BRAKE_ABOVE_M, 0.0, 1.0))
-        aside = self._touch_x - float(observation.holder_position[0])
-        steer = float(np.clip(STEER_GAIN * aside, -STEER_STEP_M, STEER_STEP_M))
-        dx = (1.0 - high) * TRAIL_STEP_M[0] + high * steer
+        dx = (1.0 - high) * TRAIL_STEP_M[0]
         dz = TRAIL_STEP_M[1] + high * (DESCEND_STEP_M - TRAIL_STEP_M[1])
         return self._decide(observation, dx, -dz, "descending" if high > 0 else "trailing the free edge")
 
@@ -139,7 +148,7 @@ class ScriptedExpert:
         return Decision(action=zeros, stop="converged" if done else None, reason="flat" if done else "holding")
 
     def _decide(self, observation: Observation, dx: float, dz: float, reason: str) -> Decision:
-        if self._phase in ("descend", "lay"):
+        if self._phase in ("aside", "descend", "lay"):
             fresh = self._rng.normal(0.0, TREMOR_M * np.sqrt(1.0 - TREMOR_MEMORY**2), 2)
             self._tremor = TREMOR_MEMORY * self._tremor + fresh
             # Near the table a person's hand is steadied by what it touches.

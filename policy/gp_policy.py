@@ -47,8 +47,10 @@ class GpPolicy:
     def act(self, observation: Observation) -> Decision:
         means, stds = self.model.predict(self.model.layout.vector(observation)[np.newaxis])
         limit = self.model.action_limit_m
-        action = np.clip(means[0], -limit, limit)
-        stop = self._stop.update(observation, action)
+        wanted = np.clip(means[0], -limit, limit)
+        stop = self._stop.update(observation, wanted)
+        # Below the threshold the robot stands still (chapter 4-3-3): eight ticks of creep would drag wrinkles out too.
+        action = wanted if np.linalg.norm(wanted) >= self.model.stop_threshold_m else np.zeros_like(wanted)
         if stop is not None:
             return Decision(action=np.zeros_like(action), std=stds[0], stop=stop.by, reason=stop.reason)
-        return Decision(action=action, std=stds[0], reason=f"output {1000 * np.linalg.norm(action):.1f} mm")
+        return Decision(action=action, std=stds[0], reason=f"output {1000 * np.linalg.norm(wanted):.1f} mm")

@@ -8,9 +8,8 @@ that Bullet gives to every node, so the drag of the mean motion is a sideways gr
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from data.types import FloatArray
 from sim.cloth import Cloth
 from sim.world import GRAVITY_M_S2
 
@@ -27,19 +26,25 @@ class Air:
         self._cloth = cloth
         self._rate = drag_rate_per_s
         self._every = max(1, round(UPDATE_S / cloth.world.step_s))
-        self._last: tuple[int, FloatArray] | None = None
+        self._last: tuple[int, float, float] | None = None
+        """Substep, and the cloth's centre along x and y, m."""
 
     def before_substep(self) -> None:
         """Every 20 ms: mean velocity of the cloth -> gravity of the next 20 ms."""
         world = self._cloth.world
         if world.substeps_done % self._every:
             return
-        centre = self._cloth.nodes().mean(axis=0)
-        last, self._last = self._last, (world.substeps_done, centre)
+        # Single numbers from here on: numpy's overhead on three of them is most of what this would cost.
+        cx, cy, _ = self._cloth.nodes().mean(axis=0).tolist()
+        if not math.isfinite(cx + cy):
+            return  # The guard finds a cloth that has diverged at the end of the tick.
+        last, self._last = self._last, (world.substeps_done, cx, cy)
         if last is None:
             return
-        velocity = (centre - last[1]) / ((world.substeps_done - last[0]) * world.step_s)
-        drag = np.clip(-self._rate * velocity, -DRAG_LIMIT_M_S2, DRAG_LIMIT_M_S2)
-        drag[2] = 0.0  # the descent is driven by the holder; only the swing needs damping
-        ax, ay, az = (drag - (0.0, 0.0, GRAVITY_M_S2)).tolist()
-        world.set_gravity((ax, ay, az))
+        duration_s = (world.substeps_done - last[0]) * world.step_s
+        # The descent is driven by the holder; only the swing needs damping.
+        ax, ay = self._drag((cx - last[1]) / duration_s), self._drag((cy - last[2]) / duration_s)
+        world.set_gravity((ax, ay, -GRAVITY_M_S2))
+
+    def _drag(self, velocity_m_s: float) -> float:
+        return min(max(-self._rate * velocity_m_s, -DRAG_LIMIT_M_S2), DRAG_LIMIT_M_S2)

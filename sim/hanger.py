@@ -53,6 +53,10 @@ class Hanger:
         self._posture = inverse_kinematics(centre)
         self._posture_speed = np.zeros(JOINTS)
         self._torque = np.zeros(JOINTS)
+        self._set_point_step = np.zeros(3)
+        self._posture_step = np.zeros(JOINTS)
+        """Of one substep."""
+        self._resting = False
         self.arm = load_arm(self._client, float(self._clips[0, 1] - self._clips[1, 1]))
         for joint, angle in enumerate(self._posture):
             bullet.resetJointState(self.arm, joint, float(angle), 0.0, physicsClientId=self._client)
@@ -92,6 +96,9 @@ class Hanger:
 
     def start_tick(self, action: FloatArray, substeps: int) -> None:
         """``action`` (2,) m: dx, dz, added to the last set point; kept in the workspace and near the real hanger."""
+        if self._resting:
+            self._brake(np.zeros(JOINTS))
+            self._resting = False
         step = np.asarray(action, dtype=float)
         if step.shape != (2,) or not np.isfinite(step).all():
             raise SimError(f"the action is {step.tolist()}; it must be two finite numbers: dx, dz in m")
@@ -101,11 +108,12 @@ class Hanger:
         duration = substeps * self._cloth.world.step_s
         self._velocity = (self._target - self._set_point) / duration
         self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
+        self._set_point_step = self._velocity * self._cloth.world.step_s
+        self._posture_step = self._posture_speed * self._cloth.world.step_s
 
     def before_substep(self) -> None:
-        step = self._cloth.world.step_s
-        self._set_point += self._velocity * step
-        self._posture += self._posture_speed * step
+        self._set_point += self._set_point_step
+        self._posture += self._posture_step
         if self._control == "impedance":
             self._torque = self._impedance.apply(self._set_point, self._velocity, self._posture)
         else:
@@ -122,6 +130,22 @@ class Hanger:
             forces=TORQUE_LIMIT_N_M.tolist(),
             positionGains=[POSITION_GAIN] * JOINTS,
             velocityGains=[1.0] * JOINTS,
+            physicsClientId=self._client,
+        )
+
+    def rest(self) -> None:
+        # Torques last for one substep, motors until they are told otherwise.
+        self._brake(TORQUE_LIMIT_N_M)
+        self._resting = True
+
+    def _brake(self, torque_n_m: FloatArray) -> None:
+        """Motors that hold each joint with at most ``torque_n_m`` (7,)."""
+        bullet.setJointMotorControlArray(
+            self.arm,
+            range(JOINTS),
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=[0.0] * JOINTS,
+            forces=torque_n_m.tolist(),
             physicsClientId=self._client,
         )
 

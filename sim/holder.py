@@ -30,3 +30,6 @@ class Holder(Protocol):
 
     def before_substep(self) -> None:
         """Called before each substep: move the kinematic bodies or apply the torques."""
+
+    def rest(self) -> None:
+        """Stay in place while the world is only stepped (to time bare substeps); the next tick goes on as before."""

@@ -21,6 +21,11 @@ REFRESH_SUBSTEPS = 12
 Taken half way ahead they are as good as fresh ones: 10 and 20 mm ticks lag the same with 1, 12 and 24."""
 
 _STIFFNESS = np.array([STIFFNESS_N_M] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
+_ROOT_STIFFNESS = np.sqrt(_STIFFNESS)
+_ELBOW_DAMPING = 2.0 * np.sqrt(POSTURE_STIFFNESS_N_M_RAD)
+"""Times the root of the inertia: critical."""
+_TORQUE_LOW_N_M = -TORQUE_LIMIT_N_M
+_IDENTITY = np.eye(JOINTS)
 _DOWN = np.diag([1.0, -1.0, -1.0])
 """The hand's axes in the world when it points straight down: its y is the bar, towards -y."""
 _TIP = [0.0, 0.0, TOOL_M]
@@ -64,15 +69,14 @@ class CartesianImpedance:
             self._refresh(angles, speeds, posture)
             self._age = 0
         self._age += 1
-        self._input[:JOINTS] = angles
-        self._input[JOINTS : 2 * JOINTS] = speeds
+        self._input[: 2 * JOINTS] = angles + speeds
         self._input[2 * JOINTS : 2 * JOINTS + 3] = set_point
         self._input[2 * JOINTS + 3 :] = velocity
         torque = self._torque
         np.matmul(self._gain, self._input, out=torque)
         torque += self._offset
         np.minimum(torque, TORQUE_LIMIT_N_M, out=torque)
-        np.maximum(torque, -TORQUE_LIMIT_N_M, out=torque)
+        np.maximum(torque, _TORQUE_LOW_N_M, out=torque)
         bullet.setJointMotorControlArray(
             self._arm, self._joints, bullet.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=self._client
         )
@@ -92,10 +96,10 @@ class CartesianImpedance:
 
         inverse = np.linalg.inv(inertia)
         to_acceleration = inverse @ jacobian.T
-        task_inertia: FloatArray = np.linalg.inv(jacobian @ to_acceleration).astype(float)
-        null_space = np.eye(JOINTS) - jacobian.T @ task_inertia @ to_acceleration.T
+        task_inertia: FloatArray = np.linalg.inv(jacobian @ to_acceleration)
+        null_space = _IDENTITY - jacobian.T @ task_inertia @ to_acceleration.T
         damping = _critical_damping(task_inertia)
-        elbow_damping = 2.0 * np.sqrt(POSTURE_STIFFNESS_N_M_RAD) * _root(inertia)
+        elbow_damping = _ELBOW_DAMPING * _root(inertia)
 
         spring, damper = jacobian.T * _STIFFNESS, jacobian.T @ damping
         # Error at angles q: error0 - J (q - angles), with set point and posture added by the caller's values.
@@ -125,8 +129,8 @@ def _rotation_error(rotation: FloatArray) -> FloatArray:
 
 
 def _critical_damping(task_inertia: FloatArray) -> FloatArray:
-    root, stiffness = _root(task_inertia), np.sqrt(_STIFFNESS)
-    return DAMPING_RATIO * (root * stiffness + stiffness[:, None] * root)
+    root = _root(task_inertia)
+    return DAMPING_RATIO * (root * _ROOT_STIFFNESS + _ROOT_STIFFNESS[:, None] * root)
 
 
 def _root(matrix: FloatArray) -> FloatArray:

@@ -26,7 +26,10 @@ class Pickers:
         self._cloth = cloth
         self._client = cloth.world.client
         self._at = np.array(corner_positions, dtype=float)
-        self._velocity = np.zeros((2, 3))
+        self._step = np.zeros((2, 3))
+        """m in one substep."""
+        self._speeds: list[list[float]] = self._step.tolist()
+        """m/s, as Bullet takes them soonest."""
         self._bodies = [
             int(bullet.createMultiBody(0.0, basePosition=p.tolist(), physicsClientId=self._client)) for p in self._at
         ]
@@ -49,11 +52,17 @@ class Pickers:
         distance = float(np.linalg.norm(apart))
         if distance > limit:
             wanted = wanted.mean(axis=0) + np.array([0.5, -0.5])[:, None] * apart * (limit / distance)
-        self._velocity = (wanted - self._at) / (substeps * self._cloth.world.step_s)
+        step_s = self._cloth.world.step_s
+        velocity = (wanted - self._at) / (substeps * step_s)
+        self._step, self._speeds = velocity * step_s, velocity.tolist()
 
     def before_substep(self) -> None:
-        self._at = self._at + self._velocity * self._cloth.world.step_s
-        for body, position, velocity in zip(self._bodies, self._at, self._velocity, strict=True):
+        self._at = self._at + self._step
+        for body, position, velocity in zip(self._bodies, self._at.tolist(), self._speeds, strict=True):
             bullet.resetBasePositionAndOrientation(body, position, (0, 0, 0, 1), physicsClientId=self._client)
             # The solver takes the anchor's velocity from the body, not from its change of place.
             bullet.resetBaseVelocity(body, velocity, physicsClientId=self._client)
+
+    def rest(self) -> None:
+        for body in self._bodies:
+            bullet.resetBaseVelocity(body, (0, 0, 0), physicsClientId=self._client)

@@ -22,7 +22,7 @@ from sim.world import SimError, World
 START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
 START_MOVES = 20
-START_STEP_M = 0.008
+START_STEP_M = 0.006
 """Largest random displacement along each axis in one of the start's ticks."""
 FLAT_AREA = 0.97
 """A demonstration or placement is a success when its flat area ends above this."""

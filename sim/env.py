@@ -1,0 +1,162 @@
+"""The gymnasium protocol on top of ``Placing``, and nothing else: ``layflat/HangerPlace-v0``, ``layflat/PickersPlace-v0``.
+
+What repeats: the same seed and actions give the same bits in every fresh process. In a process that goes on with
+another episode the start and the flight are still the same bits, but once cloth touches cloth the nodes may differ by
+millimetres, because Bullet shuffles self-collision impulses with a seed that it never resets.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from data.types import ACTION_LIMIT_M, FloatArray, Observation, Task, action_size
+from sim.camera import default_pinhole
+from sim.disturbances import disturbance_spec
+from sim.placing import BenchSettings, Placing
+from sim.world import SimError
+
+RENDER_SIZE = (640, 480)
+SPACE_LIMIT_M = 2.0
+"""No corner gets this far from the origin: the holders keep to workspaces of less than 1 m."""
+STRENGTH_LIMIT = 10.0
+"""The image's Gabor responses stay below 1; word_strength is cut off here so that its space is finite."""
+DISTURB_TICK = 100
+
+ObsDict = dict[str, NDArray[Any]]
+
+
+class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
+    """Lay the cloth flat on the table.
+
+    Action: Box(-1, 1, (2,) or (6,)), displacement of this tick / ACTION_LIMIT_M in the order of ACTION_NAMES; cut off
+    at the limits. SimError for a wrong shape or a value that is not finite.
+
+    Observation: what a policy may see (``data.types.Observation``), float64; with ``images`` also rgb and depth.
+
+    Reward: gain of the camera's contact portion in this tick, so that an episode's rewards add up to the portion at its
+    end less that at its start. The flat area, which is what counts, is in ``info`` and not in the reward: it is the
+    simulator's knowledge.
+
+    Terminated: the cloth has diverged; ``info["unstable"]`` says why, the observation is the last sane one, and the
+    reward is 0. There is no other end: the one who places decides when it is flat (``info["is_success"]``).
+
+    Info: contact_portion_true, flat_area, is_success (flat area above 0.97), unstable ("" or why), seed (of this start).
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # gymnasium's own form
+
+    def __init__(
+        self,
+        task: Task,
+        *,
+        cloth: str = "towel",
+        table_friction: float = 1.0,
+        control: Literal["impedance", "position"] = "impedance",
+        noise: bool = True,
+        images: bool = False,
+        disturbance: str | None = None,
+        disturb_tick: int = DISTURB_TICK,
+        render_mode: str | None = None,
+    ) -> None:
+        """``disturbance`` names what befalls the cloth at tick ``disturb_tick``; the rest is as in BenchSettings."""
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise SimError(f"render_mode is {render_mode!r}; it must be None or 'rgb_array'")
+        if disturbance is not None:
+            disturbance_spec(disturbance)
+        self.render_mode = render_mode
+        self.bench = Placing(
+            BenchSettings(task=task, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
+        )
+        self._images = images
+        self._disturbance = disturbance
+        self._disturb_tick = disturb_tick
+        self._tick = 0
+        self._seed = 0
+        self.action_space = spaces.Box(-1.0, 1.0, (action_size(task),), np.float32)
+        self.observation_space = self._make_observation_space()
+
+    def _make_observation_space(self) -> spaces.Dict:
+        box: dict[str, spaces.Space[Any]] = {
+            "corner_positions": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (2, 3), np.float64),
+            "holder_position": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (3,), np.float64),
+            "word": spaces.Box(-1.0, 1.0, (2,), np.float64),
+            "word_strength": spaces.Box(0.0, STRENGTH_LIMIT, (1,), np.float64),
+            "contact_portion": spaces.Box(0.0, 1.0, (1,), np.float64),
+        }
+        if self._images:
+            pinhole = default_pinhole()
+            box["rgb"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
+            box["depth"] = spaces.Box(0.0, 10.0, (pinhole.height, pinhole.width), np.float32)
+        return spaces.Dict(box)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[ObsDict, dict[str, Any]]:
+        """Hang up the cloth: the start of ``seed``, the same as the program's; without one, a start drawn at random."""
+        super().reset(seed=seed)
+        self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
+        self.bench.reset(self._seed)
+        self._tick = 0
+        self._seen = self.bench.observe(images=self._images)
+        return self._as_dict(self._seen), self._info(None)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
+        displacement = self._checked(action)
+        if self._tick == self._disturb_tick and self._disturbance is not None:
+            self.bench.disturb(self._disturbance, self._seed)
+        self._tick += 1
+        self.bench.step(displacement)
+        unstable = self.bench.instability()
+        if unstable is not None:
+            return self._as_dict(self._seen), 0.0, True, False, self._info(unstable)
+        before, self._seen = self._seen, self.bench.observe(images=self._images)
+        reward = self._seen.contact_portion - before.contact_portion
+        return self._as_dict(self._seen), reward, False, False, self._info(None)
+
+    def _checked(self, action: NDArray[np.float32]) -> FloatArray:
+        values = np.asarray(action, dtype=float)
+        if values.shape != self.action_space.shape or not np.isfinite(values).all():
+            raise SimError(f"the action is {values.tolist()}; it must be {self.action_space.shape[0]} finite numbers")
+        return np.clip(values, -1.0, 1.0) * ACTION_LIMIT_M
+
+    def _as_dict(self, seen: Observation) -> ObsDict:
+        values = {
+            "corner_positions": seen.corner_positions,
+            "holder_position": seen.holder_position,
+            "word": seen.word,
+            "word_strength": [seen.word_strength],
+            "contact_portion": [seen.contact_portion],
+            "rgb": seen.rgb,
+            "depth": seen.depth,
+        }
+        boxes = self.observation_space.spaces.items()  # type: ignore[attr-defined]
+        return {name: np.clip(np.array(values[name], dtype=b.dtype), b.low, b.high) for name, b in boxes}
+
+    def _info(self, unstable: str | None) -> dict[str, Any]:
+        """Of a diverged cloth the mesh says nothing any more: areas read 0."""
+        if unstable is not None:
+            portion, area, success = 0.0, 0.0, False
+        else:
+            truth = self.bench.truth()
+            portion, area, success = truth.contact_portion_true, truth.flat_area, self.bench.success()
+        return {
+            "contact_portion_true": portion,
+            "flat_area": area,
+            "is_success": success,
+            "unstable": unstable or "",
+            "seed": self._seed,
+        }
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """(480, 640, 3) picture for people, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self.bench.world is None:
+            raise SimError("there is nothing to render yet; call reset() first")
+        return self.bench.camera.render(*RENDER_SIZE)
+
+    def close(self) -> None:
+        self.bench.close()
