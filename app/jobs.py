@@ -23,6 +23,7 @@ from policy import registry
 from policy.base import Policy
 from policy.expert import ScriptedExpert
 from policy.gp_model import GpModel
+from policy.handover import Handover
 from sim.cloth import HELD_STRETCH
 from sim.placing import BenchSettings, Placing
 from sim.world import SimError
@@ -41,11 +42,14 @@ class EpisodeJob:
     model: GpModel | None = None
     """None: the scripted demonstrator, or the policy named by ``made``."""
     made: str | None = None
+    """With a model: who takes over after the disturbance."""
     disturbance: str = "none"
     images: bool = False
 
     @property
     def source(self) -> str:
+        if self.model is not None and self.made is not None:
+            return f"{self.model.policy}+{self.made}"
         return self.model.policy if self.model is not None else self.made or ScriptedExpert.name
 
 
@@ -72,7 +76,8 @@ def run_job(job: EpisodeJob) -> Episode:
 def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
     """Who decides in this job."""
     if job.model is not None:
-        return registry.from_model(job.model)
+        placer = registry.from_model(job.model)
+        return placer if job.made is None else Handover(placer, registry.make(job.made, job.task), name=job.source)
     if job.made is not None:
         return registry.make(job.made, job.task)
     spec = bench.settings.spec

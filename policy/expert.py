@@ -61,7 +61,9 @@ class ScriptedExpert:
 
     name = "scripted"
 
-    def __init__(self, task: Task, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], Truth]) -> None:
+    def __init__(
+        self, task: Task, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], Truth]
+    ) -> None:
         self.task: Task = task
         self._length_m = length_m
         self._columns = columns

@@ -97,7 +97,7 @@ class Hanger:
     def start_tick(self, action: FloatArray, substeps: int) -> None:
         """``action`` (2,) m: dx, dz, added to the last set point; kept in the workspace and near the real hanger."""
         if self._resting:
-            self._brake(np.zeros(JOINTS))
+            self._drive_joints(self._posture, np.zeros(JOINTS), np.zeros(JOINTS))
             self._resting = False
         step = np.asarray(action, dtype=float)
         if step.shape != (2,) or not np.isfinite(step).all():
@@ -117,17 +117,18 @@ class Hanger:
         if self._control == "impedance":
             self._torque = self._impedance.apply(self._set_point, self._velocity, self._posture)
         else:
-            self._drive_joints()
+            # Straight lines in joint space: 20 mm of travel bend by less than 0.1 mm.
+            self._drive_joints(self._posture, self._posture_speed, TORQUE_LIMIT_N_M)
 
-    def _drive_joints(self) -> None:
-        # Straight lines in joint space: 20 mm of travel bend by less than 0.1 mm.
+    def _drive_joints(self, angles: FloatArray, speeds: FloatArray, torque_limits: FloatArray) -> None:
+        """Motors on all joints (7,): rad, rad/s, N m."""
         bullet.setJointMotorControlArray(
             self.arm,
             range(JOINTS),
             bullet.POSITION_CONTROL,
-            targetPositions=self._posture.tolist(),
-            targetVelocities=self._posture_speed.tolist(),
-            forces=TORQUE_LIMIT_N_M.tolist(),
+            targetPositions=angles.tolist(),
+            targetVelocities=speeds.tolist(),
+            forces=torque_limits.tolist(),
             positionGains=[POSITION_GAIN] * JOINTS,
             velocityGains=[1.0] * JOINTS,
             physicsClientId=self._client,
@@ -135,19 +136,9 @@ class Hanger:
 
     def rest(self) -> None:
         # Torques last for one substep, motors until they are told otherwise.
-        self._brake(TORQUE_LIMIT_N_M)
+        states = bullet.getJointStates(self.arm, range(JOINTS), physicsClientId=self._client)
+        self._drive_joints(np.array([state[0] for state in states]), np.zeros(JOINTS), TORQUE_LIMIT_N_M)
         self._resting = True
-
-    def _brake(self, torque_n_m: FloatArray) -> None:
-        """Motors that hold each joint with at most ``torque_n_m`` (7,)."""
-        bullet.setJointMotorControlArray(
-            self.arm,
-            range(JOINTS),
-            bullet.VELOCITY_CONTROL,
-            targetVelocities=[0.0] * JOINTS,
-            forces=torque_n_m.tolist(),
-            physicsClientId=self._client,
-        )
 
     def spring_force_n(self) -> FloatArray:
         """(3,) N, world: pull of the springs on the hanger; with the arm at rest the opposite of its load."""

@@ -1,0 +1,166 @@
+"""`layflat bench`: how fast this machine simulates, sees, predicts and keeps, beside what the project promises."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from app import checks, measure
+from app.jobs import JOB_LIMIT_S, fresh_processes
+from app.progress import Progress
+from app.provenance import provenance_now
+from app.rows import write_json
+from data.types import TASKS, TICK_S, FloatArray, Task
+
+CLOTH, FINE_CLOTH = "towel", "towel-fine"
+AIR_GOAL, TABLE_GOAL, SEEING_GOAL = 1.5, 1.0, 0.7
+"""Simulated over wall time that one core is to reach with the default cloth."""
+RTF = "sim s / wall s"
+PER_TICK = "ms / tick"
+SECONDS = {"physics": 10.0, "fine physics": 18.0, "seeing": 12.0, "predicting": 1.0}
+"""Expected wall time of each kind of measurement."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One line of the table."""
+
+    name: str
+    value: float
+    """Median of the repeats."""
+    unit: str
+    baseline: float | None = None
+    """What it is to be seen beside, in the same unit: a goal, bare substeps, or the default cloth."""
+    samples: int = 1
+    """How many repeats or blocks."""
+
+    @property
+    def ratio(self) -> float | None:
+        """value / baseline."""
+        return None if self.baseline is None else self.value / self.baseline
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """One fresh process."""
+
+    kind: str
+    task: Task
+    cloth: str
+    work: Callable[..., dict[str, FloatArray]]
+    arguments: tuple[object, ...]
+
+    @property
+    def title(self) -> str:
+        return f"{self.kind}, {self.task}, {self.cloth}"
+
+
+def bench(json: Path | None, *, force: bool) -> list[Row]:
+    """Measure everything in fresh processes, one at a time; a table on stdout, and ``json`` where asked for."""
+    if json is not None:
+        checks.writable_file(json, force=force)
+    rows: list[Row] = []
+    plan = list(measurements(json.parent if json is not None else None))
+    with Progress({item.title: SECONDS[item.kind] for item in plan}) as progress:
+        for item in plan:
+            progress.phase(item.title)
+            with fresh_processes(1) as pool:
+                samples = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
+            rows += rows_of(item, samples, rows)
+    if json is not None:
+        write_json(json, content(rows))
+    show(rows)
+    return rows
+
+
+def measurements(folder: Path | None) -> Iterator[Measurement]:
+    """What is measured, in order; episodes are kept in ``folder``, so that its disk is timed, or a temporary one."""
+    for kind, cloth in (("physics", CLOTH), ("seeing", CLOTH), ("fine physics", FINE_CLOTH)):
+        for task in TASKS:
+            if kind == "seeing":
+                yield Measurement(
+                    kind=kind, task=task, cloth=cloth, work=measure.seeing, arguments=(task, cloth, folder)
+                )
+            else:
+                yield Measurement(kind=kind, task=task, cloth=cloth, work=measure.physics, arguments=(task, cloth))
+    for task in TASKS:
+        yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
+
+
+def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]) -> list[Row]:
+    """The lines that a measurement makes; ``before`` holds those of the default cloth."""
+    prefix = f"{item.task}, {item.cloth}"
+    if item.kind == "predicting":
+        return [_plain(f"{item.task}: GP prediction, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
+    if item.kind == "seeing":
+        where = f"{prefix}: with camera, perception and recording"
+        return [
+            _rtf(f"{where}, flat on the table", samples["flat"], SEEING_GOAL),
+            _rtf(f"{where}, dragged", samples["drag"], SEEING_GOAL),
+            _plain(f"{prefix}: camera frame", samples["capture"], 1e3, "ms"),
+            _plain(f"{prefix}: perception of a frame", samples["perceive"], 1e3, "ms"),
+            _plain(f"{prefix}: durable keep of {measure.EPISODE_TICKS} ticks", samples["keep"], 1e3, "ms"),
+        ]
+    goals = {"in the air": AIR_GOAL, "dragged": TABLE_GOAL, "flat on the table": TABLE_GOAL}
+    if item.kind == "fine physics":
+        default = {row.name: row.value for row in before}
+        goals = {where: default[f"{item.task}, {CLOTH}: {where}"] for where in goals}
+    keys = {"in the air": "air", "dragged": "drag", "flat on the table": "flat"}
+    rows = [_rtf(f"{prefix}: {where}", samples[keys[where]], goal) for where, goal in goals.items()]
+    for where in ("in the air", "flat on the table"):
+        ours, bare = samples[keys[where]], samples[f"{keys[where]} bare"]
+        rows.append(_overhead(f"{prefix}: our loop over bare substeps, {where}", ours, bare))
+    return rows
+
+
+def _rtf(name: str, tick_wall_s: FloatArray, baseline: float) -> Row:
+    value = TICK_S / float(np.median(tick_wall_s))
+    return Row(name=name, value=value, unit=RTF, baseline=baseline, samples=len(tick_wall_s))
+
+
+def _overhead(name: str, ours_s: FloatArray, bare_s: FloatArray) -> Row:
+    """The ratio is the median of those of neighbouring blocks, which a busy machine slows alike."""
+    bare = float(np.median(bare_s))
+    ratio = float(np.median(ours_s / bare_s))
+    return Row(name=name, value=1e3 * bare * ratio, unit=PER_TICK, baseline=1e3 * bare, samples=len(ours_s))
+
+
+def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> Row:
+    return Row(name=name, value=factor * float(np.median(walls_s)), unit=unit, samples=len(walls_s))
+
+
+def content(rows: list[Row]) -> dict[str, object]:
+    """The JSON object without its schema number."""
+    return {
+        "rows": [
+            {"name": row.name, "value": row.value, "unit": row.unit, "baseline": row.baseline, "ratio": row.ratio}
+            for row in rows
+        ],
+        "samples": {row.name: row.samples for row in rows},
+        "provenance": asdict(provenance_now()),
+    }
+
+
+def show(rows: list[Row]) -> None:
+    """Print the table on stdout."""
+    table = Table()
+    table.add_column("measurement")
+    for name in ("value", "unit", "baseline", "ratio", "n"):
+        table.add_column(name, justify="left" if name == "unit" else "right", no_wrap=True)
+    for row in rows:
+        beside = ["-" if number is None else f"{number:.3g}" for number in (row.baseline,)]
+        ratio = "-" if row.ratio is None else f"{row.ratio:.2f}"
+        table.add_row(row.name, f"{row.value:.3g}", row.unit, *beside, ratio, str(row.samples))
+    console = Console()
+    console.print(table)
+    console.print(
+        f"Medians of n blocks or repeats, one core. Baseline: what {CLOTH} is to reach, bare substeps of the same world, "
+        f"or for {FINE_CLOTH} the value of {CLOTH}.",
+        highlight=False,
+        soft_wrap=True,
+    )

@@ -1,0 +1,194 @@
+"""`layflat demo`: the whole story once, headless: demonstrate, learn, place, disturb, report.
+
+DIR gets the demonstrations (HDF5), the models, one row per episode, and report.html. A demo that was interrupted goes
+on where it stopped: demonstrations and models that are there are used again.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import Future
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from app import checks
+from app.atomic import write_text
+from app.draw import Drawer
+from app.errors import LayflatError, WrongCall
+from app.jobs import EpisodeJob, JobFailure, fresh_processes, run_jobs
+from app.progress import Progress
+from app.provenance import provenance_now
+from app.record import keep_all
+from app.report import ReportInput, TaskResults, write_report
+from app.rows import COLUMNS, row_of, write_json
+from app.summary import summary
+from app.train import successful_demonstrations
+from data.recorder import SessionRecorder
+from data.store import open_session
+from data.types import Episode, Task
+from policy import model as model_files
+from policy import registry
+from policy.gp_model import GpModel
+from sim.cloth import CLOTHS
+
+DEMONSTRATIONS = 10
+"""As many as the thesis gave its robot (chapter 4-3-2)."""
+DEMONSTRATION_SEED = 1000
+"""Demonstrations and placements never share a start."""
+DISTURBANCE = "thesis"
+POLICIES = ("gp-baseline", "gp-word")
+RULE = "drag-rule"
+EXPECTED_S = {"demonstration": 12.0, "training": {"hanger": 15.0, "pickers": 60.0}, "run": 18.0, "report": 25.0}
+"""Core-seconds of one item, for the first estimate of the time left."""
+
+
+def run_demo(
+    out: Path, *, episodes: int, seed: int, tasks: tuple[Task, ...], cloth: str, workers: int, force: bool
+) -> Path:
+    """Run the story into ``out`` and print where the report is; returns the report's path."""
+    checks.known_name("cloth", cloth, CLOTHS)
+    if out.exists() and not out.is_dir():
+        raise WrongCall(f"{out} is not a folder; give another --out")
+    checks.writable_folder(out)
+    report = out / "report.html"
+    if report.exists() and not force:
+        raise WrongCall(f"{report} exists; give --force to make everything anew, or another --out")
+    if force:
+        _clear(out, tasks)
+    results = []
+    notes: list[str] = []
+    with Progress(_phases(tasks, episodes, workers)) as progress:
+        for task in tasks:
+            demonstrations = _demonstrate(out, task, cloth, seed, workers, progress)
+            models = _learn(out, task, seed, workers, progress)
+            runs, lost = _place(task, cloth, models, episodes, seed, workers, progress)
+            notes += [f"{task} task, {f.job.source}, seed {f.job.seed}: lost, {f.reason}" for f in lost]
+            results.append(
+                TaskResults(
+                    task=task, cloth=cloth, demonstrations=demonstrations, models=models, runs=runs, draw=Drawer()
+                )
+            )
+            _write_rows(out, [e for r in results for group in r.runs.values() for e in group])
+        progress.phase("report", items=1)
+        content = ReportInput(tasks=tuple(results), provenance=provenance_now(), seed=seed, notes=tuple(notes))
+        write_report(report, content, tick=progress.status)
+        progress.advance()
+    print(f"report: {report}")
+    return report
+
+
+def _phases(tasks: Sequence[Task], episodes: int, workers: int) -> dict[str, float]:
+    phases: dict[str, float] = {}
+    for task in tasks:
+        phases[f"{task}: demonstrations"] = EXPECTED_S["demonstration"] * DEMONSTRATIONS / workers  # type: ignore[operator]
+        phases[f"{task}: training"] = EXPECTED_S["training"][task]  # type: ignore[index]
+        phases[f"{task}: placing and disturbance"] = (
+            EXPECTED_S["run"] * episodes * (len(POLICIES) + 1) / workers  # type: ignore[operator]
+        )
+    phases["report"] = EXPECTED_S["report"]  # type: ignore[assignment]
+    return phases
+
+
+def _clear(out: Path, tasks: Sequence[Task]) -> None:
+    """Remove what an earlier demo wrote there, and nothing else."""
+    names = [f"demonstrations-{task}.h5" for task in tasks] + ["episodes.csv", "summary.json", "report.html"]
+    names += [f"{policy}-{task}.npz" for policy in POLICIES for task in tasks]
+    for name in names:
+        (out / name).unlink(missing_ok=True)
+        shutil.rmtree(out / f"{name}.parts", ignore_errors=True)
+
+
+def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, progress: Progress) -> tuple[Episode, ...]:
+    """Record what is missing of the demonstrations; all of them, in the order of their seeds."""
+    path = out / f"demonstrations-{task}.h5"
+    wanted = [DEMONSTRATION_SEED + seed + k for k in range(DEMONSTRATIONS)]
+    there = set()
+    if path.exists() or path.with_name(path.name + ".parts").exists():
+        with open_session(path) as session:
+            there = {session.info(name).seed for name in session.names()}
+    missing = [s for s in wanted if s not in there]
+    progress.phase(f"{task}: demonstrations", items=DEMONSTRATIONS)
+    progress.advance(len(wanted) - len(missing))
+    with SessionRecorder(path, task=task, cloth=cloth) as recorder:
+        jobs = [EpisodeJob(task=task, cloth=cloth, seed=s) for s in missing]
+        lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
+    if lost:
+        raise LayflatError(
+            f"{len(lost)} demonstrations were lost: {lost[0].reason}; the same command goes on from here"
+        )
+    with open_session(path) as session:
+        return tuple(sorted(session.episodes(images=False), key=lambda episode: episode.seed))
+
+
+def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -> dict[str, GpModel]:
+    """Train both policies, each in a process of its own, or load what an earlier run trained."""
+    path = out / f"demonstrations-{task}.h5"
+    progress.phase(f"{task}: training", items=len(POLICIES))
+    files = {policy: out / f"{policy}-{task}.npz" for policy in POLICIES}
+    missing = [policy for policy, file in files.items() if not file.exists()]
+    progress.advance(len(POLICIES) - len(missing))
+    with fresh_processes(min(workers, len(POLICIES))) as pool:
+        futures: dict[str, Future[GpModel]] = {
+            policy: pool.schedule(_train, args=[path, policy, seed]) for policy in missing
+        }
+        for policy, future in futures.items():
+            model = future.result()
+            model_files.save(model, files[policy], force=True)
+            rmse = "" if model.heldout_rmse_m is None else f", held-out {1000 * max(model.heldout_rmse_m):.1f} mm"
+            progress.advance(status=f"{policy}: {model.points} points{rmse}")
+    return {policy: model_files.load(file) for policy, file in files.items()}
+
+
+def _train(path: Path, policy: str, seed: int) -> GpModel:
+    return registry.train(policy, successful_demonstrations(path), seed=seed, provenance=provenance_now())
+
+
+def _place(
+    task: Task, cloth: str, models: dict[str, GpModel], episodes: int, seed: int, workers: int, progress: Progress
+) -> tuple[dict[str, tuple[Episode, ...]], list[JobFailure]]:
+    """Every policy from the same starts, through the same disturbances; and the baseline with a rule for repair."""
+    entrants: list[tuple[GpModel, str | None]] = [(models[policy], None) for policy in POLICIES]
+    entrants.append((models["gp-baseline"], RULE))
+    jobs = [
+        EpisodeJob(
+            task=task,
+            cloth=cloth,
+            seed=seed + k,
+            model=model,
+            made=made,
+            disturbance=DISTURBANCE,
+            images=k == 0,  # the first seed is pictured and filmed
+        )
+        for k in range(episodes)
+        for model, made in entrants
+    ]
+    runs: dict[str, list[Episode]] = {job.source: [] for job in jobs}
+    lost = []
+    progress.phase(f"{task}: placing and disturbance", items=len(jobs))
+    with closing(run_jobs(jobs, workers=workers)) as results:
+        for job, result in zip(jobs, results, strict=True):
+            if isinstance(result, JobFailure):
+                lost.append(result)
+                progress.advance(status=f"{job.source} seed {job.seed}: lost, {result.reason}")
+                continue
+            runs[job.source].append(result)
+            progress.advance(status=f"{job.source} seed {job.seed}: {_words(result)}")
+    return {name: tuple(group) for name, group in runs.items()}, lost
+
+
+def _words(episode: Episode) -> str:
+    row = row_of(episode)
+    moments = [row["contact_placed"], row["contact_disturbed"], row["contact_final"]]
+    return "contact " + " -> ".join("-" if c is None else f"{c:.2f}" for c in moments)
+
+
+def _write_rows(out: Path, episodes: Sequence[Episode]) -> None:
+    """episodes.csv and summary.json, anew after each task, so that an interrupted demo leaves what it has."""
+    rows = [row_of(episode) for episode in episodes]
+    write_text(out / "episodes.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
+    groups = summary(rows).replace({np.nan: None}).to_dict(orient="records")
+    write_json(out / "summary.json", {"episodes": rows, "groups": groups, "provenance": vars(provenance_now())})

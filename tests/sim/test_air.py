@@ -1,0 +1,80 @@
+"""Air drag: a swing dies away, and nothing else changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.air import DRAG_LIMIT_M_S2, Air
+from sim.cloth import Cloth, ClothSpec
+from sim.pickers import Pickers
+from sim.world import GRAVITY_M_S2, World
+
+SMALL = ClothSpec(
+    name="small", length_m=0.15, width_m=0.15, rows=6, columns=6,
+    mass_kg=0.015, elastic_n_m=40.0, damping_n_s_m=0.12, bending_n_m=0.1,
+)  # fmt: skip
+
+
+def _swing(rate: float, ticks: int = 20) -> np.ndarray:
+    """(ticks * 24,) m: centre of a cloth beside its pickers, after they moved 0.1 m and stopped."""
+    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = Cloth(world, SMALL)
+    home = np.array([[0.0, 0.075, 0.5], [0.0, -0.075, 0.5]])
+    cloth.set_nodes(SMALL.hanging_nodes(home))
+    pickers, air = Pickers(cloth, home), Air(cloth, drag_rate_per_s=rate)
+    pickers.grip()
+    path = []
+    for tick in range(5 + ticks):
+        pickers.start_tick(np.array([0.02 if tick < 5 else 0.0, 0.0, 0.0] * 2), 24)
+        for _ in range(24):
+            air.before_substep()
+            pickers.before_substep()
+            world.step()
+            path.append(cloth.nodes()[:, 0].mean() - pickers.position()[0])
+    world.close()
+    return np.array(path[5 * 24 :])
+
+
+def test_a_swing_dies_away_with_drag_and_goes_on_without() -> None:
+    late = slice(-24 * 8, None)
+    still, swinging = np.ptp(_swing(3.0)[late]), np.ptp(_swing(0.0)[late])
+    assert swinging > 0.02
+    assert still < 0.25 * swinging
+
+
+def test_the_drag_of_a_known_velocity_is_rate_times_velocity_without_a_vertical_part() -> None:
+    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = Cloth(world, SMALL)
+    cloth.set_nodes(SMALL.flat_nodes(z_m=2.0))
+    air = Air(cloth, drag_rate_per_s=2.0)
+    world.set_gravity((5.0, -2.0, 0.0))
+    for _ in range(24):  # 0.1 s: 0.5 m/s along x and -0.2 m/s along y
+        world.step()
+    world.set_gravity((0.0, 0.0, 0.0))
+    air._every = 1  # ask at each step, as the steps so far were made without it
+    air.before_substep()
+    world.step()
+    air.before_substep()
+    x, y, z = world.gravity_m_s2
+    assert x == pytest.approx(-2.0 * 0.5, rel=0.02)
+    assert y == pytest.approx(2.0 * 0.2, rel=0.02)
+    assert z == -GRAVITY_M_S2
+    world.close()
+
+
+def test_the_drag_is_bounded_and_spares_a_still_cloth() -> None:
+    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = Cloth(world, SMALL)
+    cloth.set_nodes(SMALL.flat_nodes())
+    air = Air(cloth)
+    for _ in range(24):
+        air.before_substep()
+        world.step()
+    assert np.abs(world.gravity_m_s2[:2]).max() < 0.02
+    cloth.set_nodes(SMALL.flat_nodes(x_m=0.4))  # a jump: as if at 20 m/s
+    while world.substeps_done % 5:
+        world.step()
+    air.before_substep()
+    assert np.abs(world.gravity_m_s2[:2]).max() == pytest.approx(DRAG_LIMIT_M_S2)
+    world.close()

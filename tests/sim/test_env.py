@@ -1,0 +1,141 @@
+"""The environments by gymnasium's own checker, and by what their rewards and infos promise."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import sim
+from data.types import ACTION_LIMIT_M
+from sim.env import PlaceEnv
+from sim.world import SimError
+
+IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
+
+
+@pytest.fixture(scope="module")
+def env() -> Iterator[PlaceEnv]:
+    made = PlaceEnv("pickers", cloth="napkin", noise=False, render_mode="rgb_array")
+    yield made
+    made.close()
+
+
+@pytest.mark.timeout(200)
+@pytest.mark.parametrize("name", IDS)
+def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
+    """Its checks of determinism run too: in the air even one process repeats itself bit by bit."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = gymnasium.make(name, render_mode="rgb_array")
+        check_env(made.unwrapped)
+        made.close()
+
+
+def test_registered_with_a_limit_of_ticks() -> None:
+    for name in IDS:
+        assert gymnasium.spec(name).max_episode_steps == sim.MAX_EPISODE_STEPS
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_two_processes(name: str) -> None:
+    vector = gymnasium.make_vec(name, num_envs=2, vectorization_mode="async", cloth="napkin")
+    try:
+        seen, info = vector.reset(seed=[7, 8])
+        assert seen["corner_positions"].shape == (2, 2, 3)
+        assert np.abs(seen["holder_position"][0] - seen["holder_position"][1]).max() > 1e-4
+        assert info["seed"].tolist() == [7, 8]
+        _, rewards, ended, cut, _ = vector.step(np.zeros(vector.action_space.shape, np.float32))
+        assert rewards.shape == (2,)
+        assert not ended.any()
+        assert not cut.any()
+    finally:
+        vector.close()
+
+
+def test_rewards_add_up_to_the_gain_of_contact(env: PlaceEnv) -> None:
+    """A tick at a time, lowered until some of it touches."""
+    first, _ = env.reset(seed=0)
+    total = 0.0
+    for tick in range(16):
+        before = env.bench.holder.position()
+        seen, reward, terminated, truncated, info = env.step(np.array([0.2, 0.0, -0.7] * 2, np.float32))
+        if tick == 0:
+            moved = env.bench.holder.position() - before
+            np.testing.assert_allclose(moved, np.array([0.2, 0.0, -0.7]) * ACTION_LIMIT_M, atol=1e-6)
+        total += reward
+        assert env.observation_space.contains(seen)
+        assert (terminated, truncated) == (False, False)
+    assert total == pytest.approx(float(seen["contact_portion"][0] - first["contact_portion"][0]))
+    assert total > 0.01
+    assert info["contact_portion_true"] > 0.01
+    assert info["unstable"] == ""
+    assert info["is_success"] is False
+
+
+def test_a_diverged_cloth_ends_the_episode_and_says_why(env: PlaceEnv) -> None:
+    env.reset(seed=0)
+    nodes = env.bench.cloth.nodes()
+    nodes[100] += [3.0, 0.0, 0.0]
+    env.bench.cloth.set_nodes(nodes)
+    seen, reward, terminated, _, info = env.step(np.zeros(6, np.float32))
+    assert terminated
+    assert reward == 0.0
+    assert info["unstable"]
+    assert info["is_success"] is False
+    assert env.observation_space.contains(seen)
+
+
+@pytest.mark.parametrize("wrong", [np.full(6, np.nan), np.full(6, np.inf), np.zeros(2), np.zeros((2, 3))])
+def test_wrong_actions_are_refused_and_change_nothing(env: PlaceEnv, wrong: np.ndarray) -> None:
+    env.reset(seed=1)
+    with pytest.raises(SimError, match="6 finite numbers"):
+        env.step(wrong.astype(np.float32))
+    assert env.bench.time_s == 0.0
+
+
+def test_the_picture_shows_something(env: PlaceEnv) -> None:
+    env.reset(seed=1)
+    picture = env.render()
+    assert picture is not None
+    assert picture.shape == (480, 640, 3)
+    assert picture.dtype == np.uint8
+    assert picture.std() > 10
+
+
+def test_resets_without_a_seed_follow_from_the_last_seed(env: PlaceEnv) -> None:
+    seeds = []
+    for _ in range(2):
+        env.reset(seed=4)
+        seeds.append([env.reset()[1]["seed"], env.reset()[1]["seed"]])
+    assert seeds[0] == seeds[1]
+    assert len(set(seeds[0])) == 2
+
+
+def test_a_disturbance_comes_at_its_tick() -> None:
+    made = PlaceEnv("pickers", cloth="napkin", disturbance="wind", disturb_tick=2)
+    made.reset(seed=0)
+    heard = []
+    for _ in range(4):
+        made.step(np.zeros(6, np.float32))
+        heard.append(made.bench.disturbed)
+    made.close()
+    assert heard == [False, False, True, True]
+
+
+def test_images_are_seen_when_asked_for() -> None:
+    made = PlaceEnv("pickers", cloth="napkin", images=True)
+    seen, _ = made.reset(seed=0)
+    assert made.observation_space.contains(seen)
+    assert seen["rgb"].shape == (*seen["depth"].shape, 3)
+    made.close()
+
+
+@pytest.mark.parametrize("wrong", [{"cloth": "silk"}, {"render_mode": "human"}, {"disturbance": "earthquake"}])
+def test_impossible_environments_are_refused(wrong: dict) -> None:
+    with pytest.raises(SimError, match=r"silk|human|earthquake"):
+        PlaceEnv("hanger", **wrong)
