@@ -18,8 +18,7 @@ help:
 	@echo "make clean   removes the virtual environment and caches; runs/ stays"
 
 demo: $(VENV)/.installed
-	@$(BIN)/layflat demo --out "$(OUT)" --episodes $(EPISODES) --force
-	@echo "report: $(OUT)/report.html"
+	@$(BIN)/layflat demo --out "$(OUT)" --episodes $(EPISODES) $(if $(wildcard $(OUT)/report.html),--force)
 
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m "not slow"

@@ -87,34 +87,37 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
                     kind=kind, task=task, cloth=cloth, work=measure.seeing, arguments=(task, cloth, folder)
                 )
             else:
-                yield Measurement(kind=kind, task=task, cloth=cloth, work=measure.physics, arguments=(task, cloth))
+                blocks = measure.BLOCKS if cloth == CLOTH else measure.FEWER_BLOCKS
+                yield Measurement(
+                    kind=kind, task=task, cloth=cloth, work=measure.physics, arguments=(task, cloth, blocks)
+                )
     for task in TASKS:
         yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
 
 
 def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]) -> list[Row]:
     """The lines that a measurement makes; ``before`` holds those of the default cloth."""
-    prefix = f"{item.task}, {item.cloth}"
+    prefix = f"{item.task} {item.cloth}"
     if item.kind == "predicting":
-        return [_plain(f"{item.task}: GP prediction, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
+        return [_plain(f"{item.task} GP, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
     if item.kind == "seeing":
-        where = f"{prefix}: with camera, perception and recording"
+        where = f"{prefix} seen and recorded"
         return [
-            _rtf(f"{where}, flat on the table", samples["flat"], SEEING_GOAL),
+            _rtf(f"{where}, flat", samples["flat"], SEEING_GOAL),
             _rtf(f"{where}, dragged", samples["drag"], SEEING_GOAL),
-            _plain(f"{prefix}: camera frame", samples["capture"], 1e3, "ms"),
-            _plain(f"{prefix}: perception of a frame", samples["perceive"], 1e3, "ms"),
-            _plain(f"{prefix}: durable keep of {measure.EPISODE_TICKS} ticks", samples["keep"], 1e3, "ms"),
+            _plain(f"{prefix} camera frame", samples["capture"], 1e3, "ms"),
+            _plain(f"{prefix} perception", samples["perceive"], 1e3, "ms"),
+            _plain(f"{prefix} keep of {measure.EPISODE_TICKS} ticks", samples["keep"], 1e3, "ms"),
         ]
-    goals = {"in the air": AIR_GOAL, "dragged": TABLE_GOAL, "flat on the table": TABLE_GOAL}
+    goals = {"in the air": AIR_GOAL, "dragged": TABLE_GOAL, "flat": TABLE_GOAL}
     if item.kind == "fine physics":
         default = {row.name: row.value for row in before}
-        goals = {where: default[f"{item.task}, {CLOTH}: {where}"] for where in goals}
-    keys = {"in the air": "air", "dragged": "drag", "flat on the table": "flat"}
-    rows = [_rtf(f"{prefix}: {where}", samples[keys[where]], goal) for where, goal in goals.items()]
-    for where in ("in the air", "flat on the table"):
+        goals = {where: default[f"{item.task} {CLOTH} {where}"] for where in goals}
+    keys = {"in the air": "air", "dragged": "drag", "flat": "flat"}
+    rows = [_rtf(f"{prefix} {where}", samples[keys[where]], goal) for where, goal in goals.items()]
+    for where in ("in the air", "flat"):
         ours, bare = samples[keys[where]], samples[f"{keys[where]} bare"]
-        rows.append(_overhead(f"{prefix}: our loop over bare substeps, {where}", ours, bare))
+        rows.append(_overhead(f"{prefix} loop over bare, {where}", ours, bare))
     return rows
 
 
@@ -159,8 +162,8 @@ def show(rows: list[Row]) -> None:
     console = Console()
     console.print(table)
     console.print(
-        f"Medians of n blocks or repeats, one core. Baseline: what {CLOTH} is to reach, bare substeps of the same world, "
-        f"or for {FINE_CLOTH} the value of {CLOTH}.",
+        "Medians of n blocks or repeats, one core. Dragged and flat: on the table. Seen and recorded: with camera and "
+        f"perception, and the episode kept. Baseline: what {CLOTH} is to reach, bare substeps of the same world, or "
+        f"for {FINE_CLOTH} the value of {CLOTH}.",
         highlight=False,
-        soft_wrap=True,
     )

@@ -90,7 +90,7 @@ def demo(
     checks.require_simulator()
     from app.demo import run_demo
 
-    tasks = (task,) if task else ("hanger", "pickers")
+    tasks: tuple[TaskName, ...] = (task,) if task else ("hanger", "pickers")
     run_demo(out, episodes=episodes, seed=seed, tasks=tasks, cloth=cloth, workers=workers, force=force)
 
 

@@ -18,6 +18,7 @@ from app.episode import run_episode
 from data.recorder import SessionRecorder
 from data.types import Episode, FloatArray, Task, action_size
 from perception.percept import Perceiver
+from policy.base import Policy
 from policy.features import input_set
 from policy.gp_model import GpModel, Hyperparameters
 from policy.simple import Drag, Hold
@@ -28,7 +29,7 @@ SEED = 0
 BLOCK_TICKS = 5
 SETTLE_TICKS = 1
 """At the beginning of each block, not measured."""
-AIR_BLOCKS, TABLE_BLOCKS, DRAG_BLOCKS = 12, 8, 4
+BLOCKS, FEWER_BLOCKS, DRAG_BLOCKS = 8, 4, 4
 DRAG_STEP_M = 0.003
 LAY_STEP_M = (0.014, 0.010)
 """Forward and down in a tick while the cloth is laid down."""
@@ -41,16 +42,16 @@ EPISODE_TICKS = 100
 """Of the episode whose keeping is timed: about what a demonstration has."""
 
 
-def physics(task: Task, cloth: str, ticks: int = BLOCK_TICKS) -> dict[str, FloatArray]:
+def physics(task: Task, cloth: str, blocks: int = BLOCKS, ticks: int = BLOCK_TICKS) -> dict[str, FloatArray]:
     """Without a camera. Wall s per tick: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
     bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
     try:
         bench.reset(SEED)
-        samples = _side_by_side(bench, "air", AIR_BLOCKS, ticks)
+        samples = _side_by_side(bench, "air", blocks, ticks)
         lay_down(bench)
         drag = _moves(task, DRAG_STEP_M, 0.0)
         samples["drag"] = np.array([_ours(bench, drag, ticks) for _ in range(DRAG_BLOCKS)])
-        samples |= _side_by_side(bench, "flat", TABLE_BLOCKS, ticks)
+        samples |= _side_by_side(bench, "flat", blocks, ticks)
         return samples
     finally:
         bench.close()
@@ -76,7 +77,10 @@ def seeing(task: Task, cloth: str, folder: Path | None = None, ticks: int = SEEI
 
 def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, FloatArray]:
     task = bench.settings.task
-    policies = {"drag": Drag(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M), "flat": Hold(task)}
+    policies: dict[str, Policy] = {
+        "drag": Drag(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
+        "flat": Hold(task),
+    }
     walls: dict[str, list[float]] = {}
     episode = run_episode(bench, Hold(task), seed=SEED, max_ticks=2)
     for name, policy in policies.items():
@@ -97,15 +101,22 @@ def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, 
 
 def predicting(task: Task) -> dict[str, FloatArray]:
     """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs."""
+    model = random_model(task)
+    here = np.zeros((1, model.layout.size))
+    return {"predict": _repeat(lambda: model.predict(here), 200)}
+
+
+def random_model(task: Task, points: int = GP_POINTS) -> GpModel:
+    """As large as a trained one, and as good as chance."""
     layout, outputs = input_set(task, "all"), action_size(task)
     rng = np.random.default_rng(SEED)
-    model = GpModel(
+    return GpModel(
         policy="gp-word",
         layout=layout,
         cloth="towel",
-        inputs=rng.uniform(-0.3, 0.5, (GP_POINTS, layout.size)),
+        inputs=rng.uniform(-0.3, 0.5, (points, layout.size)),
         input_scale=layout.scales(),
-        alpha=rng.normal(0.0, 1.0, (outputs, GP_POINTS)),
+        alpha=rng.normal(0.0, 1.0, (outputs, points)),
         output_scale_m=0.01,
         hyper=Hyperparameters(
             kernel="se",
@@ -114,8 +125,6 @@ def predicting(task: Task) -> dict[str, FloatArray]:
             noise=np.full(outputs, 0.01),
         ),
     )
-    here = np.zeros((1, layout.size))
-    return {"predict": _repeat(lambda: model.predict(here), 200)}
 
 
 def lay_down(bench: Placing, most_ticks: int = 100) -> None:

@@ -20,7 +20,7 @@ from app.figures import FieldModel, Panel
 from app.rows import disturbed_tick
 from app.strips import Draw, Frame
 from app.video import write_video
-from data.types import Episode, Provenance, Task
+from data.types import FLAT_AREA, Episode, Provenance, Task
 
 FRAME_WIDTH = 300
 FILM_WIDTH = 480
@@ -84,7 +84,7 @@ def write_report(path: Path, content: ReportInput, *, tick: Tick | None = None) 
         provenance=content.provenance,
         seed=content.seed,
         notes=content.notes,
-        flat_area=tables.FLAT_AREA,
+        flat_area=FLAT_AREA,
         colours=figures.POLICY_COLOURS,
     )
     write_text(path, page)
@@ -131,7 +131,7 @@ def _cards(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> list[
         {
             "name": "demonstrations that end flat",
             "value": f"{flat} of {count}",
-            "below": f"area above {tables.FLAT_AREA}",
+            "below": f"area above {FLAT_AREA}",
         }
     ]
     for name, group in runs.items():

@@ -10,10 +10,7 @@ import numpy as np
 
 from app.rows import disturbed_tick, placed_tick, row_of
 from app.summary import statistics
-from data.types import Episode, FloatArray
-
-FLAT_AREA = 0.97
-"""Flat area above which a cloth counts as flat."""
+from data.types import FLAT_AREA, Episode, FloatArray
 
 BASELINE, PROPOSED = "gp-baseline", "gp-word"
 

@@ -33,6 +33,9 @@ ACTION_NAMES: Mapping[Task, tuple[str, ...]] = {
 ACTION_LIMIT_M = 0.02
 """Largest displacement along one axis in one tick; files and gymnasium store action / ACTION_LIMIT_M in [-1, 1]."""
 
+FLAT_AREA = 0.97
+"""A demonstration or placement is a success when its flat area ends above this."""
+
 TICK_S = 0.1
 """Simulated time of one control step."""
 

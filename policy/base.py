@@ -21,7 +21,7 @@ class Decision:
     std: FloatArray | None = None
     """(A,) m, standard deviation of the action where the policy knows one."""
     stop: StoppedBy | None = None
-    """Not None: the policy has finished and says why; the action of this tick is still carried out (zeros as a rule)."""
+    """Not None: the policy has finished and says why; the action is not carried out."""
     reason: str = ""
     """One clause for a person: "descending", "output below 2 mm for 8 ticks", ..."""
 

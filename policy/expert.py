@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from data.types import FloatArray, Observation, Task, Truth, action_size
+from data.types import ACTION_LIMIT_M, Observation, Task, Truth, action_size
 from policy.base import Decision
 
 TOUCH_HEIGHT_M = 0.012
@@ -49,12 +49,13 @@ ALIGN_STEP_M = 0.006
 
 
 class ScriptedExpert:
-    """Phases: descend until the free edge touches, lay, drag until flat, hold.
+    """Phases: aside, descend until the free edge trails behind, lay, drag until flat, hold.
 
     Parameters
     ----------
     task: hanger or pickers.
-    length_m, width_m: size of the cloth, along x and between the held corners.
+    length_m: length of the cloth along x when flat.
+    columns: nodes along its free edge, the first of the mesh.
     look: the simulator's ground truth of now.
     held_width_m: distance at which the corners are to be held.
     """
@@ -162,4 +163,5 @@ class ScriptedExpert:
         home = centre + np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]) * self._held_width_m / 2
         home[:, 1] -= centre[1]
         align = np.clip(home - observation.corner_positions, -ALIGN_STEP_M, ALIGN_STEP_M)
-        return Decision(action=(np.array([dx, 0.0, dz]) + align).ravel(), reason=reason)
+        action = (np.array([dx, 0.0, dz]) + align).ravel()
+        return Decision(action=np.clip(action, -ACTION_LIMIT_M, ACTION_LIMIT_M), reason=reason)

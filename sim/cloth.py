@@ -27,9 +27,9 @@ HELD_STRETCH = 1.03
 """Distance of the two holders / width of the cloth: a hanger holds the hem taut, so that it does not flop to a side."""
 
 HEM_BOW_M = -0.02
-"""How far the held hem is bowed (to the back) at the moment the cloth is let go: it springs over to the front. The strip above the tension lines between the
-two clips is slack and droops like a collar, to whichever side it finds first; one that droops to the back is laid on
-top of the cloth and stays folded. A person clips a cloth with its hem to the front."""
+"""How far the held hem is bowed, to the back, when the cloth is let go: it springs over to the front and stays there.
+The strip above the tension lines between the two clips is slack and droops like a collar, to whichever side it finds
+first; one that droops to the back is laid on top of the cloth and stays folded. A person clips it to the front."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ class ClothSpec:
         """(N, 3) m: hanging straight down from two corners (2, 3), as wide as they are apart, the hem bowed to +x."""
         down = np.linspace(self.length_m, 0.0, self.rows)[:, None, None] * np.array([0.0, 0.0, -1.0])
         across = np.linspace(corner_positions[0], corner_positions[1], self.columns)[None]
-        nodes = across + down
+        nodes: FloatArray = across + down
         nodes[-1, :, 0] += HEM_BOW_M * np.sin(np.linspace(0.0, np.pi, self.columns))
         return nodes.reshape(-1, 3)
 

@@ -1,4 +1,4 @@
-"""The gymnasium protocol on top of ``Placing``, and nothing else: ``layflat/HangerPlace-v0``, ``layflat/PickersPlace-v0``.
+"""The gymnasium protocol on top of ``Placing``: ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``.
 
 What repeats: the same seed and actions give the same bits in every fresh process. In a process that goes on with
 another episode the start and the flight are still the same bits, but once cloth touches cloth the nodes may differ by
@@ -45,7 +45,7 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     Terminated: the cloth has diverged; ``info["unstable"]`` says why, the observation is the last sane one, and the
     reward is 0. There is no other end: the one who places decides when it is flat (``info["is_success"]``).
 
-    Info: contact_portion_true, flat_area, is_success (flat area above 0.97), unstable ("" or why), seed (of this start).
+    Info: contact_portion_true, flat_area, is_success (flat area above 0.97), unstable ("" or why), seed (of the start).
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # gymnasium's own form
@@ -77,11 +77,13 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self._disturb_tick = disturb_tick
         self._tick = 0
         self._seed = 0
-        self.action_space = spaces.Box(-1.0, 1.0, (action_size(task),), np.float32)
-        self.observation_space = self._make_observation_space()
+        self._size = action_size(task)
+        self._spaces = self._make_spaces()
+        self.action_space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
+        self.observation_space = spaces.Dict({**self._spaces})  # type: ignore[assignment]  # gymnasium types it Dict[Any]
 
-    def _make_observation_space(self) -> spaces.Dict:
-        box: dict[str, spaces.Space[Any]] = {
+    def _make_spaces(self) -> dict[str, spaces.Box[Any]]:
+        boxes: dict[str, spaces.Box[Any]] = {
             "corner_positions": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (2, 3), np.float64),
             "holder_position": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (3,), np.float64),
             "word": spaces.Box(-1.0, 1.0, (2,), np.float64),
@@ -90,11 +92,13 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         }
         if self._images:
             pinhole = default_pinhole()
-            box["rgb"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
-            box["depth"] = spaces.Box(0.0, 10.0, (pinhole.height, pinhole.width), np.float32)
-        return spaces.Dict(box)
+            boxes["rgb"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
+            boxes["depth"] = spaces.Box(0.0, 10.0, (pinhole.height, pinhole.width), np.float32)
+        return boxes
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[ObsDict, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[ObsDict, dict[str, Any]]:
         """Hang up the cloth: the start of ``seed``, the same as the program's; without one, a start drawn at random."""
         super().reset(seed=seed)
         self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
@@ -118,8 +122,8 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
 
     def _checked(self, action: NDArray[np.float32]) -> FloatArray:
         values = np.asarray(action, dtype=float)
-        if values.shape != self.action_space.shape or not np.isfinite(values).all():
-            raise SimError(f"the action is {values.tolist()}; it must be {self.action_space.shape[0]} finite numbers")
+        if values.shape != (self._size,) or not np.isfinite(values).all():
+            raise SimError(f"the action is {values.tolist()}; it must be {self._size} finite numbers")
         return np.clip(values, -1.0, 1.0) * ACTION_LIMIT_M
 
     def _as_dict(self, seen: Observation) -> ObsDict:
@@ -132,8 +136,7 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
             "rgb": seen.rgb,
             "depth": seen.depth,
         }
-        boxes = self.observation_space.spaces.items()  # type: ignore[attr-defined]
-        return {name: np.clip(np.array(values[name], dtype=b.dtype), b.low, b.high) for name, b in boxes}
+        return {name: np.clip(np.array(values[name], dtype=b.dtype), b.low, b.high) for name, b in self._spaces.items()}
 
     def _info(self, unstable: str | None) -> dict[str, Any]:
         """Of a diverged cloth the mesh says nothing any more: areas read 0."""

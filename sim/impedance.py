@@ -96,7 +96,7 @@ class CartesianImpedance:
 
         inverse = np.linalg.inv(inertia)
         to_acceleration = inverse @ jacobian.T
-        task_inertia: FloatArray = np.linalg.inv(jacobian @ to_acceleration)
+        task_inertia: FloatArray = np.linalg.inv(jacobian @ to_acceleration).astype(float, copy=False)
         null_space = _IDENTITY - jacobian.T @ task_inertia @ to_acceleration.T
         damping = _critical_damping(task_inertia)
         elbow_damping = _ELBOW_DAMPING * _root(inertia)

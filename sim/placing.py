@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from data.types import TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
+from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
 from perception.percept import Perceiver
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
@@ -24,10 +24,8 @@ START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
 START_MOVES = 20
 START_STEP_M: Mapping[Task, float] = {"hanger": 0.006, "pickers": 0.004}
-"""Largest random displacement along each axis in one of the start's ticks. Two pickers move independently: with 6 mm the
-hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
-FLAT_AREA = 0.97
-"""A demonstration or placement is a success when its flat area ends above this."""
+"""Largest random displacement along each axis in one of the start's ticks. Two pickers move independently: with 6 mm
+the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
 
 
 @dataclass(frozen=True, kw_only=True)

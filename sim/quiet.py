@@ -1,4 +1,4 @@
-"""The first import of PyBullet, which prints its build time; imported by the package, so that all later ones are silent."""
+"""The first import of PyBullet, which prints its build time, silenced; the package imports it before all others."""
 
 from __future__ import annotations
 

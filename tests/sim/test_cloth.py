@@ -77,20 +77,19 @@ def test_hanging_stretch_and_sag(name: str, bench_cloth: Cloth) -> None:
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_a_cloth_that_is_laid_down_rests_at_its_margin(name: str) -> None:
-    spec = cloth_spec(name)
-    nodes, lowest = _settled(spec, spec.flat_nodes(z_m=spec.margin_m + 0.001), 0.6)
-    assert np.abs(nodes[:, 2] - spec.margin_m).max() < 0.001
-    assert lowest > 0.0
+@pytest.mark.parametrize("height_m", [0.005, 0.03])
+def test_a_sheet_that_falls_flat_rests_flat_and_above_the_table(name: str, height_m: float) -> None:
+    """It rests between the table and its margin, even to 1.5 mm: Bullet stops it but hardly pushes it back out.
 
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_cloth_that_drops_does_not_get_through_the_table(name: str) -> None:
-    """30 mm of free fall, then 0.8 m/s: Bullet stops it within a substep's travel and does not push it back out."""
+    How deep follows from the step: 0 to 1.5 mm high at 200 Hz, 2.3 to 2.7 mm at 300 Hz, where the margin is 4 mm.
+    A cloth that is laid and dragged mostly ends at the margin (see docs/pybullet.md).
+    """
     spec = cloth_spec(name)
-    nodes, lowest = _settled(spec, spec.flat_nodes(z_m=0.03), 0.6)
-    assert lowest > -0.0015
+    nodes, lowest = _settled(spec, spec.flat_nodes(z_m=height_m), 0.6)
+    assert nodes[:, 2].min() > -0.0005
     assert nodes[:, 2].max() < spec.margin_m + 0.001
+    assert np.ptp(nodes[:, 2]) < 0.0015
+    assert lowest > -0.0015
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -107,8 +106,9 @@ def test_it_folds_over_an_edge(name: str) -> None:
     over = grid[-1].mean(axis=0) - [edge, 0.0, 0.0]
     assert over[2] < -0.7 * 0.35 * spec.length_m
     assert abs(over[0]) < np.tan(np.radians(30)) * -over[2]
-    lying = grid[: spec.rows // 2]
-    assert np.abs(lying[..., 2] - spec.margin_m).max() < 0.003
+    lying = grid[: spec.rows // 2, :, 2]
+    assert lying.min() > -0.0005
+    assert lying.max() < spec.margin_m + 0.003
 
 
 def test_a_stiffer_bend_overhangs_further() -> None:
@@ -160,7 +160,7 @@ def test_contact_never_grows_when_the_cloth_rises(bench_cloth: Cloth, lift: list
     nodes[:, 2] += lift
     portion = bench_cloth.contact_portion_true(nodes)
     assert 0.0 <= portion <= 1.0
-    assert bench_cloth.contact_portion_true(nodes + [0.0, 0.0, more]) <= portion
+    assert bench_cloth.contact_portion_true(nodes + np.array([0.0, 0.0, more])) <= portion
 
 
 def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
@@ -170,10 +170,10 @@ def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
     assert cloth.instability(rest) is None
     for _ in range(24):
         world.step()
-    assert cloth.instability(rest + [0.0, 0.0, 0.3]) is None  # 3 m/s
+    assert cloth.instability(rest + np.array([0.0, 0.0, 0.3])) is None  # 3 m/s
     for _ in range(24):
         world.step()
-    assert "moves" in (cloth.instability(rest + [5.0, 0.0, 0.0]) or "")
+    assert "moves" in (cloth.instability(rest + np.array([5.0, 0.0, 0.0])) or "")
     far = rest.copy()
     far[7] += [0.0, 0.0, 0.2]
     assert "stretched" in (cloth.instability(far) or "")

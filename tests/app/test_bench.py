@@ -1,0 +1,91 @@
+"""`layflat bench`: rows as the contract names them, ratios that are what they say, and a real run."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from app import bench, measure
+from data.types import TASKS, TICK_S
+
+KEYS = ["name", "value", "unit", "baseline", "ratio"]
+
+
+def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
+    names = {
+        "physics": ("air", "air bare", "drag", "flat", "flat bare"),
+        "fine physics": ("air", "air bare", "drag", "flat", "flat bare"),
+        "seeing": ("flat", "drag", "capture", "perceive", "keep"),
+        "predicting": ("predict",),
+    }[kind]
+    return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in names}
+
+
+def _all_rows() -> list[bench.Row]:
+    rows: list[bench.Row] = []
+    for item in bench.measurements(None):
+        rows += bench.rows_of(item, _samples(item.kind), rows)
+    return rows
+
+
+def test_rows_have_the_keys_of_the_contract_and_distinct_names():
+    rows = json.loads(json.dumps(bench.content(_all_rows())))["rows"]
+    assert all(list(row) == KEYS for row in rows)
+    assert len({row["name"] for row in rows}) == len(rows)
+    assert all(row["value"] > 0 and row["unit"] for row in rows)
+    for row in rows:
+        assert (row["baseline"] is None) == (row["ratio"] is None)
+        assert row["ratio"] is None or row["ratio"] == pytest.approx(row["value"] / row["baseline"])
+
+
+def test_both_tasks_and_both_meshes_are_measured():
+    names = [row.name for row in _all_rows()]
+    for task in TASKS:
+        for cloth in (bench.CLOTH, bench.FINE_CLOTH):
+            assert any(name.startswith(f"{task} {cloth} in the air") for name in names)
+            assert any(name.startswith(f"{task} {cloth} loop over bare") for name in names)
+        assert any(name.startswith(f"{task} GP") for name in names)
+
+
+def test_simulated_over_wall_time():
+    rows = {row.name: row for row in _all_rows()}
+    row = rows["hanger towel in the air"]
+    assert row.value == pytest.approx(TICK_S / 0.05)  # the median, which the slow block does not touch
+    assert row.baseline == bench.AIR_GOAL
+    assert rows["hanger towel-fine in the air"].baseline == row.value
+
+
+def test_overhead_compares_neighbouring_blocks():
+    item = next(iter(bench.measurements(None)))
+    busy = np.array([1.0, 3.0, 1.0, 5.0, 2.0])  # what others do slows neighbours alike
+    samples = _samples("physics") | {"air bare": 0.02 * busy, "air": 0.021 * busy}
+    row = next(row for row in bench.rows_of(item, samples, []) if "bare, in the air" in row.name)
+    assert row.ratio == pytest.approx(1.05)
+
+
+def test_the_table_shows_every_row(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    rows = _all_rows()
+    bench.show(rows)
+    out = capsys.readouterr().out
+    assert all(row.name in out for row in rows)
+
+
+def test_predicting_really_predicts():
+    walls = measure.predicting("hanger")["predict"]
+    assert len(walls) == 200
+    assert 0 < np.median(walls) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_a_short_real_run(task, tmp_path):
+    with bench.fresh_processes(1) as pool:
+        physics = pool.schedule(measure.physics, args=(task, "towel", 2, 2)).result()
+        seeing = pool.schedule(measure.seeing, args=(task, "towel", tmp_path, 2)).result()
+    assert all((walls > 0).all() for walls in (*physics.values(), *seeing.values()))
+    assert np.median(physics["flat"]) > np.median(physics["air"])  # contact costs
+    assert np.median(seeing["flat"]) > np.median(seeing["capture"])
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,165 @@
+"""The scripted demonstrator against a cloth of rods: hangs straight, rests where it touched, lies flat when pulled."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data.types import ACTION_LIMIT_M, TASKS, Observation, Truth, action_size
+from policy.expert import DRAG_STEP_M, FLAT_CONTACT, ScriptedExpert
+
+LENGTH_M = 0.35
+WIDTH_M = 0.36
+COLUMNS = 3
+
+
+class RodCloth:
+    """The free edge hangs below the holder; once it touches it stays, and slides only when it is pulled taut."""
+
+    def __init__(self, task, start=(0.0, 0.47)):
+        self.task = task
+        self.corners = np.array([[start[0], WIDTH_M / 2, start[1]], [start[0], -WIDTH_M / 2, start[1]]])
+        self.edge_x = start[0]
+        self.wrinkle_m = 0.0
+        """Slack that a disturbance pulled into the cloth."""
+
+    @property
+    def holder(self):
+        return self.corners.mean(axis=0)
+
+    def truth(self):
+        x, _, z = self.holder
+        lowest = max(0.004, z - LENGTH_M)
+        nodes = np.array([[self.edge_x, y, lowest] for y in (WIDTH_M / 2, 0, -WIDTH_M / 2)] + [[x, 0.0, z]] * 6)
+        return Truth(nodes=nodes, contact_portion_true=self.contact(), flat_area=self.contact())
+
+    def contact(self):
+        x, _, z = self.holder
+        if z > 0.02:
+            return 0.0 if z > LENGTH_M else 1.0 - z / LENGTH_M
+        return float(np.clip(1.0 - 2.0 * (LENGTH_M + self.edge_x - x + self.wrinkle_m) / LENGTH_M, 0.0, 1.0))
+
+    def move(self, action):
+        step = np.array([action[0], 0.0, action[1]]) if self.task == "hanger" else action.reshape(2, 3)
+        self.corners = self.corners + step
+        self.corners[:, 2] = np.maximum(self.corners[:, 2], 0.004)
+        x, _, z = self.holder
+        if z > LENGTH_M + 0.01:
+            self.edge_x = x
+        self.edge_x = max(self.edge_x, x - LENGTH_M - self.wrinkle_m - 1e-9)
+
+    def see(self, tick):
+        return Observation(
+            time_s=0.1 * tick,
+            corner_positions=self.corners,
+            holder_position=self.holder,
+            word=np.zeros(2),
+            word_strength=0.0,
+            contact_portion=self.contact(),
+        )
+
+
+def expert_for(cloth):
+    return ScriptedExpert(cloth.task, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.truth)
+
+
+def demonstrate(cloth, expert, limit=200):
+    decisions = []
+    for tick in range(limit):
+        decisions.append(expert.act(cloth.see(tick)))
+        if decisions[-1].stop:
+            return decisions
+        cloth.move(decisions[-1].action)
+    pytest.fail(f"no stop within {limit} ticks; the last clause was {decisions[-1].reason!r}")
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("seed", range(6))
+def test_lays_the_cloth_and_stops_flat_within_the_limits(task, seed):
+    cloth = RodCloth(task)
+    expert = expert_for(cloth)
+    expert.reset(seed)
+    decisions = demonstrate(cloth, expert)
+    assert decisions[-1].stop == "converged"
+    assert cloth.contact() >= FLAT_CONTACT
+    assert max(np.abs(d.action).max() for d in decisions) <= ACTION_LIMIT_M
+    assert not decisions[-1].action.any()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_free_edge_trails_before_anything_is_laid_on_it(task):
+    cloth = RodCloth(task)
+    expert = expert_for(cloth)
+    expert.reset(3)
+    for tick in range(100):
+        decision = expert.act(cloth.see(tick))
+        if decision.reason == "laying":
+            break
+        cloth.move(decision.action)
+    assert decision.reason == "laying"
+    assert cloth.holder[0] - cloth.edge_x > 0.04
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(task):
+    def drag_speed(wrinkle_m):
+        cloth = RodCloth(task)
+        expert = expert_for(cloth)
+        expert.reset(1)
+        demonstrate(cloth, expert)
+        cloth.wrinkle_m = wrinkle_m
+        expert.resume()
+        return expert.act(cloth.see(0)).action[0]
+
+    speeds = [drag_speed(w) for w in (0.013, 0.019, 0.025)]
+    assert speeds == sorted(speeds)
+    assert DRAG_STEP_M[0] <= speeds[0] < speeds[-1] <= DRAG_STEP_M[1] + 0.006
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_repairs_after_a_disturbance(task):
+    cloth = RodCloth(task)
+    expert = expert_for(cloth)
+    expert.reset(2)
+    demonstrate(cloth, expert)
+    cloth.wrinkle_m = 0.03
+    assert cloth.contact() < 0.9
+    expert.resume()
+    demonstrate(cloth, expert)
+    assert cloth.contact() >= FLAT_CONTACT
+
+
+def test_gives_up_where_dragging_gains_nothing():
+    class Stuck(RodCloth):
+        def contact(self):
+            return min(super().contact(), 0.8)
+
+    cloth = Stuck("hanger")
+    expert = expert_for(cloth)
+    expert.reset(0)
+    decisions = demonstrate(cloth, expert)
+    assert decisions[-1].stop == "converged"
+    assert cloth.holder[0] < LENGTH_M + 0.3
+
+
+def test_demonstrations_begin_their_descent_at_different_places():
+    """From one place everything would happen at the same x, and a learner could not tell x from contact."""
+    ends = []
+    for seed in range(8):
+        cloth = RodCloth("hanger")
+        expert = expert_for(cloth)
+        expert.reset(seed)
+        demonstrate(cloth, expert)
+        ends.append(cloth.holder[0])
+    assert np.ptp(ends) > 0.05
+
+
+def test_two_pickers_come_back_to_their_lines():
+    cloth = RodCloth("pickers")
+    cloth.corners = cloth.corners + np.array([[0.03, -0.02, 0.02], [-0.02, 0.03, -0.02]])
+    expert = expert_for(cloth)
+    expert.reset(0)
+    decisions = demonstrate(cloth, expert)
+    assert decisions[0].action.shape == (action_size("pickers"),)
+    np.testing.assert_allclose(cloth.corners[:, 1], [WIDTH_M / 2, -WIDTH_M / 2], atol=0.002)
+    np.testing.assert_allclose(cloth.corners[0, [0, 2]], cloth.corners[1, [0, 2]], atol=0.002)

@@ -1,0 +1,35 @@
+"""The first policy places, the second repairs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from policy import registry
+from policy.base import PolicyError
+from policy.handover import Handover
+
+
+@pytest.fixture
+def handover():
+    first, then = registry.make("hold", "hanger"), registry.make("stretch-right", "hanger")
+    policy = Handover(first, then, name="hold+stretch-right")
+    policy.reset(0)
+    return policy
+
+
+def test_the_second_acts_only_after_resume(handover, observe):
+    assert not handover.act(observe(0.3, 0.01)).action.any()
+    handover.resume()
+    assert handover.act(observe(0.3, 0.01)).action[0] > 0
+
+
+def test_reset_hands_back_to_the_first(handover, observe):
+    handover.resume()
+    handover.reset(1)
+    np.testing.assert_array_equal(handover.act(observe(0.3, 0.01)).action, np.zeros(2))
+
+
+def test_policies_of_different_tasks_are_refused():
+    with pytest.raises(PolicyError, match="pickers"):
+        Handover(registry.make("hold", "hanger"), registry.make("hold", "pickers"), name="both")
