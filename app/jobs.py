@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import signal
 import sys
+import threading
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import contextmanager
@@ -94,7 +95,8 @@ def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Generator[Episode |
     """Results in the order of ``jobs``, each as soon as it and those before it are there.
 
     Every job gets a fresh process, forked from this one, which must never have stepped a simulation. Closing the
-    iterator ends the workers. On Ctrl-C what is finished already still comes, before the KeyboardInterrupt.
+    iterator ends the workers. Ctrl-C becomes a KeyboardInterrupt only when the result at hand has been dealt with and
+    whatever else is finished has come, too.
     """
     with fresh_processes(min(workers, max(len(jobs), 1))) as pool:
         futures = [pool.schedule(run_job, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
@@ -103,10 +105,28 @@ def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Generator[Episode |
             while waiting:
                 result = _result(*waiting[0])
                 waiting.pop(0)
-                yield result
+                with _interrupts_wait():
+                    yield result
         except KeyboardInterrupt:
-            yield from [_result(job, future) for job, future in waiting if future.done()]
+            with _interrupts_wait():
+                yield from [_result(job, future) for job, future in waiting if future.done()]
             raise
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Ctrl-C while the caller keeps a result comes when that is done; the result would be lost otherwise."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Ctrl-C never comes here.
+        return
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
 
 
 @contextmanager

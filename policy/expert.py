@@ -30,7 +30,7 @@ ASIDE_X_M = (-0.07, 0.08)
 """Where along x the descent begins, drawn for each demonstration. It spreads few demonstrations over all starts; and
 from one place everything that follows would happen at the same x, so that a learner could not tell what was done
 because of x from what was done because of contact."""
-ASIDE_STEP_M = (0.008, 0.002)
+ASIDE_STEP_M = (0.008, 0.004)
 """Sideways and down in one tick on the way there."""
 ASIDE_TICKS = 12
 TREMOR_M = 0.0015

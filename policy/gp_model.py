@@ -30,7 +30,7 @@ KERNELS = ("se", "se-ard")
 JITTER = 1e-8
 """Added to the noise variance wherever a kernel matrix is factorised, as GPy does, so that both agree to the digit."""
 
-STOP_THRESHOLD_M = 0.002
+STOP_THRESHOLD_M = 0.003
 STOP_TICKS = 8
 """Norm of the output below which, and ticks for which, a policy has finished (chapter 4-2-3 gives no number)."""
 

@@ -114,7 +114,7 @@ CLOTHS: Mapping[str, ClothSpec] = {
         ),
         ClothSpec(
             name="towel-fine", length_m=0.35, width_m=0.35, rows=16, columns=16,
-            mass_kg=0.05, elastic_n_m=60.0, damping_n_s_m=0.12, bending_n_m=0.08, rate_hz=300.0,
+            mass_kg=0.05, elastic_n_m=70.0, damping_n_s_m=0.13, bending_n_m=0.08, rate_hz=300.0,
         ),
     )
 }  # fmt: skip

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 class DragWorld:
     """One axis: the holder drags a cloth with some slack in it; contact is what the slack leaves.
 
-    A demonstrator drags at 6 % of the missing contact, 3 to 10 mm a tick, and holds once the cloth is flat. The slack
+    A demonstrator drags at 6 % of the missing contact, 4 to 10 mm a tick, and holds once the cloth is flat. The slack
     differs between demonstrations, so that the same x occurs with different contact: the lesson to be learned.
     """
 
@@ -45,7 +45,7 @@ class DragWorld:
         self.slack_m -= dx
 
     def demonstrate(self) -> float:
-        return float(np.clip(0.06 * (1 - self.contact), 0.003, 0.01)) if self.contact < 0.985 else 0.0
+        return float(np.clip(0.06 * (1 - self.contact), 0.004, 0.01)) if self.contact < 0.985 else 0.0
 
 
 @pytest.fixture(scope="module")
@@ -187,10 +187,10 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
             assert _run(policy, world) == "threshold"
             travel[name, added_m], left[name, added_m] = world.x - placed_x, world.slack_m
     assert travel["gp-baseline", 0.045] == travel["gp-baseline", 0.0]
-    # What a stop may still move: the output is carried out while it is below the threshold.
-    creep_m = models["gp-word"].stop_ticks * models["gp-word"].stop_threshold_m
-    assert travel["gp-word", 0.045] > travel["gp-word", 0.0] + creep_m
-    assert left["gp-word", 0.045] < 0.2 * 0.045 < left["gp-baseline", 0.045]
+    assert travel["gp-baseline", 0.045] == 0.0
+    assert travel["gp-word", 0.045] > travel["gp-word", 0.0] + 0.02
+    # It stops with some of the wrinkle left, as the thesis's robot does: its output fades below the threshold.
+    assert left["gp-word", 0.045] < 0.5 * 0.045 < left["gp-baseline", 0.045]
 
 
 def _run(policy: GpPolicy, world: DragWorld, ticks: int = 80) -> str | None:

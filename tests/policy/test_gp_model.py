@@ -104,9 +104,17 @@ def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
     flat = observe(0.1, 0.1, contact=1.0)
     stirred = observe(0.1, 0.1, contact=0.5, word=(0.6, 0.8))
     for inputs, blind in (("position", True), ("all", False)):
-        policy = GpPolicy(model_of("hanger", inputs))
-        actions = [policy.act(o).action for o in (flat, stirred)]
-        assert np.array_equal(*actions) is blind
+        model = model_of("hanger", inputs)
+        outputs = [model.predict(model.layout.vector(o)[np.newaxis])[0] for o in (flat, stirred)]
+        assert np.array_equal(*outputs) is blind
+
+
+def test_an_output_below_the_threshold_moves_nothing(model_of, observe):
+    """Chapter 4-3-3: the robot stands still, so what is regained after a stop was commanded, not crept."""
+    policy = GpPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_ticks=50))
+    assert all(not policy.act(observe(0.1, 0.1, contact=c)).action.any() for c in (0.2, 0.6, 1.0))
+    keen = GpPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
+    assert keen.act(observe(0.1, 0.1, contact=0.5)).action.any()
 
 
 def test_output_is_clipped_to_the_action_limit(model_of, observe):
