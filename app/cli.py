@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import typer
 
 from app import checks
-from app.errors import WRONG_CALL, run_guarded
+from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
@@ -207,7 +207,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     # once, when they are imported.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    sys.exit(run_guarded(lambda: _dispatch(arguments), debug="--debug" in arguments))
+    status = run_guarded(lambda: _dispatch(arguments), debug="--debug" in arguments)
+    if argv is None and status == INTERRUPTED:
+        # Where Ctrl-C struck inside exec(), as it may during imports, CPython would end by a signal instead of a status.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 def _dispatch(arguments: list[str]) -> int:
