@@ -117,7 +117,7 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
     rows = [_rtf(f"{prefix} {where}", samples[keys[where]], goal) for where, goal in goals.items()]
     for where in ("in the air", "flat"):
         ours, bare = samples[keys[where]], samples[f"{keys[where]} bare"]
-        rows.append(_overhead(f"{prefix} loop over bare, {where}", ours, bare))
+        rows.append(_overhead(f"{prefix} loop / bare, {where}", ours, bare))
     return rows
 
 

@@ -209,7 +209,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         os.environ.setdefault(name, "1")
     status = run_guarded(lambda: _dispatch(arguments), debug="--debug" in arguments)
     if argv is None and status == INTERRUPTED:
-        # Where Ctrl-C struck inside exec(), as it may during imports, CPython would end by a signal instead of a status.
+        # Where Ctrl-C struck inside exec(), as in many imports, CPython would end by a signal instead of a status.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)

@@ -45,7 +45,7 @@ def test_both_tasks_and_both_meshes_are_measured():
     for task in TASKS:
         for cloth in (bench.CLOTH, bench.FINE_CLOTH):
             assert any(name.startswith(f"{task} {cloth} in the air") for name in names)
-            assert any(name.startswith(f"{task} {cloth} loop over bare") for name in names)
+            assert any(name.startswith(f"{task} {cloth} loop / bare") for name in names)
         assert any(name.startswith(f"{task} GP") for name in names)
 
 
