@@ -144,7 +144,7 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
         DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
         DisturbanceSpec(
             name="thesis", kind="push", along=(0.45, 0.65), across=(0.35, 0.65), heading_deg=(-15.0, 15.0),
-            path=((0.02, 0.1), (0.15, 0.06)), scale=(0.7, 0.82), time_limit_s=0.8,
+            path=((0.02, 0.1), (0.15, 0.06)), scale=(0.64, 0.76), time_limit_s=0.8,
         ),
     )
 }  # fmt: skip
