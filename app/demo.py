@@ -12,19 +12,21 @@ from concurrent.futures import Future
 from contextlib import closing
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 
 from app import checks
-from app.atomic import write_text
+from app.atomic import replacing, write_text
 from app.draw import Drawer
 from app.errors import LayflatError, WrongCall
 from app.jobs import EpisodeJob, JobFailure, fresh_processes, run_jobs
 from app.progress import Progress
 from app.provenance import provenance_now
 from app.record import keep_all
-from app.report import ReportInput, TaskResults, write_report
+from app.report import FRAME_WIDTH, ReportInput, TaskResults, pictured_run, write_report
 from app.rows import COLUMNS, row_of, write_json
+from app.strips import disturbance_ticks, placing_ticks, sheet, strip
 from app.summary import summary
 from app.train import successful_demonstrations
 from data.recorder import SessionRecorder
@@ -79,6 +81,7 @@ def run_demo(
         progress.phase("report", items=1)
         content = ReportInput(tasks=tuple(results), provenance=provenance_now(), seed=seed, notes=tuple(notes))
         write_report(report, content, tick=progress.status)
+        _draw_frames(out / "frames.png", results[0])
         progress.advance()
     print(f"report: {report}")
     return report
@@ -96,7 +99,12 @@ def _phases(tasks: Sequence[Task], episodes: int, workers: int) -> dict[str, flo
 
 def _clear(out: Path, tasks: Sequence[Task]) -> None:
     """Remove what an earlier demo wrote there, and nothing else."""
-    names = [f"demonstrations-{task}.h5" for task in tasks] + ["episodes.csv", "summary.json", "report.html"]
+    names = [f"demonstrations-{task}.h5" for task in tasks] + [
+        "episodes.csv",
+        "summary.json",
+        "report.html",
+        "frames.png",
+    ]
     names += [f"{policy}-{task}.npz" for policy in POLICIES for task in tasks]
     for name in names:
         (out / name).unlink(missing_ok=True)
@@ -179,6 +187,19 @@ def _place(
             runs[job.source].append(result)
             progress.advance(status=f"{job.source} seed {job.seed}: {_words(result)}")
     return {name: tuple(group) for name, group in runs.items()}, lost
+
+
+def _draw_frames(path: Path, results: TaskResults) -> None:
+    """The first task's proposed policy in two rows: placing; disturbance and repair."""
+    run = pictured_run(results.runs["gp-word"])
+    if run is None:  # its first episode was lost; the report says so
+        return
+    placing, repair = placing_ticks(run), disturbance_ticks(run)
+    rows = [[placing[k] for k in (0, 3, 5, 7, 9)], [repair[k] for k in (2, 3, 4, 6, 9)] if repair else []]
+    picture = sheet([strip(run, ticks, results.draw, FRAME_WIDTH) for ticks in rows if ticks])
+    with replacing(path) as part:
+        if not cv2.imwrite(str(part), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)):
+            raise LayflatError(f"{path} could not be written as a PNG file; check the disk")
 
 
 def _words(episode: Episode) -> str:

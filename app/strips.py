@@ -100,6 +100,18 @@ def has_images(episode: Episode) -> bool:
     return any(observation.rgb is not None for observation in episode.observations())
 
 
+def sheet(rows: Sequence[Sequence[Frame]]) -> NDArray[np.uint8]:
+    """One picture of several strips of equal length, a row each, with moment and contact written on every frame."""
+    if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
+        raise ValueError("a sheet needs at least one strip, all of one length and not empty")
+    lines = [np.hstack([_bordered(_titled(f.image, f"{f.word} {100 * f.contact:.0f} %")) for f in row]) for row in rows]
+    return np.asarray(np.vstack(lines), dtype=np.uint8)
+
+
+def _bordered(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.pad(image, ((0, 4), (0, 4), (0, 0)), constant_values=255)
+
+
 def _spread(first: int, last: int, count: int) -> list[int]:
     return [int(tick) for tick in np.linspace(first, last, count).round()]
 
@@ -113,7 +125,7 @@ def _resized(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
 
 def _titled(image: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
     canvas = image.copy()
-    size = image.shape[1] / 800
+    size = max(image.shape[1] / 800, 0.45)
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     box = canvas[: height + 14, : width + 18]
     box[:] = (0.35 * box + 0.65 * np.array([24, 28, 36])).astype(np.uint8)

@@ -190,3 +190,18 @@ def test_a_browser_lays_the_page_out(tmp_path, report):
     image = cv2.imread(str(shot))
     assert image.shape[:2] == (1600, 1200)
     assert image.std() > 20
+
+
+def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
+    episode = make_episode(images=True)
+    rows = [strips.strip(episode, ticks, strips.plain_draw, 80) for ticks in ([0, 5, 10], [12, 15, 20])]
+    picture = strips.sheet(rows)
+    height, width = rows[0][0].image.shape[:2]
+    assert picture.shape == (2 * (height + 4), 3 * (width + 4), 3)
+    for j in range(2):
+        for k in range(3):  # the lower half: the upper has the words on it
+            top, left = j * (height + 4) + height // 2, k * (width + 4)
+            shown = picture[top : top + height - height // 2, left : left + width]
+            np.testing.assert_array_equal(shown, rows[j][k].image[height // 2 :])
+    with pytest.raises(ValueError, match="equal|one length"):
+        strips.sheet([rows[0], rows[1][:2]])
