@@ -203,5 +203,5 @@ def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
             top, left = j * (height + 4) + height // 2, k * (width + 4)
             shown = picture[top : top + height - height // 2, left : left + width]
             np.testing.assert_array_equal(shown, rows[j][k].image[height // 2 :])
-    with pytest.raises(ValueError, match="equal|one length"):
+    with pytest.raises(ValueError, match="one length"):
         strips.sheet([rows[0], rows[1][:2]])
