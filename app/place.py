@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -125,4 +126,5 @@ def show(episodes: list[Episode]) -> None:
         cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
         flat = f"{row['flat_area_final']:.3f}"
         table.add_row(str(episode.seed), *cells, flat, str(row["ticks"]), episode.stopped_by)
-    Console().print(table)
+    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
