@@ -46,12 +46,6 @@ def known_name(kind: str, name: str, known: Iterable[str]) -> str:
     return name
 
 
-def same_task(path: Path, *, found: str, wanted: str) -> None:
-    """A model or data set for the other task is a wrong call."""
-    if found != wanted:
-        raise WrongCall(f"{path} is for the {found} task; the {wanted} task is needed here")
-
-
 def readable_file(path: Path, what: str) -> Path:
     """``path`` if it is a file that can be read, else WrongCall; ``what`` says what it should have been."""
     if not path.exists():

@@ -18,7 +18,6 @@ from multiprocessing import get_context
 
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
-from app.errors import LayflatError
 from data.types import Episode, Task
 from policy import registry
 from policy.base import Policy
@@ -156,14 +155,6 @@ def _result(job: EpisodeJob, future: ProcessFuture) -> Episode | JobFailure:
     except SimError as error:
         return JobFailure(job=job, reason=str(error))
     return episode
-
-
-def episode_of(result: Episode | JobFailure) -> Episode:
-    """The episode, or LayflatError for one that did not come back."""
-    if isinstance(result, JobFailure):
-        job = result.job
-        raise LayflatError(f"the {job.source} episode of seed {job.seed} was lost: {result.reason}; try it again")
-    return result
 
 
 def _prepare_worker() -> None:

@@ -128,9 +128,3 @@ def test_output_that_cannot_be_written_is_found_before_the_work(tmp_path):
 def test_a_good_output_path_leaves_nothing_behind(tmp_path):
     checks.writable_file(tmp_path / "new" / "m.npz", force=False)
     assert not list((tmp_path / "new").iterdir())
-
-
-def test_models_for_the_other_task_are_refused():
-    with pytest.raises(WrongCall, match="is for the pickers task"):
-        checks.same_task(Path("m.npz"), found="pickers", wanted="hanger")
-    checks.same_task(Path("m.npz"), found="hanger", wanted="hanger")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 class DragWorld:
     """One axis: the holder drags a cloth with some slack in it; contact is what the slack leaves.
 
-    A demonstrator drags at 6 % of the missing contact, 4 to 10 mm a tick, and holds once the cloth is flat. The slack
+    A demonstrator drags at 6 % of the missing contact, 3 to 10 mm a tick, and holds once the cloth is flat. The slack
     differs between demonstrations, so that the same x occurs with different contact: the lesson to be learned.
     """
 
@@ -45,7 +46,7 @@ class DragWorld:
         self.slack_m -= dx
 
     def demonstrate(self) -> float:
-        return float(np.clip(0.06 * (1 - self.contact), 0.004, 0.01)) if self.contact < 0.985 else 0.0
+        return float(np.clip(0.06 * (1 - self.contact), 0.003, 0.01)) if self.contact < 0.985 else 0.0
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +178,8 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
     travel, left = {}, {}
     for name, model in models.items():
         for added_m in (0.0, 0.045):
-            policy = GpPolicy(model, guard=AnyOf())
+            # This demonstrator's slowest move is 3 mm; the threshold stays well below it.
+            policy = GpPolicy(replace(model, stop_threshold_m=0.001), guard=AnyOf())
             policy.reset(0)
             world = DragWorld(observe, 0.06, 0.0, 1)
             assert _run(policy, world) == "threshold"
@@ -187,10 +189,8 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
             assert _run(policy, world) == "threshold"
             travel[name, added_m], left[name, added_m] = world.x - placed_x, world.slack_m
     assert travel["gp-baseline", 0.045] == travel["gp-baseline", 0.0]
-    assert travel["gp-baseline", 0.045] == 0.0
     assert travel["gp-word", 0.045] > travel["gp-word", 0.0] + 0.02
-    # It stops with some of the wrinkle left, as the thesis's robot does: its output fades below the threshold.
-    assert left["gp-word", 0.045] < 0.5 * 0.045 < left["gp-baseline", 0.045]
+    assert left["gp-word", 0.045] < 0.2 * 0.045 < left["gp-baseline", 0.045]
 
 
 def _run(policy: GpPolicy, world: DragWorld, ticks: int = 80) -> str | None:

@@ -91,6 +91,9 @@ FORCE_TIME_N_S = 0.5 * SMALL.mass_kg * GRAVITY_M_S2 * 0.5
         ((3, 3), (10.0, 0.0), 0.05),
         # A lifted patch drapes the cloth around it, and Bullet's damping takes a share of that motion's momentum.
         ((3, 3), (0.0, 10.0), 0.12),
+        pytest.param(
+            (3, 3), (0.0, 10.0), 0.05, marks=pytest.mark.xfail(strict=True, reason="a lifted patch loses up to 8 %")
+        ),
     ],
 )
 def test_momentum_is_force_times_time(patch: tuple[int, int], path: tuple[float, float], tolerance: float) -> None:
