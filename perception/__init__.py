@@ -1,9 +1,10 @@
 """From images to what is known of the cloth: arrays in, arrays out; no simulator, no files."""
 
 from perception.contact import contact_portion
+from perception.descriptor import Descriptor, Direction
 from perception.errors import PerceptionError
 from perception.overlay import draw_percept
-from perception.percept import Descriptor, Perceiver, Percept, PerceptionConfig
+from perception.percept import Perceiver, Percept, PerceptionConfig
 from perception.pinhole import Pinhole
 from perception.segmentation import HsvRange
 from perception.tableview import ClothView, TableGrid
@@ -13,6 +14,7 @@ __all__ = [
     "THESIS",
     "ClothView",
     "Descriptor",
+    "Direction",
     "HsvRange",
     "Perceiver",
     "Percept",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,22 +14,6 @@ from perception.pinhole import FloatArray, Pinhole
 from perception.segmentation import HsvRange, segment
 from perception.tableview import BoolArray, ClothView, TableGrid, TableView, bounding_window, touches_border
 from perception.word import Word, WordConfig, compute_word
-
-
-@runtime_checkable
-class Descriptor(Protocol):
-    """Turns a view of the cloth into a short vector."""
-
-    @property
-    def name(self) -> str:
-        """As in files and tables."""
-
-    @property
-    def size(self) -> int:
-        """Length of the vector."""
-
-    def describe(self, view: ClothView) -> NDArray[np.float64]:
-        """(size,) finite numbers; all zeros for a view without cloth."""
 
 
 @dataclass(frozen=True, kw_only=True)

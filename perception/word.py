@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perception.descriptor import Direction, axial_mean, wrinkle_normals
 from perception.errors import PerceptionError
 from perception.gabor import GaborParams, gabor_bank
 from perception.tableview import BoolArray, ClothView
@@ -74,15 +75,8 @@ class WordConfig:
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
-        """(n, 2) v_i: unit perpendicular of wrinkle direction theta_i = i pi / n, of the two the one with x >= 0.
-
-        Wrinkles along x (theta_0) have two with x = 0; +y is taken.
-        """
-        theta = np.arange(self.orientations) * math.pi / self.orientations
-        normals = np.column_stack([np.sin(theta), -np.cos(theta)])
-        normals[0] = (0.0, 1.0)
-        normals.setflags(write=False)
-        return normals
+        """(n, 2) v_i of Eq. 3-3, from ``wrinkle_normals``."""
+        return wrinkle_normals(self.orientations)
 
 
 THESIS = WordConfig(
@@ -167,13 +161,6 @@ def compute_word(view: ClothView, config: WordConfig) -> Word:
     )
 
 
-def axial_mean(weights: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Weighted mean (2,) of axes, x >= 0, and its coherence in 0..1: angles are doubled, averaged and halved."""
-    total = np.sum(weights * (normals[:, 0] + 1j * normals[:, 1]) ** 2)
-    half = math.atan2(total.imag, total.real) / 2
-    return np.array([max(0.0, math.cos(half)), math.sin(half)]), float(abs(total) / weights.sum())
-
-
 class WordDescriptor:
     """WORD as a Descriptor: two numbers."""
 
@@ -186,6 +173,11 @@ class WordDescriptor:
     def describe(self, view: ClothView) -> NDArray[np.float64]:
         """(2,) unit vector with x >= 0, or zeros where there is no direction."""
         return compute_word(view, self.config).direction
+
+    def direction(self, view: ClothView) -> Direction:
+        """Eq. 3-3."""
+        word = compute_word(view, self.config)
+        return Direction(vector=word.direction, coherence=word.coherence, strength=word.strength)
 
 
 def _reduced(view: ClothView, decimation: int) -> tuple[NDArray[np.float32], BoolArray, BoolArray, NDArray[np.float32]]:

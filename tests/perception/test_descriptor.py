@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.percept import Descriptor
+from perception.descriptor import Descriptor
 from perception.tableview import ClothView
 from perception.word import THESIS, WordDescriptor
 

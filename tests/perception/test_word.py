@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from perception.descriptor import axial_mean
 from perception.errors import PerceptionError
 from perception.tableview import ClothView
-from perception.word import THESIS, WordConfig, WordDescriptor, axial_mean, compute_word, wrinkle_sums
+from perception.word import THESIS, WordConfig, WordDescriptor, compute_word, wrinkle_sums
 
 CONFIG = WordConfig()
 
