@@ -16,6 +16,8 @@ from data.attributes import Attribute, digest, set_attribute
 from data.types import ACTION_LIMIT_M, DataError, Episode, Observation, Task
 
 CHUNK_BYTES = 1 << 20
+PACKING = {"compression": "gzip", "compression_opts": 1}
+"""Of real frames, half the size of lzf for half as much time again, and every HDF5 tool reads it: lzf is h5py's own."""
 LIBVER = ("v110", "v110")
 """The oldest format of HDF5 that carries checksums in its own structures, so that damage is noticed; h5py reads it."""
 INT64_MAX = 2**63 - 1
@@ -103,7 +105,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
             continue
         rows = np.ascontiguousarray(arrays[field.key], dtype=field.dtype)
         chunked = {"chunks": _chunks(rows), "fletcher32": True} if rows.size else {}
-        packed = {"compression": "lzf"} if field.packed and rows.size else {}
+        packed = PACKING if field.packed and rows.size else {}
         dataset = group.create_dataset(field.key, data=rows, **chunked, **packed)
         set_attribute(dataset.attrs, schema.UNIT, field.unit)
         set_attribute(dataset.attrs, schema.FRAME, field.frame)

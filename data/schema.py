@@ -149,7 +149,7 @@ class Field:
     """Names of the columns; empty where the task, the cloth or the image decides on them."""
     optional: bool = False
     packed: bool = False
-    """Compressed without loss (lzf): worth its time for images only."""
+    """Compressed without loss: worth its time for images only."""
 
 
 ACTIONS = "actions"
