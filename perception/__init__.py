@@ -2,30 +2,40 @@
 
 from perception.contact import contact_portion
 from perception.descriptor import Descriptor, Direction
+from perception.descriptors import DESCRIPTORS, descriptor
 from perception.errors import PerceptionError
 from perception.overlay import draw_percept
 from perception.percept import Perceiver, Percept, PerceptionConfig
 from perception.pinhole import Pinhole
 from perception.segmentation import HsvRange
+from perception.sheet import Drawing, Light, Sheet, Wave, draw_sheet
 from perception.tableview import ClothView, TableGrid
-from perception.word import THESIS, Word, WordConfig, WordDescriptor, compute_word
+from perception.word import AXIAL, LETTER, Word, WordConfig, WordDescriptor, compute_word
 
 __all__ = [
-    "THESIS",
+    "AXIAL",
+    "DESCRIPTORS",
+    "LETTER",
     "ClothView",
     "Descriptor",
     "Direction",
+    "Drawing",
     "HsvRange",
+    "Light",
     "Perceiver",
     "Percept",
     "PerceptionConfig",
     "PerceptionError",
     "Pinhole",
+    "Sheet",
     "TableGrid",
+    "Wave",
     "Word",
     "WordConfig",
     "WordDescriptor",
     "compute_word",
     "contact_portion",
+    "descriptor",
     "draw_percept",
+    "draw_sheet",
 ]

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from perception.descriptor import Descriptor
+from perception.descriptors import DESCRIPTORS
 from perception.tableview import ClothView
-from perception.word import THESIS, WordDescriptor
-
-DESCRIPTORS: list[Descriptor] = [WordDescriptor(), WordDescriptor(THESIS)]
 
 
 def random_view(seed: int, cloth: bool = True) -> ClothView:
@@ -20,7 +18,7 @@ def random_view(seed: int, cloth: bool = True) -> ClothView:
     return ClothView(rgb=rgb, cloth=mask, contact=mask, height=np.zeros(shape, np.float32), mm_per_px=2.5)
 
 
-@pytest.mark.parametrize("descriptor", DESCRIPTORS)
+@pytest.mark.parametrize("descriptor", [make() for make in DESCRIPTORS.values()], ids=DESCRIPTORS.keys())
 def test_descriptor_contract(descriptor: Descriptor) -> None:
     assert isinstance(descriptor, Descriptor)
     assert descriptor.name
