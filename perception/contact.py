@@ -15,6 +15,9 @@ SUNKEN_M = -0.05
 """No sensor errs by so much: a cloth mostly below this was measured in other units or from another place."""
 HIGHEST_M = 0.06
 """Heights above are all equally far from contact; clipped for the same reason."""
+MOST_STRETCH = 1.06
+"""Area of a stretched cloth / area of the same cloth at rest, at most. The bench's cloths, laid by two corners, come to
+1.03 to 1.06; a cloth that seems to be larger still is another one than P_flat was counted with."""
 
 
 def smooth_height(height: NDArray[np.float32], cloth: BoolArray, size_px: int = 5) -> NDArray[np.float32]:
@@ -52,11 +55,16 @@ def contact_mask(cloth: BoolArray, height: NDArray[np.float32], below_m: float) 
     return cloth & (height <= np.float32(below_m))
 
 
-def contact_portion(contact_pixels: int, flat_pixels: int) -> float:
-    """Eq. 4-7: C = P_contact / P_flat, both counted in the same table view; noise may take it slightly above 1."""
+def contact_portion(contact_pixels: int, *, cloth_pixels: int, flat_pixels: int) -> float:
+    """Eq. 4-7, C = P_contact / P_flat, with P_flat as large as the cloth has become; all counted in the same table view.
+
+    A cloth held by two corners is stretched, and a stretched cloth covers more pixels than P_flat: by Eq. 4-7 to the
+    letter its contact reads 1 while parts of it still stand up. Whoever sees more cloth than P_flat sees the stretch,
+    so then C = P_contact / P_cloth, up to MOST_STRETCH. Above 1 only if the cloth is not the one of ``flat_pixels``.
+    """
     if flat_pixels <= 0:
         raise PerceptionError(f"flat_pixels is {flat_pixels}; it must be the positive pixel count of the flat cloth")
-    return contact_pixels / flat_pixels
+    return contact_pixels / min(max(flat_pixels, cloth_pixels), MOST_STRETCH * flat_pixels)
 
 
 def _nearest(values: NDArray[np.float32], known: BoolArray) -> NDArray[np.float32]:

@@ -59,7 +59,7 @@ class Percept:
     contact_pixels: int
     """P_contact of Eq. 4-7."""
     contact_portion: float
-    """Eq. 4-7; noise may take it slightly above 1. NaN if the perceiver does not know flat_pixels."""
+    """Eq. 4-7 for a cloth that may be stretched: see perception.contact. NaN if flat_pixels is not known."""
     word: NDArray[np.float64]
     """(2,) wrinkle contraction direction by the descriptor: unit vector in table coordinates with x >= 0, or zeros
     where there is no direction."""
@@ -111,14 +111,15 @@ class Perceiver:
         """Image (H, W, 3) uint8 and depth (H, W) m along the optical axis, 0 where missing -> Percept."""
         seen = self._look(rgb, depth)
         direction = Direction.none() if seen.view is None else self.config.descriptor.direction(seen.view)
-        pixels = int(np.count_nonzero(seen.contact))
+        contact, cloth, flat = int(np.count_nonzero(seen.contact)), int(np.count_nonzero(seen.cloth)), self.flat_pixels
+        portion = math.nan if flat is None else contact_portion(contact, cloth_pixels=cloth, flat_pixels=flat)
         return Percept(
             grid=self.config.grid,
             cloth_mask=seen.cloth,
             contact_mask=seen.contact,
-            cloth_pixels=int(np.count_nonzero(seen.cloth)),
-            contact_pixels=pixels,
-            contact_portion=math.nan if self.flat_pixels is None else contact_portion(pixels, self.flat_pixels),
+            cloth_pixels=cloth,
+            contact_pixels=contact,
+            contact_portion=portion,
             word=direction.vector,
             coherence=direction.coherence,
             strength=direction.strength,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from perception.contact import HIGHEST_M, LOWEST_M, contact_mask, contact_portion, smooth_height
+from perception.contact import HIGHEST_M, LOWEST_M, MOST_STRETCH, contact_mask, contact_portion, smooth_height
 from perception.errors import PerceptionError
 
 HEIGHTS = arrays(np.float32, (9, 11), elements=st.floats(-(2**-7), 3 * 2**-6, width=32))
@@ -75,8 +75,27 @@ def test_a_cloth_under_the_table_is_an_error_not_contact() -> None:
         smooth_height(np.full((5, 5), -0.3, dtype=np.float32), np.ones((5, 5), dtype=bool))
 
 
-def test_contact_portion_is_the_ratio() -> None:
-    assert contact_portion(5228, 10000) == pytest.approx(0.5228)
-    assert contact_portion(0, 7) == 0.0
+@given(
+    flat=st.integers(1, 10**6), cloth=st.floats(0, 1), contact=st.floats(0, 1)
+)  # shares: of the flat cloth that is seen, and of that what lies
+def test_contact_portion_is_the_ratio_of_eq_4_7(flat: int, cloth: float, contact: float) -> None:
+    """As long as no more cloth is seen than there is: what is hidden, folded or lifted away is not in contact."""
+    cloth_pixels = int(cloth * flat)
+    contact_pixels = int(contact * cloth_pixels)
+    portion = contact_portion(contact_pixels, cloth_pixels=cloth_pixels, flat_pixels=flat)
+    assert portion == contact_pixels / flat
+
+
+@given(flat=st.integers(10**4, 10**6), stretch=st.floats(1.0, MOST_STRETCH), share=st.floats(0, 1))
+def test_a_stretched_cloth_is_not_more_in_contact(flat: int, stretch: float, share: float) -> None:
+    cloth_pixels = int(stretch * flat)
+    portion = contact_portion(round(share * cloth_pixels), cloth_pixels=cloth_pixels, flat_pixels=flat)
+    assert portion == pytest.approx(share, abs=1e-4)
+    assert portion <= 1.0
+
+
+def test_a_cloth_that_no_stretch_explains_is_noticed() -> None:
+    """A napkin's P_flat with a towel in view: the portion says that something is wrong, it is not hidden as 1."""
+    assert contact_portion(19_600, cloth_pixels=19_600, flat_pixels=9_460) > 1.9
     with pytest.raises(PerceptionError, match="flat_pixels is 0"):
-        contact_portion(5, 0)
+        contact_portion(5, cloth_pixels=5, flat_pixels=0)
