@@ -157,13 +157,13 @@ def compute_word(view: ClothView, config: WordConfig) -> Word:
 
 def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], float]:
     """L of Algorithm 1, (n,) per counted pixel, for each orientation; and the strength, 0 where there is no wrinkle."""
-    masks = _masks(view, config)
+    masks = counting_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations), 0.0
-    light = _light(view, config)
+    light = light_image(view, config)
     sums, strength = _channel(light, masks, config.light_floor, view.mm_per_px, config)
     if config.relief:
-        relief, slope = _channel(_relief(view, config), masks, config.relief_floor, view.mm_per_px, config)
+        relief, slope = _channel(relief_image(view, config), masks, config.relief_floor, view.mm_per_px, config)
         sums, strength = sums + relief, strength + slope
     return sums, strength if sums.max() > 0 else 0.0
 
@@ -198,7 +198,7 @@ def _channel(
     return np.array(means) if strength > 0 else np.zeros(len(means)), strength
 
 
-def _masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
+def counting_masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
     """Where responses count, and where of that the outline has no part in them; None where that is too little."""
     scale = 1 / view.mm_per_px
     counted = eroded(view.cloth, config.erosion_mm * scale) & dilated(view.contact, config.near_contact_mm * scale)
@@ -208,7 +208,7 @@ def _masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] |
     return (counted, inner) if cv2.countNonZero(inner.view(np.uint8)) >= least else None
 
 
-def _light(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+def light_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) brightness relative to the cloth's mean, so that the exposure cancels."""
     image = relative_brightness(view.rgb, view.cloth)
     if not config.fill:
@@ -216,7 +216,7 @@ def _light(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     return filled(image, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=1.0)
 
 
-def _relief(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+def relief_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) height in units in which a wave of slope s and of the kernel's wavelength has amplitude s."""
     per_m = 2 * math.pi / (config.wavelength_mm / 1000)
     height = np.minimum(view.height, np.float32(config.max_height_m)) * np.float32(per_m)
