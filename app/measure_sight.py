@@ -5,7 +5,6 @@ Frames are drawn, so that no simulation is needed; each function once in a fresh
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 
@@ -22,7 +21,7 @@ from perception.percept import Perceiver, PerceptionConfig
 from perception.segmentation import segment
 from perception.sheet import Drawing, Frame, Sheet, Wave, draw_sheet
 from perception.tableview import ClothView
-from perception.word import AXIAL, WordConfig, counting_masks, light_image, relief_image, wrinkle_sums
+from perception.word import AXIAL, WordConfig, counting_masks, less_noise, light_image, relief_image, wrinkle_sums
 from sim.camera import default_pinhole
 from sim.sensor import DepthNoise, DepthSensor
 
@@ -76,22 +75,21 @@ def plain_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:
     masks = counting_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations)
-    sums = _plain_channel(light_image(view, config), masks[0], config.light_floor, view, config)
+    sums = _plain_channel(light_image(view, config), masks[0], view, config)
     if config.relief:
-        sums = sums + _plain_channel(relief_image(view, config), masks[0], config.relief_floor, view, config)
+        sums = sums + _plain_channel(relief_image(view, config), masks[0], view, config)
     return sums
 
 
 def _plain_channel(
-    image: NDArray[np.float32], counted: NDArray[np.bool_], floor: float, view: ClothView, config: WordConfig
+    image: NDArray[np.float32], counted: NDArray[np.bool_], view: ClothView, config: WordConfig
 ) -> NDArray[np.float64]:
     means = []
     for kernel in gabor_bank(config.gabor(view.mm_per_px), config.thetas, config.zero_mean):
         response = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
         size = np.maximum(response, 0) if config.half_wave else np.abs(response)
-        mean = float(size[counted].mean(dtype=np.float64))
-        means.append(math.sqrt(max(mean**2 - floor**2, 0.0)) if config.fill else mean)
-    return np.array(means)
+        means.append(float(size[counted].mean(dtype=np.float64)))
+    return less_noise(np.array(means), config) if config.fill else np.array(means)
 
 
 def same_numbers(config: WordConfig = AXIAL) -> float:
