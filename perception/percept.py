@@ -16,6 +16,9 @@ from perception.pinhole import FloatArray, Pinhole
 from perception.segmentation import HsvRange, segment
 from perception.tableview import BoolArray, ClothView, TableGrid, TableView, bounding_window, touches_border
 
+VIEW_MARGIN_MM = 45.0
+"""Table around the cloth in a descriptor's view: half of the largest kernel, so that no answer depends on the cut."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PerceptionConfig:
@@ -138,7 +141,7 @@ class Perceiver:
         cloth_seen = segment(rgb, self.config.colour, self.config.min_area_px)
         height_seen, cut_by_image = self._cloth_height(cloth_seen, depth)
         cloth = self.view.rectify_mask(cloth_seen)
-        window = bounding_window(cloth, margin=4)
+        window = bounding_window(cloth, margin=math.ceil(VIEW_MARGIN_MM / grid.mm_per_px))
         if window is None:
             return _Seen(cloth=cloth, contact=contact, view=None, out_of_view=cut_by_image or not cloth_seen.any())
         height = self.view.rectify(height_seen, window)

@@ -59,20 +59,21 @@ class WordConfig:
     """Responses farther than this from the contact do not count (the flanks of a wrinkle are not in contact)."""
     max_height_m: float = math.inf
     """Nor do those where the cloth is higher than this."""
-    light_floor: float = 0.003
-    """Mean response of the brightness that is noise, relative brightness. A flat cloth with sensor noise of 3 grey
-    levels shows at most 0.002; wrinkles of 60 mm and 2 mm amplitude 0.065 when lit across from 45 degrees."""
-    relief_floor: float = 0.055
-    """The same of the relief, as a slope. A flat cloth under a D435 at 1 m shows at most 0.048, the wrinkles 0.12."""
+    noise_ratio: float = 2.2
+    """Means up to this many times that of the weakest orientation are noise, which has no orientation, whatever the
+    sensor, its distance and the exposure: 40 flat sheets under 0.25 to 1.5 of the exposure and 0.5 to 3 times a D435's
+    noise showed at most 2.0 (and 1.7 with the kernel of ``word-axial``)."""
+    least_response: float = 0.002
+    """Nor do means below this count, relative brightness or slope: rounding to grey levels makes 0.0005."""
     min_area_mm2: float = 2500.0
     """There is no direction on less cloth than this: about a square of one wavelength."""
 
     def __post_init__(self) -> None:
         if self.orientations < 2:
             raise PerceptionError(f"orientations is {self.orientations}; at least 2 are needed")
-        distances = (self.erosion_mm, self.near_contact_mm, self.light_floor, self.relief_floor, self.min_area_mm2)
+        distances = (self.erosion_mm, self.near_contact_mm, self.least_response, self.min_area_mm2)
         if min(distances) < 0:
-            raise PerceptionError(f"{self}: distances, areas and noise floors must not be negative")
+            raise PerceptionError(f"{self}: distances, areas and responses must not be negative")
         self.gabor(1.0)
 
     def gabor(self, mm_per_px: float) -> GaborParams:
@@ -111,6 +112,7 @@ AXIAL = WordConfig(
     erosion_mm=14.0,
     near_contact_mm=25.0,
     max_height_m=0.03,
+    noise_ratio=1.8,
 )
 """Chosen from the tables of docs/word.md. An even kernel is blind to a slow gradient of the light; a round envelope
 answers to neighbouring orientations so evenly that eight of them interpolate without bias (a long one errs by 5 degrees
@@ -133,7 +135,7 @@ class Word:
     """0..1: length of the doubled-angle mean; 1 where all responses are in one orientation, 0 where they are equal."""
     strength: float
     """>= 0: mean response of the strongest orientation, as a share of the cloth's brightness plus, with relief, a
-    slope. 0 where nothing exceeds the noise floors."""
+    slope. 0 where nothing exceeds the noise."""
     weights: NDArray[np.float64]
     """(n,) w of Eq. 3-2, 0..1, for wrinkles at i pi / n from the x axis."""
 
@@ -157,13 +159,13 @@ def compute_word(view: ClothView, config: WordConfig) -> Word:
 
 def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], float]:
     """L of Algorithm 1, (n,) per counted pixel, for each orientation; and the strength, 0 where there is no wrinkle."""
-    masks = _masks(view, config)
+    masks = counting_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations), 0.0
-    light = _light(view, config)
-    sums, strength = _channel(light, masks, config.light_floor, view.mm_per_px, config)
+    light = light_image(view, config)
+    sums, strength = _channel(light, masks, view.mm_per_px, config)
     if config.relief:
-        relief, slope = _channel(_relief(view, config), masks, config.relief_floor, view.mm_per_px, config)
+        relief, slope = _channel(relief_image(view, config), masks, view.mm_per_px, config)
         sums, strength = sums + relief, strength + slope
     return sums, strength if sums.max() > 0 else 0.0
 
@@ -171,14 +173,13 @@ def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float6
 def _channel(
     image: NDArray[np.float32],
     masks: tuple[BoolArray, BoolArray],
-    floor: float,
     mm_per_px: float,
     config: WordConfig,
 ) -> tuple[NDArray[np.float64], float]:
-    """(n,) mean response over the first mask, and the strength: the largest mean over the second, above ``floor``.
+    """(n,) mean response over the first mask, and the strength: the largest mean over the second, less the noise.
 
     Where the outside is filled, the noise's share is taken out of each mean: its power adds to that of the wrinkles.
-    Algorithm 1 has no such thing; there the floor only tells whether there is a wrinkle.
+    Algorithm 1 has no such thing; there the noise only tells whether there is a wrinkle.
     """
     window = bounding_window(masks[0])
     if window is None:
@@ -192,13 +193,20 @@ def _channel(
             response = np.maximum(response, 0, out=response)
         means.append(cv2.norm(response, cv2.NORM_L1, counted) / pixels)
         inners.append(means[-1] if config.fill else cv2.norm(response, cv2.NORM_L1, inner) / inner_pixels)
-    strength = math.sqrt(max(max(inners) ** 2 - floor**2, 0.0))
+    without_noise = less_noise(np.array(inners), config)
+    strength = float(without_noise.max())
     if config.fill:
-        return np.sqrt(np.maximum(np.square(means) - floor**2, 0.0)), strength
+        return without_noise, strength
     return np.array(means) if strength > 0 else np.zeros(len(means)), strength
 
 
-def _masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
+def less_noise(means: NDArray[np.float64], config: WordConfig) -> NDArray[np.float64]:
+    """(n,) mean responses without what is noise among them, 0 where that is all."""
+    floor = max(config.least_response, config.noise_ratio * float(means.min()))
+    return np.sqrt(np.maximum(means**2 - floor**2, 0.0))
+
+
+def counting_masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
     """Where responses count, and where of that the outline has no part in them; None where that is too little."""
     scale = 1 / view.mm_per_px
     counted = eroded(view.cloth, config.erosion_mm * scale) & dilated(view.contact, config.near_contact_mm * scale)
@@ -208,7 +216,7 @@ def _masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] |
     return (counted, inner) if cv2.countNonZero(inner.view(np.uint8)) >= least else None
 
 
-def _light(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+def light_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) brightness relative to the cloth's mean, so that the exposure cancels."""
     image = relative_brightness(view.rgb, view.cloth)
     if not config.fill:
@@ -216,7 +224,7 @@ def _light(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     return filled(image, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=1.0)
 
 
-def _relief(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+def relief_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) height in units in which a wave of slope s and of the kernel's wavelength has amplitude s."""
     per_m = 2 * math.pi / (config.wavelength_mm / 1000)
     height = np.minimum(view.height, np.float32(config.max_height_m)) * np.float32(per_m)

@@ -12,6 +12,7 @@ import pytest
 from perception.errors import PerceptionError
 from perception.percept import Perceiver, Percept, PerceptionConfig
 from perception.pinhole import Pinhole
+from perception.sheet import Drawing, Light, Sheet, draw_sheet
 from perception.tableview import TableGrid
 from perception.word import WordDescriptor
 
@@ -49,6 +50,15 @@ def test_flat_cloth_is_all_contact_and_has_no_direction(look: Callable[..., Perc
         assert not percept.out_of_view
 
 
+@pytest.mark.parametrize("depth_noise_m", [0.0, 0.001, 0.004, 0.008])
+@pytest.mark.parametrize("exposure", [0.25, 1.4])
+def test_noise_is_no_direction_whatever_the_sensor(perceiver: Perceiver, depth_noise_m: float, exposure: float) -> None:
+    for seed in range(3):
+        how = Drawing(light=Light(exposure=exposure), rgb_noise=4.0, depth_noise_m=depth_noise_m, seed=seed)
+        frame = draw_sheet(perceiver.camera, Sheet(size=(0.275, 0.215)), how)
+        assert perceiver.perceive(frame.rgb, frame.depth).strength == 0.0
+
+
 def test_flat_count_does_not_depend_on_place_or_turn(look: Callable[..., Percept]) -> None:
     counts = [
         look(centre=centre, yaw=yaw).contact_pixels
@@ -84,10 +94,8 @@ def test_a_cloth_in_the_air_has_no_contact_and_no_direction(look: Callable[..., 
     assert percept.strength == 0.0
 
 
-def test_without_cloth_there_is_nothing_and_it_is_said(
-    perceiver: Perceiver, tilted_camera: Pinhole, draw_sheet: Callable
-) -> None:
-    frame = draw_sheet(tilted_camera, None, seed=0)
+def test_without_cloth_there_is_nothing_and_it_is_said(perceiver: Perceiver, tilted_camera: Pinhole) -> None:
+    frame = draw_sheet(tilted_camera, None, Drawing().noisy(0))
     percept = perceiver.perceive(frame.rgb, frame.depth)
     assert percept.cloth_pixels == percept.contact_pixels == 0
     assert percept.contact_portion == percept.strength == percept.coherence == 0.0
