@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perception.contact import contact_mask, contact_portion, smooth_height
+from perception.contact import contact_mask, contact_portion, covered_pixels, smooth_height
 from perception.descriptor import Descriptor, Direction
 from perception.descriptors import DEFAULT, descriptor
 from perception.errors import PerceptionError
@@ -114,20 +114,26 @@ class Perceiver:
         """Image (H, W, 3) uint8 and depth (H, W) m along the optical axis, 0 where missing -> Percept."""
         seen = self._look(rgb, depth)
         direction = Direction.none() if seen.view is None else self.config.descriptor.direction(seen.view)
-        contact, cloth, flat = int(np.count_nonzero(seen.contact)), int(np.count_nonzero(seen.cloth)), self.flat_pixels
-        portion = math.nan if flat is None else contact_portion(contact, cloth_pixels=cloth, flat_pixels=flat)
+        contact = int(np.count_nonzero(seen.contact))
         return Percept(
             grid=self.config.grid,
             cloth_mask=seen.cloth,
             contact_mask=seen.contact,
-            cloth_pixels=cloth,
+            cloth_pixels=int(np.count_nonzero(seen.cloth)),
             contact_pixels=contact,
-            contact_portion=portion,
+            contact_portion=self._portion(contact, seen.view),
             word=direction.vector,
             coherence=direction.coherence,
             strength=direction.strength,
             out_of_view=seen.out_of_view,
         )
+
+    def _portion(self, contact_pixels: int, view: ClothView | None) -> float:
+        if self.flat_pixels is None:
+            return math.nan
+        camera, level = float(self.camera.position[2]), self.config.contact_height_m
+        covered = 0.0 if view is None else covered_pixels(view.cloth, view.height, level_m=level, camera_m=camera)
+        return contact_portion(contact_pixels, covered=covered, flat_pixels=self.flat_pixels)
 
     def cloth_view(self, rgb: NDArray[np.uint8], depth: FloatArray) -> ClothView | None:
         """What descriptors are given of a frame; None without cloth. Arguments as of ``perceive``."""
