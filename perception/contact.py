@@ -67,7 +67,7 @@ def covered_pixels(cloth: BoolArray, height: NDArray[np.float32], *, level_m: fl
 
 
 def contact_portion(contact_pixels: int, *, covered: float, flat_pixels: int) -> float:
-    """Eq. 4-7, C = P_contact / P_flat, with P_flat as large as the cloth has become; all counted in the same table view.
+    """Eq. 4-7, C = P_contact / P_flat, P_flat as large as the cloth has become; counted in the same table view.
 
     A cloth held by two corners is stretched, and a stretched cloth covers more pixels than P_flat: by Eq. 4-7 to the
     letter its contact reads 1 while parts of it still stand up. Whoever sees more cloth than P_flat sees the stretch,

@@ -209,7 +209,7 @@ class Cloth:
         bullet.removeConstraint(constraint, physicsClientId=self.world.client)
 
     def contact_portion_true(self, nodes: FloatArray) -> float:
-        """Share of the cloth's area at rest that rests on the table, 0..1. Blind to folds, and to stretch: see flat_area.
+        """Share of the cloth that rests on the table, by area at rest, 0..1. Blind to folds and stretch: see flat_area.
 
         Heights are linear in each triangle. The share of nodes would jump by a whole row (1/13) as the cloth is laid,
         and count a node of the border, which holds half a cell, like an inner one: 0.016 off on average, 0.09 at worst.

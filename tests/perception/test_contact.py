@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from perception.contact import HIGHEST_M, LOWEST_M, MOST_STRETCH, contact_mask, contact_portion, covered_pixels, smooth_height
+from perception.contact import (
+    HIGHEST_M,
+    LOWEST_M,
+    MOST_STRETCH,
+    contact_mask,
+    contact_portion,
+    covered_pixels,
+    smooth_height,
+)
 from perception.errors import PerceptionError
 
 HEIGHTS = arrays(np.float32, (9, 11), elements=st.floats(-(2**-7), 3 * 2**-6, width=32))

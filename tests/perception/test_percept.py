@@ -76,9 +76,7 @@ def test_a_lifted_part_is_not_contact(look: Callable[..., Percept]) -> None:
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.01, 1.02])
-def test_stretch_is_not_taken_for_contact(
-    perceiver: Perceiver, look: Callable[..., Percept], stretch: float
-) -> None:
+def test_stretch_is_not_taken_for_contact(perceiver: Perceiver, look: Callable[..., Percept], stretch: float) -> None:
     """Stretched along both sides, all of it lying or with one end lifted: the same share lies, whatever its size."""
     known = perceiver.with_flat_pixels(look({"seed": 0}).cloth_pixels)  # P_flat through the same noise
     side = 0.35 * stretch

@@ -155,9 +155,7 @@ def test_areas_of_a_cloth_in_the_air_are_zero(bench_cloth: Cloth) -> None:
     assert bench_cloth.contact_portion_true(SMALL.flat_nodes()) == 1.0
 
 
-@given(
-    tilt=st.floats(-1.0, 1.0), roll=st.floats(-1.0, 1.0), base=st.floats(-0.05, 0.06), stretch=st.floats(0.9, 1.1)
-)
+@given(tilt=st.floats(-1.0, 1.0), roll=st.floats(-1.0, 1.0), base=st.floats(-0.05, 0.06), stretch=st.floats(0.9, 1.1))
 def test_contact_of_a_tilted_sheet_is_the_area_below(
     bench_cloth: Cloth, tilt: float, roll: float, base: float, stretch: float
 ) -> None:

@@ -79,7 +79,7 @@ def test_a_flat_cloth_is_all_contact(bench: Bench, height_m: float, stretch: tup
 
 @pytest.mark.parametrize("stretch", [1.0, 1.02])
 def test_a_wrinkle_of_a_taut_cloth_is_missed_contact(bench: Bench, stretch: float) -> None:
-    """A ridge 25 mm high across the cloth, as a drag that is too short leaves it: seen as such, not filled by stretch."""
+    """A ridge 25 mm high across the cloth, as a drag that is too short leaves it: stretch does not fill it up."""
     nodes = bench.spec.flat_nodes(z_m=0.002) * [stretch, stretch, 1.0]
     nodes[:, 2] += 0.025 * np.exp(-((nodes[:, 0] - 0.6 * bench.spec.length_m) ** 2) / (2 * 0.025**2))
     assert bench.cloth.contact_portion_true(nodes) < 0.85
