@@ -6,10 +6,14 @@ from collections.abc import Callable, Mapping
 
 from perception.descriptor import Descriptor
 from perception.errors import PerceptionError
+from perception.hog import HogDescriptor
+from perception.how import HowDescriptor
 from perception.word import WordDescriptor
 
 DESCRIPTORS: Mapping[str, Callable[[], Descriptor]] = {
     "word": WordDescriptor,
+    "how": HowDescriptor,
+    "hog": HogDescriptor,
 }
 
 

@@ -13,7 +13,7 @@ from sim.world import SimError, World
 
 CENTRE_M = (0.20, 0.0)
 """Where the bench lays its cloth."""
-SETTLE_S = 0.4
+SETTLE_S = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,13 +36,13 @@ class Wrinkling:
 
     @classmethod
     def random(cls, rng: np.random.Generator, spec: ClothSpec, normal_rad: float) -> Wrinkling:
-        """Wavelength of 2.6 to 3.2 cells, amplitude of 8 to 13 % of it, any phase."""
+        """Wavelength of 2.5 to 3.1 cells, amplitude of 8.5 to 12.5 % of it, any phase."""
         cell_m = max(spec.length_m / (spec.rows - 1), spec.width_m / (spec.columns - 1))
-        wavelength_m = float(rng.uniform(2.6, 3.2)) * cell_m
+        wavelength_m = float(rng.uniform(2.5, 3.1)) * cell_m
         return cls(
             normal_rad=normal_rad,
             wavelength_m=wavelength_m,
-            amplitude_m=float(rng.uniform(0.08, 0.13)) * wavelength_m,
+            amplitude_m=float(rng.uniform(0.085, 0.125)) * wavelength_m,
             phase_rad=float(rng.uniform(0.0, 2 * math.pi)),
         )
 

@@ -1,0 +1,88 @@
+"""How right the descriptors are on cloth that Bullet wrinkled in one direction, seen by the bench's camera with noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from perception.contact import contact_mask
+from perception.descriptors import DESCRIPTORS, descriptor
+from perception.percept import Perceiver
+from perception.segmentation import segment
+from perception.tableview import ClothView, bounding_window
+from sim.camera import Camera
+from sim.cloth import Cloth, cloth_spec
+from sim.world import World
+from sim.wrinkled import Wrinkling, settled_wrinkles
+from sim.wrinkles import WrinkleTruth, wrinkle_truth
+
+MIN_COHERENCE = 0.6
+"""Of the mesh truth: below it the cloth has no one direction to be right about."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One cloth, what its mesh says, and what each descriptor says, degrees; NaN where there is no direction."""
+
+    imposed: float
+    truth: WrinkleTruth
+    error: dict[str, float]
+    contact_portion: float
+
+
+def axis_angle(vector: np.ndarray) -> float:
+    return math.degrees(math.atan2(vector[1], vector[0])) if vector.any() else math.nan
+
+
+def axis_error(one: float, other: float) -> float:
+    """Degrees between two axes, 0..90."""
+    apart = (one - other) % 180
+    return min(apart, 180 - apart)
+
+
+def cloth_view(perceiver: Perceiver, rgb: np.ndarray, depth: np.ndarray) -> ClothView:
+    """What ``Perceiver.perceive`` gives to WORD. To be replaced by ``Perceiver.cloth_view`` once that exists."""
+    seen = segment(rgb, perceiver.config.colour, perceiver.config.min_area_px)
+    height, _ = perceiver._cloth_height(seen, depth)
+    cloth = perceiver.view.rectify_mask(seen)
+    window = bounding_window(cloth, margin=4)
+    assert window is not None
+    height = perceiver.view.rectify(height, window)
+    return ClothView(
+        rgb=perceiver.view.rectify(rgb, window),
+        cloth=cloth[window],
+        contact=contact_mask(cloth[window], height, perceiver.config.contact_height_m),
+        height=height,
+        mm_per_px=perceiver.config.grid.mm_per_px,
+    )
+
+
+def measured(cloth: str, *, angles: int, repeats: int, seed: int) -> Iterator[Case]:
+    """``angles`` directions over 180 degrees x ``repeats`` draws of wavelength, amplitude and phase."""
+    spec = cloth_spec(cloth)
+    world = World(step_s=1.0 / spec.rate_hz, table_friction=1.0)
+    camera = Camera(world, Cloth(world, spec), seed=seed)  # with depth noise
+    perceiver = Perceiver(camera.pinhole)
+    perceiver = perceiver.with_flat_pixels(perceiver.perceive(*camera.capture(spec.flat_nodes())).cloth_pixels)
+    others = {name: descriptor(name) for name in DESCRIPTORS}
+    rng = np.random.default_rng([seed, 0x3B1F])
+    for index in range(angles * repeats):
+        normal = -math.pi / 2 + math.pi * (index % angles) / angles
+        nodes = settled_wrinkles(spec, Wrinkling.random(rng, spec, normal))
+        truth = wrinkle_truth(nodes, spec)
+        frame = camera.capture(nodes)
+        percept, view = perceiver.perceive(*frame), cloth_view(perceiver, *frame)
+        said = {"word (percept)": percept.word, "word-axial (percept)": percept.word_axial}
+        said |= {name: one.direction(view).vector for name, one in others.items()}
+        np.testing.assert_allclose(said["word (percept)"], said["word"], atol=1e-9)  # the same view
+        yield Case(
+            imposed=math.degrees(normal),
+            truth=truth,
+            error={name: axis_error(axis_angle(vector), axis_angle(truth.direction)) for name, vector in said.items()},
+            contact_portion=percept.contact_portion,
+        )
+    world.close()
