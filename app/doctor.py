@@ -27,7 +27,7 @@ REQUIRED = {
     "gymnasium": "gymnasium",
     "numpy": "numpy",
     "scipy": "scipy",
-    "opencv-python-headless": "cv2",
+    "opencv-contrib-python-headless": "cv2",
     "GPy": "GPy",
     "h5py": "h5py",
     "pygame": "pygame",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from data.types import Provenance
 
-PACKAGES = ("layflat", "pybullet", "numpy", "scipy", "opencv-python-headless", "gymnasium", "GPy", "h5py")
+PACKAGES = ("layflat", "pybullet", "numpy", "scipy", "opencv-contrib-python-headless", "gymnasium", "GPy", "h5py")
 """Whose version can change a number."""
 
 

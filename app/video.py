@@ -68,7 +68,7 @@ def _open(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWriter:
     with _quiet_stderr():
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*FOURCC), fps, size)
     if not writer.isOpened():
-        raise LayflatError("this OpenCV cannot write .webm films; install opencv-python-headless")
+        raise LayflatError("this OpenCV cannot write .webm films; install opencv-contrib-python-headless")
     return writer
 
 

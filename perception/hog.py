@@ -61,7 +61,7 @@ class HogDescriptor:
         window, cell = self.config.window_px, self.config.cell_px
         block, stride, apart = (2 * cell, 2 * cell), (cell, cell), (cell, cell)
         # The last argument: without it OpenCV takes the square root of the grey levels, and brightness is already
-        # relative to the cloth's mean. Those before it are OpenCV's defaults: a central difference, L2-Hys clipped at 0.2.
+        # relative to the cloth's mean. Before it OpenCV's defaults: a central difference, L2-Hys clipped at 0.2.
         self._hog = make((window, window), block, stride, apart, self.config.bins, 1, -1.0, 0, 0.2, False)
 
     @property
@@ -89,14 +89,15 @@ class HogDescriptor:
             return Direction.none()
         # Each pixel votes for the two bins beside its angle; a central difference spans two pixels.
         votes, nearest = self._hog.computeGradient(self._grey(prepared), None, None)
-        histogram = np.bincount(nearest[lying].ravel(), votes[lying].ravel(), self.config.bins)
+        counts = np.bincount(nearest[lying].ravel(), votes[lying].ravel(), self.config.bins)
+        histogram = np.asarray(counts, dtype=np.float64)
         if not histogram.any():
             return Direction.none()
         # Bins are centred on half steps; the window's rows run against y.
         angle = (np.arange(self.config.bins) + 0.5) * math.pi / self.config.bins
         vector, coherence = axial_mean(histogram, np.column_stack([np.cos(angle), -np.sin(angle)]))
         # Noise has gradients in all directions, as large as those of shallow wrinkles: what they share does not count.
-        strength = coherence * float(histogram.sum()) / np.count_nonzero(lying) / 2 / GREY
+        strength = float(coherence * histogram.sum() / np.count_nonzero(lying) / 2 / GREY)
         if strength <= self.config.noise_floor:
             return Direction.none()
         return Direction(vector=vector, coherence=coherence, strength=strength)

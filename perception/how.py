@@ -1,4 +1,4 @@
-"""HOW, histogram of oriented wrinkles (Jia, Hu, Pan and Manocha, ICRA 2018; thesis 2-2 and 3-1-1), in table coordinates.
+"""HOW, histogram of oriented wrinkles (Jia, Hu, Pan and Manocha, ICRA 2018; thesis 2-2, 3-1-1), table coordinates.
 
 As far as the thesis and the paper's outline tell: take the cloth out of the image, apply Gabor filters of several
 orientations and wavelengths, keep low- and high-frequency components, sum the answers over the cells of a grid, stack

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -14,7 +15,9 @@ from sim.cloth import CONTACT_TOLERANCE_M, ClothSpec
 from sim.world import SimError
 
 MAX_HEIGHT_M = 0.03
-"""Cloth above this is held or folded up, not wrinkled."""
+"""Cloth above this is held or folded up, not wrinkled ..."""
+FOOT_CELLS = 2
+"""... and as far as this around it, along the cloth, rises to there."""
 MAX_SLOPE = 1.0
 """What is steeper counts as if it rose by 45 degrees, lest one upright crease outweigh all the rest."""
 MIN_ENERGY = 1e-3
@@ -49,7 +52,8 @@ def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
     """Structure tensor of the height of ``nodes`` (N, 3) m: J = sum(A g g^T); its strongest axis is the direction.
 
     g = (dz/dx, dz/dy) at the samples of the smooth surface through the nodes, A the area around each seen from above.
-    Only samples below MAX_HEIGHT_M with the face up take part: what is folded over shows its reverse.
+    Only samples that lie take part: below MAX_HEIGHT_M, not at the foot of what is above, and with the face up, since
+    what is folded over shows its reverse.
     """
     if nodes.shape != (spec.rows * spec.columns, 3):
         raise SimError(f"nodes have shape {nodes.shape}; cloth {spec.name} has {(spec.rows * spec.columns, 3)}")
@@ -75,7 +79,9 @@ def _lying(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     d_row = np.einsum("ai,ijk,bj->abk", along, grid, columns, optimize=True)
     d_column = np.einsum("ai,ijk,bj->abk", rows, grid, across, optimize=True)
     normal = np.cross(d_column, d_row)
-    lying = (normal[..., 2] > 0) & (height < MAX_HEIGHT_M)
+    foot = np.ones((2 * FOOT_CELLS * SAMPLES_PER_CELL + 1,) * 2, dtype=np.uint8)
+    lifted = cv2.dilate((height >= MAX_HEIGHT_M).astype(np.uint8), foot) > 0
+    lying = (normal[..., 2] > 0) & ~lifted
     slope = -normal[lying, :2] / normal[lying, 2:]
     steepness = np.linalg.norm(slope, axis=1, keepdims=True)
     return normal[lying, 2] / SAMPLES_PER_CELL**2, slope * (MAX_SLOPE / np.maximum(steepness, MAX_SLOPE))
