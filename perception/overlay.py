@@ -26,6 +26,8 @@ TINT = 0.38
 """Opacity of the contact's tint."""
 ARROW_M = 0.12
 """Length of WORD's arrow on the table."""
+PEN_WIDTH = 320
+"""Image width at which lines are one pixel thick; a camera's larger picture has thicker ones and larger letters."""
 _SHIFT = 4
 """Fractional bits of the drawing coordinates: outlines on a small image would else step by whole pixels."""
 
@@ -43,11 +45,12 @@ def draw_percept(rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scal
     size = (camera.width * scale, camera.height * scale)
     canvas = np.array(cv2.resize(rgb, size, interpolation=cv2.INTER_CUBIC) if scale > 1 else rgb, dtype=np.uint8)
     to_canvas = _grid_to_canvas(percept, camera, scale)
+    pen = max(1, round(canvas.shape[1] / PEN_WIDTH))
     _tint(canvas, percept.contact_mask, to_canvas)
-    _outline(canvas, percept.cloth_mask, to_canvas, CLOTH, scale)
-    _outline(canvas, percept.contact_mask, to_canvas, CONTACT, scale)
-    _draw_word(canvas, percept, to_canvas, scale)
-    _write_numbers(canvas, percept, scale)
+    _outline(canvas, percept.cloth_mask, to_canvas, CLOTH, pen)
+    _outline(canvas, percept.contact_mask, to_canvas, CONTACT, pen)
+    _draw_word(canvas, percept, to_canvas, pen)
+    _write_numbers(canvas, percept, pen)
     return canvas
 
 
