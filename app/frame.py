@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +72,7 @@ def word(
     result = content(seen, known, lens, assumed=intrinsics is None)
     result |= {"contact_mm": contact_mm, "depth_scale_mm": depth_scale, "flat_pixels": flat_pixels}
     if overlay is not None:
-        _write_picture(overlay, draw_percept(rgb, seen.percept, seen.camera))
+        _write_picture(overlay, _drawn(rgb, seen, known))
     if json is not None:
         write_json(json, result)
     show(result)
@@ -134,6 +134,13 @@ def _check_outputs(outputs: tuple[Path | None, ...], inputs: tuple[Path, ...], *
     for path in outputs:
         if path is not None:
             checks.writable_file(path, force=force)
+
+
+def _drawn(rgb: NDArray[np.uint8], seen: SeenFrame, known: Descriptor) -> NDArray[np.uint8]:
+    """The frame with the direction that this descriptor gives."""
+    direction = known.direction(seen.view)
+    shown = replace(seen.percept, word=direction.vector, strength=direction.strength)
+    return draw_percept(rgb, shown, seen.camera, label="WORD" if known.name == "word" else known.name)
 
 
 def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:

@@ -12,6 +12,7 @@ from scipy.signal import find_peaks
 from scipy.stats import circmean
 
 from perception.errors import PerceptionError
+from perception.pinhole import Window
 from perception.segmentation import HsvRange
 from perception.tableview import BoolArray
 
@@ -19,6 +20,10 @@ GREY = 0.18
 """Saturation below which a colour is grey to a camera: its hue is noise, or the white balance's."""
 DARK = 0.10
 """Value below which the hue is noise."""
+LEAST_OF_PATCH = 0.3
+"""Share of the pixels around a point that must have a colour."""
+SHADED_SATURATION = 0.65
+"""Share of a surface's saturation that its shaded and its glossy parts keep."""
 HUE_REACH = 18.0
 """Degrees from its hue within which the cloth's pixels are looked for."""
 HUE_MARGIN, HUE_LEAST, HUE_MOST = 8.0, 14.0, 40.0
@@ -44,8 +49,14 @@ def learn_hsv(rgb: NDArray[np.uint8], at: tuple[int, int]) -> HsvRange:
     radius = max(2, round(width / 200))
     patch = (slice(max(0, row - radius), row + radius + 1), slice(max(0, column - radius), column + radius + 1))
     where = f"the colour at {column},{row}"
-    _refuse_grey(float(np.median(saturation[patch])), float(np.median(value[patch])), where)
-    region = _piece(hue, saturation, value, patch)
+    coloured = (saturation[patch] > GREY) & (value[patch] > DARK)
+    if coloured.mean() < LEAST_OF_PATCH:
+        raise PerceptionError(
+            f"{where} is {'black' if np.median(value[patch]) < DARK else 'grey'} (saturation "
+            f"{np.median(saturation[patch]):.2f}, value {np.median(value[patch]):.2f}) and has no hue, by which a cloth "
+            f"is told from the table: at least {GREY} and {DARK} are needed"
+        )
+    region = _piece(hue, saturation, value, patch, coloured)
     share = np.count_nonzero(region) / region.size
     if share < SMALLEST_SHARE:
         raise PerceptionError(
@@ -67,9 +78,12 @@ def suggest_hsv(rgb: NDArray[np.uint8], where: BoolArray | None = None) -> HsvRa
         coloured &= where
     best, best_worth = None, 0.0
     for centre in _hue_peaks(hue[coloured], saturation[coloured]):
-        piece, worth = _best_piece(coloured & (np.abs(_turn(hue - centre)) < HUE_REACH), saturation)
-        if worth > best_worth:
-            best, best_worth = piece, worth
+        alike = coloured & (np.abs(_turn(hue - centre)) < HUE_REACH)
+        # On a wooden table an orange cloth is the more saturated part of one hue.
+        for mask in (alike, alike & (saturation > _otsu(saturation[alike]))):
+            piece, worth = _best_piece(mask, saturation)
+            if worth > best_worth:
+                best, best_worth = piece, worth
     if best is None:
         raise PerceptionError(
             "no coloured cloth stands out in the picture; give its colour or a point on it "
@@ -89,21 +103,17 @@ def _turn(degrees: NDArray[np.float32] | float) -> NDArray[np.float32]:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0, dtype=np.float32)
 
 
-def _refuse_grey(saturation: float, value: float, where: str) -> None:
-    if saturation < GREY or value < DARK:
-        raise PerceptionError(
-            f"{where} is {'black' if value < DARK else 'grey'} (saturation {saturation:.2f}, value {value:.2f}) and "
-            f"has no hue; a cloth is told from the table by its hue: at least {GREY} and {DARK} are needed"
-        )
-
-
 def _piece(
-    hue: NDArray[np.float32], saturation: NDArray[np.float32], value: NDArray[np.float32], patch: tuple[slice, slice]
+    hue: NDArray[np.float32],
+    saturation: NDArray[np.float32],
+    value: NDArray[np.float32],
+    patch: Window,
+    coloured: BoolArray,
 ) -> BoolArray:
-    """The connected pixels with the patch's colour, lit or shaded, that touch the patch."""
-    centre = float(circmean(hue[patch], high=360.0))
-    least = max(0.7 * GREY, 0.6 * float(np.median(saturation[patch])))
-    dim = max(0.5 * DARK, 0.25 * float(np.median(value[patch])))
+    """The connected pixels with the colour of the patch's ``coloured`` pixels, lit or shaded, that touch the patch."""
+    centre = float(circmean(hue[patch][coloured], high=360.0))
+    least = max(0.7 * GREY, SHADED_SATURATION * float(np.median(saturation[patch][coloured])))
+    dim = max(0.5 * DARK, 0.25 * float(np.median(value[patch][coloured])))
     alike = (np.abs(_turn(hue - centre)) < HUE_REACH) & (saturation > least) & (value > dim)
     _, labels = cv2.connectedComponents(cv2.medianBlur(alike.astype(np.uint8), 5), connectivity=8)
     touched = np.bincount(labels[patch].ravel())
@@ -123,9 +133,15 @@ def _range_of(
     return HsvRange(
         hue_min=round((centre + low) % 360.0, 1),
         hue_max=round((centre + high) % 360.0, 1),
-        saturation_min=round(float(np.clip(0.7 * np.percentile(saturation[region], 1), 0.7 * GREY, 0.8)), 3),
+        saturation_min=round(float(np.clip(0.75 * np.percentile(saturation[region], 1), 0.7 * GREY, 0.8)), 3),
         value_min=round(float(np.clip(0.5 * np.percentile(value[region], 1), 0.5 * DARK, 0.5)), 3),
     )
+
+
+def _otsu(values: NDArray[np.float32]) -> float:
+    """The value in 0..1 that best parts low from high."""
+    level, _ = cv2.threshold(np.rint(255 * values).astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    return float(level) / 255
 
 
 def _hue_peaks(hue: NDArray[np.float32], saturation: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -27,16 +27,18 @@ TINT = 0.38
 ARROW_M = 0.12
 """Length of WORD's arrow on the table."""
 PEN_WIDTH = 320
-"""Image width at which lines are one pixel thick; a camera's larger picture has thicker ones and larger letters."""
+"""Width of a picture with the thinnest lines and the smallest letters; both grow with larger ones."""
 _SHIFT = 4
 """Fractional bits of the drawing coordinates: outlines on a small image would else step by whole pixels."""
 
 
-def draw_percept(rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scale: int = 1) -> NDArray[np.uint8]:
+def draw_percept(
+    rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scale: int = 1, label: str = "WORD"
+) -> NDArray[np.uint8]:
     """The image (H, W, 3) enlarged ``scale`` times, with contact tinted, the cloth outlined, WORD as an arrow.
 
     The arrow starts at the contact's centroid and lies on the table; the contact portion is written in the corner.
-    Returns uint8 RGB; the input is left as it is.
+    ``label`` names the arrow. Returns uint8 RGB; the input is left as it is.
     """
     if rgb.shape != (camera.height, camera.width, 3):
         raise PerceptionError(f"rgb has shape {rgb.shape}; this camera gives {(camera.height, camera.width, 3)}")
@@ -50,7 +52,7 @@ def draw_percept(rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scal
     _outline(canvas, percept.cloth_mask, to_canvas, CLOTH, pen)
     _outline(canvas, percept.contact_mask, to_canvas, CONTACT, pen)
     _draw_word(canvas, percept, to_canvas, pen)
-    _write_numbers(canvas, percept, pen)
+    _write_numbers(canvas, percept, pen, label)
     return canvas
 
 
@@ -118,7 +120,7 @@ def _arrow(
     cv2.fillPoly(canvas, [fixed], colour, cv2.LINE_AA, _SHIFT)
 
 
-def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int) -> None:
+def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int, label: str) -> None:
     """Contact portion, WORD's direction and strength, and a warning, on a dark strip at the bottom left."""
     known = not math.isnan(percept.contact_portion)
     lines = [
@@ -126,7 +128,7 @@ def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int) -> N
     ]
     if percept.word.any():
         angle = math.degrees(math.atan2(percept.word[1], percept.word[0]))
-        lines.append((f"WORD {angle:+.0f} deg  {percept.strength:.3f}", ARROW))
+        lines.append((f"{label} {angle:+.0f} deg  {percept.strength:.3f}", ARROW))
     if percept.out_of_view:
         lines.append(("out of view", WARNING))
     font, size, weight = cv2.FONT_HERSHEY_SIMPLEX, 0.36 * scale, max(1, round(0.5 * scale))
