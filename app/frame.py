@@ -22,9 +22,11 @@ from perception.descriptors import DESCRIPTORS, descriptor
 from perception.frame import SeenFrame, see_frame
 from perception.lens import Lens
 from perception.overlay import draw_percept
-from perception.percept import PerceptionConfig
+from perception.percept import Percept, PerceptionConfig
 from perception.segmentation import HsvRange
 
+MOST_CONTACT = 1.05
+"""A contact portion that noise does not explain."""
 SEED = 0
 """Of the pixels and trials that the table is found with."""
 
@@ -49,13 +51,8 @@ def word(
         raise WrongCall("--hsv and --cloth-at both say what colour the cloth has; give one of them")
     colour, at = parse_hsv(hsv), parse_point(cloth_at)
     known = descriptor(checks.known_name("descriptor", descriptor_name, DESCRIPTORS))
-    if contact_mm is None:
-        contact_mm = 1000 * PerceptionConfig.contact_height_m
-    if not 1 <= contact_mm < 1000 * PerceptionConfig.near_height_m:
-        raise WrongCall(
-            f"--contact-mm is {contact_mm:g}; it must be at least 1 and below {1000 * PerceptionConfig.near_height_m:g}"
-        )
-    _check_outputs((json, overlay), (rgb_path, depth_path), force=force)
+    contact_m = contact_height(contact_mm)
+    _check_outputs(json, overlay, (rgb_path, depth_path), force=force)
     rgb, depth = read_rgb(rgb_path), read_depth(depth_path, depth_scale)
     same_size(rgb_path, rgb, depth_path, depth)
     lens = parse_intrinsics(intrinsics, *rgb.shape[1::-1])
@@ -65,18 +62,30 @@ def word(
         lens,
         colour=colour,
         cloth_at=at,
-        contact_height_m=contact_mm / 1000,
+        contact_height_m=contact_m,
         flat_pixels=flat_pixels,
         rng=np.random.default_rng(SEED),
     )
-    result = content(seen, known, lens, assumed=intrinsics is None)
-    result |= {"contact_mm": contact_mm, "depth_scale_mm": depth_scale, "flat_pixels": flat_pixels}
+    result = content(seen, known, lens, assumed=intrinsics is None, flat_pixels=flat_pixels)
+    result["depth_scale_mm"] = depth_scale
     if overlay is not None:
         _write_picture(overlay, _drawn(rgb, seen, known))
     if json is not None:
         write_json(json, result)
     show(result)
     return seen
+
+
+def contact_height(millimetres: float | None) -> float:
+    """m; the perceiver's own where none is given."""
+    if millimetres is None:
+        return PerceptionConfig.contact_height_m
+    if not 1 <= millimetres < 1000 * PerceptionConfig.near_height_m:
+        raise WrongCall(
+            f"--contact-mm is {millimetres:g}; it must be at least 1 and "
+            f"below {1000 * PerceptionConfig.near_height_m:g}"
+        )
+    return millimetres / 1000
 
 
 def parse_hsv(text: str | None) -> HsvRange | None:
@@ -119,19 +128,18 @@ def _numbers(option: str, text: str, form: str) -> list[float]:
     return numbers
 
 
-def _check_outputs(outputs: tuple[Path | None, ...], inputs: tuple[Path, ...], *, force: bool) -> None:
+def _check_outputs(json: Path | None, overlay: Path | None, inputs: tuple[Path, ...], *, force: bool) -> None:
     """Every output can be written, and none is an input or another output."""
     taken = [path.resolve() for path in inputs]
-    for path in outputs:
+    for path in (json, overlay):
         if path is None:
             continue
         if path.resolve() in taken:
             raise WrongCall(f"{path} is named twice; inputs and outputs must be different files")
         taken.append(path.resolve())
-    json, overlay = outputs
     if overlay is not None and overlay.suffix.lower() != ".png":
         raise WrongCall(f"{overlay} is not a .png file; the overlay is written as .png")
-    for path in outputs:
+    for path in (json, overlay):
         if path is not None:
             checks.writable_file(path, force=force)
 
@@ -149,7 +157,9 @@ def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
             raise LayflatError(f"{path} could not be written; is the disc full?")
 
 
-def content(seen: SeenFrame, known: Descriptor, lens: Lens, *, assumed: bool) -> dict[str, Any]:
+def content(
+    seen: SeenFrame, known: Descriptor, lens: Lens, *, assumed: bool, flat_pixels: int | None
+) -> dict[str, Any]:
     """The JSON object without its schema number; directions in image axes, x right, y up."""
     percept, plane = seen.percept, seen.plane
     portion = None if math.isnan(percept.contact_portion) else min(1.0, percept.contact_portion)
@@ -170,7 +180,7 @@ def content(seen: SeenFrame, known: Descriptor, lens: Lens, *, assumed: bool) ->
             "coherence": direction.coherence,
             "strength": direction.strength,
         },
-        "hsv": {**asdict(seen.colour), "source": seen.colour_source},
+        "hsv": {**asdict(seen.config.colour), "source": seen.colour_source},
         "plane": {
             "normal": plane.normal,
             "distance_mm": 1000 * plane.distance_m,
@@ -179,8 +189,20 @@ def content(seen: SeenFrame, known: Descriptor, lens: Lens, *, assumed: bool) ->
             "share": plane.share,
         },
         "intrinsics": {**asdict(lens), "assumed": assumed},
-        "warnings": list(seen.warnings),
+        "contact_mm": 1000 * seen.config.contact_height_m,
+        "flat_pixels": flat_pixels,
+        "warnings": [*seen.warnings, *_doubts(percept, flat_pixels)],
     }
+
+
+def _doubts(percept: Percept, flat_pixels: int | None) -> list[str]:
+    """What makes the contact portion doubtful."""
+    if flat_pixels is None or percept.contact_portion <= MOST_CONTACT:
+        return []
+    return [
+        f"{percept.contact_pixels} pixels lie on the table, more than {flat_pixels} flat pixels: "
+        "were these counted with this cloth?"
+    ]
 
 
 def _or_none(vector: NDArray[np.float64]) -> list[float] | None:

@@ -19,7 +19,7 @@ from app.errors import WrongCall
 
 MOST_PIXELS = 50_000_000
 """A D435's largest picture has 2 million; decoding more than this is not what was meant."""
-NOT_DECODED = (OSError, SyntaxError, ValueError, struct.error, zlib.error, Image.DecompressionBombError, cv2.error)
+NOT_DECODED = (OSError, SyntaxError, ValueError, LookupError, struct.error, zlib.error, cv2.error)
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
@@ -40,9 +40,13 @@ def read_depth(path: Path, scale_mm: float = 1.0) -> NDArray[np.float32]:
         raise WrongCall(f"--depth-scale is {scale_mm:g}; it must be the millimetres of one unit, such as 1 or 0.25")
     mode, pixels = _read(path, "a depth image as PNG with 16 bits")
     if pixels.ndim != 2 or mode == "LA":
-        raise WrongCall(f"{path} has {_kind(pixels)}; depth has one channel: save the sensor's values, not a picture of them")
+        raise WrongCall(
+            f"{path} has {_kind(pixels)}; depth has one channel: save the sensor's values, not a picture of them"
+        )
     if pixels.dtype != np.uint16:
-        raise WrongCall(f"{path} has {_kind(pixels)}; depth needs 16 bits, whole millimetres: 8 bits lose the millimetres")
+        raise WrongCall(
+            f"{path} has {_kind(pixels)}; depth needs 16 bits, whole millimetres: 8 bits lose the millimetres"
+        )
     if not pixels.any():
         raise WrongCall(f"{path} is 0 everywhere: it holds no depth at all")
     return np.asarray(pixels * np.float32(scale_mm / 1000), dtype=np.float32)
@@ -65,16 +69,20 @@ def _read(path: Path, what: str) -> tuple[str, NDArray[Any]]:
             warnings.simplefilter("ignore")  # about its size, which is looked at here
             with Image.open(path) as picture:
                 kind, mode, size = picture.format, picture.mode, picture.size
-                if kind == "PNG" and size[0] * size[1] <= MOST_PIXELS:
-                    picture.verify()
+            if kind == "PNG" and size[0] * size[1] <= MOST_PIXELS:
+                _try_out(path)
     except Image.DecompressionBombError as error:
-        raise WrongCall(f"{path} has more than {MOST_PIXELS // 10**6} million pixels; that is no camera's frame") from error
+        raise WrongCall(
+            f"{path} has more than {MOST_PIXELS // 10**6} million pixels; that is no camera's frame"
+        ) from error
     except NOT_DECODED as error:
         raise WrongCall(f"{path} is not a whole picture; give {what}") from error
     if kind != "PNG":
         raise WrongCall(f"{path} is a {kind} file; give {what}, which loses nothing")
     if size[0] * size[1] > MOST_PIXELS:
-        raise WrongCall(f"{path} has {size[0]}x{size[1]} px; more than {MOST_PIXELS // 10**6} million are no camera's frame")
+        raise WrongCall(
+            f"{path} has {size[0]}x{size[1]} px; more than {MOST_PIXELS // 10**6} million are no camera's frame"
+        )
     try:
         pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except NOT_DECODED as error:
@@ -82,6 +90,14 @@ def _read(path: Path, what: str) -> tuple[str, NDArray[Any]]:
     if pixels is None:
         raise WrongCall(f"{path} cannot be decoded; give {what}")
     return mode, pixels
+
+
+def _try_out(path: Path) -> None:
+    """Decode a PNG with Pillow, which raises where OpenCV prints: its checksums first, then its pixels."""
+    with Image.open(path) as picture:
+        picture.verify()
+    with Image.open(path) as picture:
+        picture.load()
 
 
 def _kind(pixels: NDArray[Any]) -> str:

@@ -7,9 +7,6 @@ import math
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import find_peaks
-from scipy.stats import circmean
 
 from perception.errors import PerceptionError
 from perception.pinhole import Window
@@ -53,8 +50,8 @@ def learn_hsv(rgb: NDArray[np.uint8], at: tuple[int, int]) -> HsvRange:
     if coloured.mean() < LEAST_OF_PATCH:
         raise PerceptionError(
             f"{where} is {'black' if np.median(value[patch]) < DARK else 'grey'} (saturation "
-            f"{np.median(saturation[patch]):.2f}, value {np.median(value[patch]):.2f}) and has no hue, by which a cloth "
-            f"is told from the table: at least {GREY} and {DARK} are needed"
+            f"{np.median(saturation[patch]):.2f}, value {np.median(value[patch]):.2f}) and has no hue, by which a "
+            f"cloth is told from the table: at least {GREY} and {DARK} are needed"
         )
     region = _piece(hue, saturation, value, patch, coloured)
     share = np.count_nonzero(region) / region.size
@@ -69,10 +66,10 @@ def learn_hsv(rgb: NDArray[np.uint8], at: tuple[int, int]) -> HsvRange:
 def suggest_hsv(rgb: NDArray[np.uint8], where: BoolArray | None = None) -> HsvRange:
     """The range of the most saturated, large and compact piece of one colour in an image (H, W, 3).
 
-    ``where`` (H, W) limits the search, for instance to what is on the table. What runs along the image's border is taken
-    for the table. A white, grey or black cloth has no hue and is never found.
+    ``where`` (H, W) limits the search, for instance to what is on the table. What runs along the image's border is
+    taken for the table. A white, grey or black cloth has no hue and is never found.
     """
-    hue, saturation, value = (cv2.medianBlur(channel, 5) for channel in _hsv(rgb))
+    hue, saturation, value = (np.asarray(cv2.medianBlur(channel, 5), np.float32) for channel in _hsv(rgb))
     coloured = (saturation > GREY) & (value > DARK)
     if where is not None:
         coloured &= where
@@ -103,6 +100,12 @@ def _turn(degrees: NDArray[np.float32] | float) -> NDArray[np.float32]:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0, dtype=np.float32)
 
 
+def _mean_hue(hue: NDArray[np.float32]) -> float:
+    from scipy.stats import circmean  # slow to import
+
+    return float(circmean(hue, high=360.0))
+
+
 def _piece(
     hue: NDArray[np.float32],
     saturation: NDArray[np.float32],
@@ -111,7 +114,7 @@ def _piece(
     coloured: BoolArray,
 ) -> BoolArray:
     """The connected pixels with the colour of the patch's ``coloured`` pixels, lit or shaded, that touch the patch."""
-    centre = float(circmean(hue[patch][coloured], high=360.0))
+    centre = _mean_hue(hue[patch][coloured])
     least = max(0.7 * GREY, SHADED_SATURATION * float(np.median(saturation[patch][coloured])))
     dim = max(0.5 * DARK, 0.25 * float(np.median(value[patch][coloured])))
     alike = (np.abs(_turn(hue - centre)) < HUE_REACH) & (saturation > least) & (value > dim)
@@ -126,7 +129,7 @@ def _range_of(
     hue: NDArray[np.float32], saturation: NDArray[np.float32], value: NDArray[np.float32], region: BoolArray
 ) -> HsvRange:
     """What holds 98 of 100 pixels of the region, widened."""
-    centre = float(circmean(hue[region], high=360.0))
+    centre = _mean_hue(hue[region])
     low, high = np.percentile(_turn(hue[region] - centre), [1, 99])
     low = float(np.clip(low - HUE_MARGIN, -HUE_MOST, -HUE_LEAST))
     high = float(np.clip(high + HUE_MARGIN, HUE_LEAST, HUE_MOST))
@@ -146,6 +149,9 @@ def _otsu(values: NDArray[np.float32]) -> float:
 
 def _hue_peaks(hue: NDArray[np.float32], saturation: NDArray[np.float32]) -> NDArray[np.float64]:
     """Degrees: the maxima of the hues' histogram, in which a pixel counts as much as it is saturated."""
+    from scipy.ndimage import gaussian_filter1d  # slow to import
+    from scipy.signal import find_peaks
+
     bins, width = 72, 5.0
     counts, _ = np.histogram(hue % 360.0, bins=bins, range=(0.0, 360.0), weights=saturation)
     smooth = gaussian_filter1d(counts.astype(np.float64), 1.5, mode="wrap")

@@ -1,4 +1,4 @@
-"""One RGB-D frame of a camera whose place nobody knows: colour, table plane and pose from the frame, then its Percept."""
+"""One RGB-D frame of a camera whose place nobody knows: colour, table and pose from the frame, then its Percept."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ PIECE_GAP = 0.12
 """... if its gap to the main piece is at most this share of the main piece's side (something lies across the cloth)."""
 NOISY_SHARE = 0.5
 """Contact is uncertain where the depth scatters by more than this share of the contact height."""
+LEAST_SEEN = 0.2
+"""Share of the cloth that must have a depth."""
 HOLES_SHARE = 0.3
 """So it is where more of the cloth than this has no depth."""
 
@@ -48,7 +50,8 @@ class SeenFrame:
     """In table coordinates that are the image's: x right, y up (``TablePlane.camera``)."""
     camera: Pinhole
     plane: TablePlane
-    colour: HsvRange
+    config: PerceptionConfig
+    """With the cloth's colour, and lengths that fit the picture's size."""
     colour_source: ColourSource
     view: ClothView
     """What a descriptor is given."""
@@ -69,8 +72,8 @@ def see_frame(
 ) -> SeenFrame:
     """Image (H, W, 3) uint8 and aligned depth (H, W) m, 0 where missing -> SeenFrame.
 
-    The cloth's ``colour`` is given, learned around pixel ``cloth_at`` (column, row), or suggested. PerceptionError where
-    there is no cloth, no table, or only part of the cloth.
+    The cloth's ``colour`` is given, learned around pixel ``cloth_at`` (column, row), or suggested. PerceptionError
+    where there is no cloth, no table, or only part of the cloth.
     """
     _check(rgb, depth, lens)
     source: ColourSource = "given" if colour else "learned" if cloth_at else "suggested"
@@ -100,12 +103,14 @@ def see_frame(
     perceiver = Perceiver(camera, config, flat_pixels)
     percept = perceiver.perceive(_without(rgb, found & ~cloth), depth)
     if percept.out_of_view:
-        raise PerceptionError("the cloth is cut by the image's border; move the camera or the cloth so that all is seen")
+        raise PerceptionError(
+            "the cloth is cut by the image's border; move the camera or the cloth so that all is seen"
+        )
     return SeenFrame(
         percept=percept,
         camera=camera,
         plane=plane,
-        colour=colour,
+        config=config,
         colour_source=source,
         view=_cloth_view(perceiver, percept, rgb, smooth_height(height, cloth, config.smoothing_px)),
         warnings=tuple(_warnings(found, cloth, depth, plane, config)),
@@ -133,17 +138,20 @@ def _check(rgb: NDArray[np.uint8], depth: FloatArray, lens: Lens) -> None:
 def _check_distance(plane: TablePlane) -> None:
     if not TABLE_RANGE_M[0] * 0.5 < plane.distance_m < TABLE_RANGE_M[1]:
         raise PerceptionError(
-            f"the table would be {plane.distance_m:.3g} m below the camera; do the depth's unit and the intrinsics fit it?"
+            f"the table would be {plane.distance_m:.3g} m below the camera; "
+            "do the depth's unit and the intrinsics fit it?"
         )
 
 
 def _check_lies(cloth: BoolArray, height: NDArray[np.float32]) -> None:
     """The cloth is on this table or above it."""
-    seen = height[cloth]
-    seen = seen[~np.isnan(seen)]
-    if len(seen) == 0:
-        raise PerceptionError("no pixel of the cloth has a depth; light it better, or move the camera nearer or farther")
-    middle = float(np.median(seen))
+    known = ~np.isnan(height[cloth])
+    if known.mean() < LEAST_SEEN:
+        raise PerceptionError(
+            f"{100 * known.mean():.0f} % of the cloth has a depth, at least {100 * LEAST_SEEN:.0f} % are needed; "
+            "light it better, or move the camera nearer or farther"
+        )
+    middle = float(np.median(height[cloth][known]))
     if middle < SUNKEN_M:
         raise PerceptionError(
             f"the cloth lies {-1000 * middle:.0f} mm below the table that was found around it; "

@@ -16,16 +16,22 @@ from numpy.typing import NDArray
 from perception.errors import PerceptionError
 from perception.lens import Lens
 from perception.pinhole import FloatArray, Pinhole
-from perception.tableview import BoolArray, bounding_window
+from perception.tableview import BoolArray
 
 RESIDUAL_PER_M = 0.008
 """A pixel whose 1/z is farther than this from the plane is no table: 8 mm at 1 m, three times a D435's noise."""
+WIDEST_PER_M = 0.024
+"""No noise makes the final fit take pixels from farther than this; a sensor three times as bad as a D435's."""
 MIN_POINTS = 400
 """Depth pixels that a plane must at least be fitted to."""
 MIN_SHARE = 0.3
 """Share of them that must lie on it; a table without other objects in the picture has more than 0.9."""
 MAX_TILT_DEG = 80.0
 """Between the optical axis and the table's perpendicular; beyond, the table is seen edge on."""
+RIM_SHARE = 0.01
+"""Of the image's width: a depth pixel is matched over a window, so that the cloth's rim draws its neighbours up."""
+RING_SHARE = 0.3
+"""Width of the ring around the cloth, as a share of its side."""
 RANSAC_POINTS, FIT_POINTS = 4000, 80_000
 """Pixels, drawn by chance, that trials and the final fit are made with."""
 MAX_TRIALS = 1500
@@ -57,8 +63,8 @@ class TablePlane:
     def camera(self, lens: Lens) -> Pinhole:
         """The camera over this table.
 
-        Its world has z = 0 on the table and the origin below the camera; x is the image's right, laid on the table along
-        the perpendicular; y, at a right angle to x, runs to the side of the image's top. Directions in table
+        Its world has z = 0 on the table and the origin below the camera; x is the image's right, laid on the table
+        along the perpendicular; y, at a right angle to x, runs to the side of the image's top. Directions in table
         coordinates are then the image's, x right and y up, freed from the foreshortening of a tilted view.
         """
         right = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
@@ -69,13 +75,11 @@ class TablePlane:
         return lens.at(pose)
 
 
-def fit_plane(
-    depth: FloatArray, lens: Lens, *, rng: np.random.Generator, cloth: BoolArray | None = None
-) -> TablePlane:
+def fit_plane(depth: FloatArray, lens: Lens, *, rng: np.random.Generator, cloth: BoolArray | None = None) -> TablePlane:
     """The table in ``depth`` (H, W) m, 0 or not finite where missing.
 
-    Cloth (H, W) takes no part. What lies around it does, in a window of twice its size, so that a larger floor
-    is not taken for the table and a sensor's bent field of depth matters less; without ``cloth`` the whole image does.
+    Cloth (H, W) takes no part. What lies in a ring around it does, so that a larger floor is not taken for the table
+    and a sensor's bent field of depth matters less; without ``cloth`` the whole image does.
     RANSAC (scikit-learn's) finds the plane, least squares on its inliers refines it. ``rng`` draws pixels and trials.
     """
     if depth.shape != (lens.height, lens.width):
@@ -109,9 +113,6 @@ def _points(
     """(N, 3) slopes (u, v, 1) and (N,) 1/z of pixels that may be table, in random order."""
     wanted = (depth > 0) & (depth < np.inf)
     if cloth is not None and cloth.any():
-        # A depth pixel is matched over a window, so the cloth's rim draws its neighbours up.
-        radius = max(2, round(lens.width / 100))
-        wanted &= ~cv2.dilate(cloth.astype(np.uint8), np.ones((2 * radius + 1,) * 2, np.uint8)).astype(bool)
         wanted = _around(cloth, wanted)
     rows, columns = np.nonzero(wanted)
     if len(rows) < MIN_POINTS:
@@ -126,15 +127,11 @@ def _points(
 
 
 def _around(cloth: BoolArray, wanted: BoolArray) -> BoolArray:
-    """``wanted`` within a window of twice the cloth's size, or as it is where that leaves too little."""
-    window = bounding_window(cloth)
-    if window is None:
-        return wanted
-    margin = max(window[0].stop - window[0].start, window[1].stop - window[1].start) // 2
-    wide = bounding_window(cloth, margin)
-    near = np.zeros_like(wanted)
-    near[wide] = wanted[wide]
-    return near if np.count_nonzero(near) >= MIN_POINTS else wanted
+    """``wanted`` in a ring around the cloth, or everywhere beside it where the ring has too little."""
+    gap = cv2.distanceTransform((~cloth).astype(np.uint8), cv2.DIST_L2, 5)
+    beside = wanted & (gap > max(2, RIM_SHARE * cloth.shape[1]))
+    ring = beside & (gap < RING_SHARE * math.sqrt(np.count_nonzero(cloth)))
+    return ring if np.count_nonzero(ring) >= MIN_POINTS else beside
 
 
 def _ransac(
@@ -172,10 +169,10 @@ def _refined(
     """Least squares on the points within three times their own scatter, until these stay the same."""
     inliers = np.abs(inverse - rays @ plane) < RESIDUAL_PER_M
     for _ in range(10):
-        plane = np.linalg.lstsq(rays[inliers], inverse[inliers], rcond=None)[0]
+        plane = np.asarray(np.linalg.lstsq(rays[inliers], inverse[inliers], rcond=None)[0], dtype=np.float64)
         residual = np.abs(inverse - rays @ plane)
         scatter = max(1.4826 * float(np.median(residual[inliers])), STEP_PER_M)
-        kept = residual < min(RESIDUAL_PER_M, 3 * scatter)
+        kept = residual < min(WIDEST_PER_M, 3 * scatter)
         if np.array_equal(kept, inliers):
             break
         inliers = kept

@@ -98,9 +98,15 @@ class Shot:
 
 
 def stand(
-    *, tilt: float = 40.0, roll: float = 0.0, distance: float = 0.8, width: int = 640, height: int = 480, turn: float = 0.0
+    *,
+    tilt: float = 40.0,
+    roll: float = 0.0,
+    distance: float = 0.8,
+    width: int = 640,
+    height: int = 480,
+    turn: float = 0.0,
 ) -> tuple[Pinhole, Lens]:
-    """A D435 ``distance`` from the origin, ``tilt`` from straight above, rolled about its axis; ``turn`` walks it round."""
+    """A D435 ``distance`` from the origin, ``tilt`` from straight above, rolled; ``turn`` walks it round the table."""
     a, t, r = (math.radians(angle) for angle in (turn, tilt, roll))
     eye = distance * np.array([math.sin(t) * math.sin(a), -math.sin(t) * math.cos(a), math.cos(t)])
     forward = -eye / distance
