@@ -53,6 +53,8 @@ class SeenFrame:
     config: PerceptionConfig
     """With the cloth's colour, and lengths that fit the picture's size."""
     colour_source: ColourSource
+    cloth: BoolArray
+    """(H, W) of the image: what was taken for the cloth."""
     view: ClothView
     """What a descriptor is given."""
     warnings: tuple[str, ...]
@@ -112,6 +114,7 @@ def see_frame(
         plane=plane,
         config=config,
         colour_source=source,
+        cloth=cloth,
         view=_cloth_view(perceiver, percept, rgb, smooth_height(height, cloth, config.smoothing_px)),
         warnings=tuple(_warnings(found, cloth, depth, plane, config)),
     )

@@ -20,11 +20,13 @@ from perception.tableview import BoolArray
 
 RESIDUAL_PER_M = 0.008
 """A pixel whose 1/z is farther than this from the plane is no table: 8 mm at 1 m, three times a D435's noise."""
-WIDEST_PER_M = 0.024
-"""No noise makes the final fit take pixels from farther than this; a sensor three times as bad as a D435's."""
+RESIDUAL_M = 0.005
+"""From nearby, where noise is small, a table may still be bent by this much: by its make or by the sensor's errors."""
+WIDEST = 3.0
+"""The final fit takes pixels from as far as this times the above, if they scatter so."""
 MIN_POINTS = 400
 """Depth pixels that a plane must at least be fitted to."""
-MIN_SHARE = 0.3
+MIN_SHARE = 0.2
 """Share of them that must lie on it; a table without other objects in the picture has more than 0.9."""
 MAX_TILT_DEG = 80.0
 """Between the optical axis and the table's perpendicular; beyond, the table is seen edge on."""
@@ -35,7 +37,7 @@ RING_SHARE = 0.3
 RANSAC_POINTS, FIT_POINTS = 4000, 80_000
 """Pixels, drawn by chance, that trials and the final fit are made with."""
 MAX_TRIALS = 1500
-"""Three points drawn by chance lie on a plane with MIN_SHARE of the pixels in 1 of 37 trials."""
+"""Three points drawn by chance lie on a plane with MIN_SHARE of the pixels in 1 of 125 trials."""
 STEP_PER_M = 0.0005
 """Half the step of a depth in whole millimetres at 1 m, in 1/z: residuals below this say nothing."""
 
@@ -84,16 +86,18 @@ def fit_plane(depth: FloatArray, lens: Lens, *, rng: np.random.Generator, cloth:
     """
     if depth.shape != (lens.height, lens.width):
         raise PerceptionError(f"depth has shape {depth.shape}; this camera's images are {(lens.height, lens.width)}")
-    rays, inverse = _points(depth, lens, cloth, rng)
-    plane, start = _ransac(rays, inverse, rng)
-    start_share = float(np.mean(start))
-    if start_share < MIN_SHARE:
+    for wanted in _places(depth, cloth):
+        rays, inverse = _points(depth, lens, wanted, rng)
+        reach = max(RESIDUAL_PER_M, RESIDUAL_M * float(np.median(inverse)) ** 2)
+        plane, share = _ransac(rays, inverse, reach, rng)
+        if share >= MIN_SHARE:
+            break
+    else:
         raise PerceptionError(
-            f"no table: the largest plane holds {100 * start_share:.0f} % of the depth pixels"
-            f"{'' if cloth is None else ' around the cloth'}; "
+            f"no table: the largest plane holds {100 * share:.0f} % of the depth pixels; "
             f"at least {100 * MIN_SHARE:.0f} % are needed (do the intrinsics fit the camera?)"
         )
-    plane, inliers = _refined(rays, inverse, plane)
+    plane, inliers = _refined(rays, inverse, plane, reach)
     size = float(np.linalg.norm(plane))
     height = (inverse - rays @ plane)[inliers] / inverse[inliers] / size
     normal = -plane / size
@@ -102,49 +106,50 @@ def fit_plane(depth: FloatArray, lens: Lens, *, rng: np.random.Generator, cloth:
         normal=normal,
         distance_m=1 / size,
         rms_m=float(np.sqrt(np.mean(height**2))),
-        share=start_share,
+        share=share,
         pixels=int(np.count_nonzero(inliers)),
     )
 
 
-def _points(
-    depth: FloatArray, lens: Lens, cloth: BoolArray | None, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N, 3) slopes (u, v, 1) and (N,) 1/z of pixels that may be table, in random order."""
+def _places(depth: FloatArray, cloth: BoolArray | None) -> list[BoolArray]:
+    """Where to look for the table, the best first: pixels with a depth around the cloth, then everywhere beside it."""
     wanted = (depth > 0) & (depth < np.inf)
     if cloth is not None and cloth.any():
-        wanted = _around(cloth, wanted)
-    rows, columns = np.nonzero(wanted)
-    if len(rows) < MIN_POINTS:
+        gap = cv2.distanceTransform((~cloth).astype(np.uint8), cv2.DIST_L2, 5)
+        wanted &= gap > max(2, RIM_SHARE * cloth.shape[1])
+        ring = wanted & (gap < RING_SHARE * math.sqrt(np.count_nonzero(cloth)))
+        if np.count_nonzero(ring) >= MIN_POINTS:
+            return [ring, wanted]
+    if np.count_nonzero(wanted) < MIN_POINTS:
         raise PerceptionError(
-            f"{len(rows)} pixels{'' if cloth is None else ' beside the cloth'} have a depth; "
+            f"{np.count_nonzero(wanted)} pixels{'' if cloth is None else ' beside the cloth'} have a depth; "
             f"at least {MIN_POINTS} are needed to find the table"
         )
+    return [wanted]
+
+
+def _points(
+    depth: FloatArray, lens: Lens, wanted: BoolArray, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N, 3) slopes (u, v, 1) and (N,) 1/z of wanted pixels, in random order."""
+    rows, columns = np.nonzero(wanted)
     drawn = rng.permutation(len(rows))[:FIT_POINTS]
     rows, columns = rows[drawn], columns[drawn]
     rays = np.column_stack([lens.slopes(rows, columns), np.ones(len(rows))])
     return rays, 1.0 / depth[rows, columns].astype(np.float64)
 
 
-def _around(cloth: BoolArray, wanted: BoolArray) -> BoolArray:
-    """``wanted`` in a ring around the cloth, or everywhere beside it where the ring has too little."""
-    gap = cv2.distanceTransform((~cloth).astype(np.uint8), cv2.DIST_L2, 5)
-    beside = wanted & (gap > max(2, RIM_SHARE * cloth.shape[1]))
-    ring = beside & (gap < RING_SHARE * math.sqrt(np.count_nonzero(cloth)))
-    return ring if np.count_nonzero(ring) >= MIN_POINTS else beside
-
-
 def _ransac(
-    rays: NDArray[np.float64], inverse: NDArray[np.float64], rng: np.random.Generator
-) -> tuple[NDArray[np.float64], BoolArray]:
-    """Plane (3,) m and which of the points that it was looked for with lie on it."""
+    rays: NDArray[np.float64], inverse: NDArray[np.float64], reach: float, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], float]:
+    """Plane m (3,), and the share of the points within ``reach`` of it."""
     from sklearn.linear_model import LinearRegression, RANSACRegressor  # slow to import
 
     few = slice(0, RANSAC_POINTS)
     search = RANSACRegressor(
         LinearRegression(fit_intercept=False),
         min_samples=3,
-        residual_threshold=RESIDUAL_PER_M,
+        residual_threshold=reach,
         is_model_valid=lambda model, _x, _y: _faces_camera(model.coef_),
         max_trials=MAX_TRIALS,
         stop_probability=0.9999,
@@ -156,7 +161,7 @@ def _ransac(
         raise PerceptionError(
             f"no table: no plane in the depth image is seen at less than {MAX_TILT_DEG:.0f} degrees from straight above"
         ) from error
-    return np.asarray(search.estimator_.coef_), np.asarray(search.inlier_mask_)
+    return np.asarray(search.estimator_.coef_), float(np.mean(search.inlier_mask_))
 
 
 def _faces_camera(plane: NDArray[np.float64]) -> bool:
@@ -164,15 +169,15 @@ def _faces_camera(plane: NDArray[np.float64]) -> bool:
 
 
 def _refined(
-    rays: NDArray[np.float64], inverse: NDArray[np.float64], plane: NDArray[np.float64]
+    rays: NDArray[np.float64], inverse: NDArray[np.float64], plane: NDArray[np.float64], reach: float
 ) -> tuple[NDArray[np.float64], BoolArray]:
     """Least squares on the points within three times their own scatter, until these stay the same."""
-    inliers = np.abs(inverse - rays @ plane) < RESIDUAL_PER_M
+    inliers = np.abs(inverse - rays @ plane) < reach
     for _ in range(10):
         plane = np.asarray(np.linalg.lstsq(rays[inliers], inverse[inliers], rcond=None)[0], dtype=np.float64)
         residual = np.abs(inverse - rays @ plane)
         scatter = max(1.4826 * float(np.median(residual[inliers])), STEP_PER_M)
-        kept = residual < min(WIDEST_PER_M, 3 * scatter)
+        kept = residual < min(WIDEST * reach, 3 * scatter)
         if np.array_equal(kept, inliers):
             break
         inliers = kept
