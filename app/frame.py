@@ -27,6 +27,8 @@ from perception.segmentation import HsvRange
 
 MOST_CONTACT = 1.05
 """A contact portion that noise does not explain."""
+WIDEST_NAMED = 120.0
+"""Degrees; a wider range of hue has no name."""
 SEED = 0
 """Of the pixels and trials that the table is found with."""
 
@@ -242,6 +244,6 @@ def _contact(result: dict[str, Any]) -> str:
 
 def _colour(hsv: dict[str, Any]) -> str:
     span = (hsv["hue_max"] - hsv["hue_min"]) % 360.0
-    name = hue_name(hsv["hue_min"] + span / 2)
+    name = hue_name(hsv["hue_min"] + span / 2) if 0 < span < WIDEST_NAMED else "several hues"
     numbers = ",".join(f"{hsv[key]:g}" for key in ("hue_min", "hue_max", "saturation_min", "value_min"))
     return f"{name}, {hsv['source']}: --hsv {numbers}"
