@@ -202,6 +202,7 @@ def word(
         float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
     ] = None,
     descriptor: Annotated[str, typer.Option(metavar="NAME", help="Which descriptor of the wrinkles.")] = "word",
+    seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -223,6 +224,7 @@ def word(
         cloth_at=cloth_at,
         contact_mm=contact_mm,
         descriptor_name=descriptor,
+        seed=seed,
         force=force,
     )
 

@@ -29,8 +29,6 @@ MOST_CONTACT = 1.05
 """A contact portion that noise does not explain."""
 WIDEST_NAMED = 120.0
 """Degrees; a wider range of hue has no name."""
-SEED = 0
-"""Of the pixels and trials that the table is found with."""
 
 
 def word(
@@ -46,9 +44,13 @@ def word(
     cloth_at: str | None,
     contact_mm: float | None,
     descriptor_name: str,
+    seed: int,
     force: bool,
 ) -> SeenFrame:
-    """See the frame; a few lines on stdout, a JSON file and a drawn picture where asked for."""
+    """See the frame; a few lines on stdout, a JSON file and a drawn picture where asked for.
+
+    ``seed`` draws the pixels and trials that the table is found with.
+    """
     if hsv is not None and cloth_at is not None:
         raise WrongCall("--hsv and --cloth-at both say what colour the cloth has; give one of them")
     colour, at = parse_hsv(hsv), parse_point(cloth_at)
@@ -66,10 +68,10 @@ def word(
         cloth_at=at,
         contact_height_m=contact_m,
         flat_pixels=flat_pixels,
-        rng=np.random.default_rng(SEED),
+        rng=np.random.default_rng(seed),
     )
     result = content(seen, known, lens, assumed=intrinsics is None, flat_pixels=flat_pixels)
-    result["depth_scale_mm"] = depth_scale
+    result |= {"depth_scale_mm": depth_scale, "seed": seed}
     if overlay is not None:
         _write_picture(overlay, _drawn(rgb, seen, known))
     if json is not None:

@@ -175,6 +175,15 @@ def test_depth_scale_is_the_unit(frames, run):
     assert two["contact_pixels"] == pytest.approx(one["contact_pixels"], rel=1e-3)
 
 
+def test_the_seed_decides_and_hardly_matters(frames, run):
+    contents = []
+    for index, seed in enumerate((0, 0, 7)):
+        run(frames / "good-rgb.png", frames / "good-depth.png", "--seed", seed, "--json", f"{index}.json")
+        contents.append(json.loads(Path(f"{index}.json").read_text()))
+    assert contents[0] == contents[1]
+    assert contents[2]["contact_pixels"] == pytest.approx(contents[0]["contact_pixels"], rel=0.01)
+
+
 def test_transparency_is_dropped(frames, run):
     assert (
         run(frames / "rgba.png", frames / "good-depth.png")[1]
