@@ -31,7 +31,11 @@ cli = typer.Typer(
 
 
 def _count(param: typer.CallbackParam, value: int) -> int:
-    return checks.at_least_one(f"--{param.name}", value)
+    return checks.at_least_one(f"--{str(param.name).replace('_', '-')}", value)
+
+
+def _maybe_count(param: typer.CallbackParam, value: int | None) -> int | None:
+    return None if value is None else _count(param, value)
 
 
 def _seed(value: int) -> int:
@@ -173,6 +177,54 @@ def place(
         json=json,
         cloth=cloth,
         workers=workers,
+        force=force,
+    )
+
+
+@cli.command()
+def word(
+    rgb: Annotated[Path, typer.Argument(metavar="RGB.png", show_default=False, help="The colour picture.")],
+    depth: Annotated[Path, typer.Argument(metavar="DEPTH.png", show_default=False, help="Aligned depth, 16 bits.")],
+    json: Json = None,
+    overlay: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there.")] = None,
+    flat_pixels: Annotated[
+        int | None, typer.Option(callback=_maybe_count, metavar="N", help="Cloth pixels of the cloth laid flat.")
+    ] = None,
+    intrinsics: Annotated[
+        str | None, typer.Option(metavar="FX,FY,CX,CY", help="Of the colour camera, px; a D435's by default.")
+    ] = None,
+    depth_scale: Annotated[float, typer.Option(metavar="MM", help="Millimetres of one unit of depth.")] = 1.0,
+    hsv: Annotated[
+        str | None, typer.Option(metavar="H_MIN,H_MAX,S_MIN,V_MIN", help="The cloth's colour: degrees, 0..1, 0..1.")
+    ] = None,
+    cloth_at: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel on the cloth: learn its colour.")] = None,
+    contact_mm: Annotated[
+        float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
+    ] = None,
+    descriptor: Annotated[str, typer.Option(metavar="NAME", help="Which descriptor of the wrinkles.")] = "word",
+    seed: Seed = 0,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """See the cloth in a real camera's frame.
+
+    WORD and contact portion; x to the image's right, y up.
+    """
+    from app.frame import word as run
+
+    run(
+        rgb,
+        depth,
+        json=json,
+        overlay=overlay,
+        flat_pixels=flat_pixels,
+        intrinsics=intrinsics,
+        depth_scale=depth_scale,
+        hsv=hsv,
+        cloth_at=cloth_at,
+        contact_mm=contact_mm,
+        descriptor_name=descriptor,
+        seed=seed,
         force=force,
     )
 

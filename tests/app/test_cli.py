@@ -14,7 +14,7 @@ from app.errors import LayflatError, WrongCall
 from data.types import TASKS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "bench", "doctor")
+COMMANDS = ("demo", "record", "train", "place", "word", "bench", "doctor")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -40,6 +40,11 @@ WRONG = [
     ("train", "x.h5", "m.npz", "--policy", "gmr"),
     ("train", "x.h5", "m.npz", "--nope"),
     ("train", "x.h5"),
+    ("word", "rgb.png"),
+    ("word", "rgb.png", "depth.png", "--flat-pixels", "0"),
+    ("word", "rgb.png", "depth.png", "--flat-pixels", "many"),
+    ("word", "rgb.png", "depth.png", "--depth-scale", "metres"),
+    ("word", "rgb.png", "depth.png"),
     ("doctor", "extra"),
 ]
 
