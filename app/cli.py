@@ -21,6 +21,8 @@ from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
 PolicyName = Literal["gp-word", "gp-baseline"]
+ControllerName = Literal["word", "stretch-right", "random"]
+DescriptorName = Literal["word", "word-axial"]
 
 cli = typer.Typer(
     name="layflat",
@@ -172,6 +174,41 @@ def place(
         video=video,
         json=json,
         cloth=cloth,
+        workers=workers,
+        force=force,
+    )
+
+
+@cli.command()
+def flatten(
+    workers: Workers,
+    controller: Annotated[ControllerName, typer.Option(help="Who moves the pickers.")] = "word",
+    descriptor: Annotated[DescriptorName, typer.Option(help="Where the direction comes from.")] = "word-axial",
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    cloth: Cloth = "towel",
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
+    strip: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Ten frames of the first episode.")] = None,
+    json: Json = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Pull the wrinkles out of a crumpled cloth.
+
+    By Algorithm 2 of the thesis, or by one of the controllers that it is compared with.
+    """
+    checks.require_simulator()
+    from app.flatten import flatten as run
+
+    run(
+        controller=controller,
+        descriptor=descriptor,
+        episodes=episodes,
+        seed=seed,
+        cloth=cloth,
+        video=video,
+        strip=strip,
+        json=json,
         workers=workers,
         force=force,
     )
