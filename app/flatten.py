@@ -56,9 +56,9 @@ def flatten(
     checks.known_name("cloth", cloth, CLOTHS)
     for file, suffix in ((video, ".webm"), (strip, ".png"), (json, None)):
         if file is not None:
-            checks.writable_file(file, force=force)
             if suffix is not None and file.suffix != suffix:
                 raise WrongCall(f"{file} is not a {suffix} file; choose a name that ends in {suffix}")
+            checks.writable_file(file, force=force)
     jobs = [
         EpisodeJob(
             task="pickers",
