@@ -7,7 +7,7 @@ import pytest
 
 from data.types import ACTION_LIMIT_M
 from policy.base import PolicyError
-from policy.flatten import CONTROLLERS, FLAT_CONTACT, STEP_M, WordFlatten, controller
+from policy.flatten import CONTROLLERS, FLAT_CONTACT, FLAT_TICKS, STEP_M, WordFlatten, controller
 from policy.simple import X_LIMIT_M
 
 ANGLES = np.radians([-90, -60, -10, 10, 45, 90])
@@ -45,11 +45,14 @@ def test_without_a_direction_both_pickers_go_to_the_front(observe):
 
 
 @pytest.mark.parametrize("word", [(0.8, 0.6), (0.0, 0.0)])
-def test_it_ends_at_full_contact_and_not_before(word, observe):
+def test_it_ends_when_contact_stays_full_and_not_before(word, observe):
     policy = WordFlatten()
     policy.reset(0)
-    assert policy.act(observe(0.3, contact=FLAT_CONTACT - 0.001, word=word)).stop is None
-    assert policy.act(observe(0.3, contact=1.0, word=word)).stop == "converged"
+    almost, full = (observe(0.3, contact=contact, word=word) for contact in (FLAT_CONTACT - 0.001, 1.0))
+    seen = [*(FLAT_TICKS - 1) * [full], almost, *FLAT_TICKS * [full]]
+    decisions = [policy.act(observation) for observation in seen]
+    assert [d.stop for d in decisions] == [*(len(seen) - 1) * [None], "converged"]
+    assert all(d.action.any() for d in decisions[:-1])
 
 
 def test_the_end_of_the_view_is_a_limit_and_not_a_success(observe):
