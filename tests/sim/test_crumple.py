@@ -50,6 +50,7 @@ def test_what_was_drawn_is_in_the_record(crumpled: Placing) -> None:
     assert crumpled.start["contact_portion_true"] == crumpled.truth().contact_portion_true
 
 
+@pytest.mark.slow
 def test_the_same_seed_in_fresh_processes_gives_the_same_bits() -> None:
     running = [
         subprocess.Popen([sys.executable, "-c", _SCRIPT, seed], stdout=subprocess.PIPE, text=True)
