@@ -21,6 +21,8 @@ from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
 PolicyName = Literal["gp-word", "gp-baseline"]
+ControllerName = Literal["word", "stretch-right", "random"]
+DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 cli = typer.Typer(
     name="layflat",
@@ -63,6 +65,7 @@ Workers = Annotated[
     ),
 ]
 Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the results there too.")]
+Descriptor = Annotated[DescriptorName, typer.Option(help="Which descriptor gives the wrinkles' direction.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="A trained model.")]
 DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Demonstrations.")]
 
@@ -201,7 +204,7 @@ def word(
     contact_mm: Annotated[
         float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
     ] = None,
-    descriptor: Annotated[str, typer.Option(metavar="NAME", help="Which descriptor of the wrinkles.")] = "word",
+    descriptor: Descriptor = "word-axial",
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -225,6 +228,41 @@ def word(
         contact_mm=contact_mm,
         descriptor_name=descriptor,
         seed=seed,
+        force=force,
+    )
+
+
+@cli.command()
+def flatten(
+    workers: Workers,
+    controller: Annotated[ControllerName, typer.Option(help="Who moves the pickers.")] = "word",
+    descriptor: Descriptor = "word-axial",
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    cloth: Cloth = "towel",
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
+    strip: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Ten frames of the first episode.")] = None,
+    json: Json = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Pull the wrinkles out of a crumpled cloth.
+
+    By Algorithm 2 of the thesis, or by one of the controllers that it is compared with.
+    """
+    checks.require_simulator()
+    from app.flatten import flatten as run
+
+    run(
+        controller=controller,
+        descriptor=descriptor,
+        episodes=episodes,
+        seed=seed,
+        cloth=cloth,
+        video=video,
+        strip=strip,
+        json=json,
+        workers=workers,
         force=force,
     )
 
