@@ -13,6 +13,8 @@ import h5py
 import numpy as np
 import pytest
 
+import data.types
+import perception.descriptors
 from data import SessionRecorder, open_session, session_stats, validate
 from data.assemble import SessionFile
 from data.encode import LIBVER
@@ -156,6 +158,10 @@ def test_every_data_set_says_its_unit_frame_and_columns(path):
         assert units["action_m"] == units["depth"] == units["states"] == b"m"
         assert json.loads(f["data/demo_0/action_m"].attrs["columns"]) == ["dx", "dz"]
         assert f["data"].attrs["schema_version"] == 2
+
+
+def test_the_descriptors_are_those_of_perception():
+    assert set(data.types.DESCRIPTORS) == set(perception.descriptors.DESCRIPTORS)
 
 
 def test_statistics_are_those_of_all_rows_together(path, made):
