@@ -168,6 +168,9 @@ class Session(Sequence[Episode]):
     def __iter__(self) -> Iterator[Episode]:
         return self.episodes()
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._demos
+
     @overload
     def __getitem__(self, which: int | str) -> Episode: ...
     @overload
