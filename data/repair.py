@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import shutil
 import struct
 import tempfile
 from collections.abc import Iterator
@@ -48,9 +48,9 @@ def repair(path: str | Path, target: str | Path | None = None, *, force: bool = 
 
     Taken are the episodes of the file (also one that was cut short), those that wait beside it, and what the journals
     of a killed recording hold. Older schemas become the present one; totals, masks and index are made anew. Without a
-    ``target`` the session itself is replaced, its parts and journals are removed, and if anything in it was lost, the
-    old file stays beside it as ``FILE.h5.damaged``. DataError where nothing can be read, or ``target`` exists and is
-    not to be replaced (``force``).
+    ``target`` the session itself is replaced and its parts and journals are removed; if anything was lost, the old
+    file stays beside it as ``FILE.h5.damaged``, and a part or journal as ``FILE.h5.damaged-NAME``. DataError where
+    nothing can be read, or where ``target`` exists and is not to be replaced (``force``).
     """
     source = Path(path)
     aim = source if target is None else Path(target)
@@ -59,7 +59,6 @@ def repair(path: str | Path, target: str | Path | None = None, *, force: bool = 
         check_place(aim, aim.resolve())
         if aim.exists() and not in_place and not force:
             raise DataError(f"{aim} exists; give another name, or force to replace it")
-        check_place(source, source.resolve())
         with ExitStack() as locks:
             locks.enter_context(_locked(aim))
             if not in_place:
@@ -96,12 +95,20 @@ class _Repair:
                 raise DataError(f"{self.source} holds no episode that can be read{reason}; nothing was written")
             if in_place and self.lost and real.exists():
                 original = _free(real.with_name(real.name + DAMAGED_SUFFIX))
-                os.link(real, original)
-        if in_place and not any(loss.path.startswith(folder.name) for loss in self.lost):
-            for leftover in [*part_files(real), *journals(folder)]:
-                remove(leftover)
+                shutil.copy2(real, original)
+        if in_place:
+            self._tidy(real, folder)
         kept = tuple(name for name in self.names.values() if name not in recovered)
         return RepairReport(target=self.aim, kept=kept, recovered=recovered, lost=tuple(self.lost), original=original)
+
+    def _tidy(self, real: Path, folder: Path) -> None:
+        """What was taken over is removed; what could not be read would keep the session from being opened."""
+        unread = {loss.path for loss in self.lost}
+        for leftover in [*part_files(real), *filter(abandoned, journals(folder))]:
+            if f"{folder.name}/{leftover.name}" in unread:
+                leftover.rename(_free(real.with_name(f"{real.name}{DAMAGED_SUFFIX}-{leftover.name}")))
+            else:
+                remove(leftover)
 
     def _write(self, aside: Path, real: Path, folder: Path) -> tuple[str, ...]:
         with h5py.File(aside, "x", libver=LIBVER) as file:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -283,6 +284,42 @@ def test_repair_leaves_nothing_of_a_killed_writer_behind(mixed, tmp_path, make_s
     report = repair(path)
     assert report.kept == tuple(f"demo_{i}" for i in range(8))
     assert [p.name for p in tmp_path.iterdir()] == ["mixed.h5"]
+
+
+def test_a_damaged_part_is_set_aside(mixed, tmp_path, make_session, make_episode):
+    path, folder = mixed[0], parts_folder(mixed[0])
+    damaged = bytearray(make_session("other.h5", [make_episode(seed=50)]).read_bytes())
+    (tmp_path / "other.h5").unlink()
+    damaged[600:3000] = bytes(2400)
+    folder.mkdir()
+    (folder / "demo_7.h5").write_bytes(damaged)
+    with pytest.raises(DataError, match=r"demo_7\.h5"), open_session(path) as session:
+        list(session)
+    report = repair(path)
+    assert [loss.path for loss in report.lost] == ["mixed.h5.parts/demo_7.h5"]
+    assert len(report.kept) == 7
+    assert validate(path) == ()
+    assert (tmp_path / "mixed.h5.damaged-demo_7.h5").read_bytes() == damaged
+    assert not folder.exists()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody who may not write")
+def test_what_may_only_be_read_is_repaired_elsewhere(mixed):
+    folder = Path(tempfile.mkdtemp(dir="/tmp"))
+    try:
+        (folder / "s.h5").write_bytes(mixed[0].read_bytes())
+        (folder / "s.h5").chmod(0o444)
+        (folder / "out").mkdir()
+        (folder / "out").chmod(0o777)
+        folder.chmod(0o555)
+        child = os.fork()
+        if child == 0:
+            os.setuid(65534)
+            os._exit(len(repair(folder / "s.h5", folder / "out" / "r.h5").kept) != 7)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        assert [p.name for p in folder.iterdir() if p.suffix] == ["s.h5"]
+    finally:
+        shutil.rmtree(folder)
 
 
 def test_nothing_to_repair(tmp_path):
