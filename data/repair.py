@@ -46,11 +46,11 @@ class RepairReport:
 def repair(path: str | Path, target: str | Path | None = None, *, force: bool = False) -> RepairReport:
     """Every episode of the session at ``path`` that can be read whole, into a sound session at ``target``.
 
-    Taken are the episodes of the file (also one that was cut short), those that wait beside it, and what the journals
-    of a killed recording hold. Older schemas become the present one; totals, masks and index are made anew. Without a
-    ``target`` the session itself is replaced and its parts and journals are removed; if anything was lost, the old
-    file stays beside it as ``FILE.h5.damaged``, and a part or journal as ``FILE.h5.damaged-NAME``. DataError where
-    nothing can be read, or where ``target`` exists and is not to be replaced (``force``).
+    Taken are the episodes of the file (also one that lacks its last bytes), those that wait beside it, and what the
+    journals of a killed recording hold. Older schemas become the present one; totals, masks and index are made anew.
+    Without a ``target`` the session itself is replaced and its parts and journals are removed; if anything was lost,
+    the old file stays beside it as ``FILE.h5.damaged``, and a part or journal as ``FILE.h5.damaged-NAME``. DataError
+    where nothing can be read, or where ``target`` exists and is not to be replaced (``force``).
     """
     source = Path(path)
     aim = source if target is None else Path(target)

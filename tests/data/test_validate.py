@@ -50,7 +50,7 @@ def test_a_sound_session_has_no_violation(path):
 
 
 def test_cut_short_at_every_page(path, tmp_path, differences):
-    """And what lies before the cut comes back, if anything does, as it was."""
+    """What comes back, if anything does, is as it was."""
     whole, cut, mended = path.read_bytes(), tmp_path / "cut.h5", tmp_path / "mended.h5"
     truth = {episode.seed: episode for episode in _read(path)}
     for length in range(0, len(whole), 4096):
@@ -59,9 +59,22 @@ def test_cut_short_at_every_page(path, tmp_path, differences):
         assert found["check"]
         assert isinstance(found["read"], str)
         if not isinstance(found["repair"], str):
-            assert found["repair"].lost
             assert validate(mended) == ()
             assert all(differences(episode, truth[episode.seed]) == [] for episode in _read(mended))
+
+
+@pytest.mark.parametrize(("missing", "least"), [(1, 6), (64, 6), (600, 1)])
+def test_a_file_without_its_last_bytes_is_repaired(make_session, make_episode, differences, missing, least):
+    truth = [make_episode(ticks=4, seed=seed) for seed in range(6)]
+    path = make_session("long.h5", truth)
+    path.write_bytes(path.read_bytes()[:-missing])
+    with pytest.raises(DataError):
+        open_session(path)
+    report = repair(path)
+    assert len(report.kept) >= least
+    assert (len(report.kept) < 6) == bool(report.lost)
+    assert validate(path) == ()
+    assert all(differences(episode, truth[episode.seed]) == [] for episode in _read(path))
 
 
 def _flip(rng, whole):
