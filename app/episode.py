@@ -12,6 +12,7 @@ import numpy as np
 from app.provenance import provenance_now
 from data.types import Episode, Observation, Outcome, Phase, Step, StoppedBy, action_size
 from policy.base import Policy
+from policy.recorded import Recorded
 from sim.placing import Placing
 
 PLACE_TICKS = 160
@@ -111,5 +112,29 @@ def run_episode(
         disturbance=disturbance,
         wall_s=time.monotonic() - began,
         start=bench.start,
+        provenance=provenance_now(),
+    )
+
+
+def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
+    """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
+
+    The bench must have been reset to the episode's seed. A disturbance begins where it began, and ends when it ends.
+    """
+    began = time.monotonic()
+    run = _Run(bench, Recorded(recorded), images=False, hooks=())
+    phase: Phase = "place"
+    for step in recorded.steps:
+        if step.phase == "disturb" != phase:
+            bench.disturb(recorded.disturbance, recorded.seed)
+        phase = step.phase
+        if run.tick(phase) is not None:
+            break
+    return replace(
+        recorded,
+        steps=tuple(run.steps),
+        final_observation=run.kept(run.seen),
+        final_truth=run.truth,
+        wall_s=time.monotonic() - began,
         provenance=provenance_now(),
     )

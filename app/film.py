@@ -1,0 +1,42 @@
+"""Frames of a recorded episode, with or without the images that were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.draw import Drawer
+from app.strips import film_frame, moment
+from data.types import Episode
+from sim.stage import Stage
+
+WIDTH, HEIGHT = 640, 480
+
+
+def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
+    """What was, as a person in front of the robot saw it; drawn from the nodes, one frame for each observation."""
+    with Stage(episode.task, episode.cloth) as stage:
+        for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+            image = stage.render(truth.nodes, seen.holder_position, WIDTH, HEIGHT)
+            contact = min(max(seen.contact_portion, 0.0), 1.0)
+            yield film_frame(image, WIDTH, f"{moment(episode, tick)}  contact {100 * contact:.0f} %")
+
+
+def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
+    """What the camera saw and what perception made of it: contact tinted, WORD as an arrow, one frame each.
+
+    Where no images were recorded, they are drawn from the nodes; the contact portion shown is the recorded one.
+    """
+    drawer = Drawer()
+    with ExitStack() as stack:
+        stage: Stage | None = None
+        for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+            if seen.rgb is None or seen.depth is None:
+                stage = stage or stack.enter_context(Stage(episode.task, episode.cloth))
+                rgb, depth = stage.capture(truth.nodes, seen.holder_position)
+                seen = replace(seen, rgb=rgb, depth=depth)
+            yield film_frame(drawer(seen), WIDTH, moment(episode, tick))
