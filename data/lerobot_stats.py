@@ -47,7 +47,12 @@ class Stats:
 
 
 def _of_numbers(values: NDArray[np.float64]) -> dict[str, Any]:
-    found = {"min": values.min(axis=0), "max": values.max(axis=0), "mean": values.mean(axis=0), "std": values.std(axis=0)}
+    found = {
+        "min": values.min(axis=0),
+        "max": values.max(axis=0),
+        "mean": values.mean(axis=0),
+        "std": values.std(axis=0),
+    }
     found |= {name: np.quantile(values, share, axis=0) for name, share in QUANTILES.items()}
     return {**{name: value.tolist() for name, value in found.items()}, "count": [len(values)]}
 

@@ -53,16 +53,20 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
     targets = [folder / EPISODES_CSV, folder / TICKS_CSV]
     asides = [target.with_name(f".{target.name}{PART_SUFFIX}") for target in targets]
     count = 0
-    with written_aside(targets[0], asides[0]), written_aside(targets[1], asides[1]):
-        with asides[0].open("x", newline="", encoding="utf-8") as about, asides[1].open("x", newline="") as ticks:
-            about_rows, tick_rows = csv.writer(about), csv.writer(ticks)
-            about_rows.writerow(EPISODE_COLUMNS)
-            tick_rows.writerow(tick_columns(session.task))
-            for name in chosen:
-                episode = session.episode(name, images=False)
-                about_rows.writerow(_episode_row(name, episode))
-                tick_rows.writerows(_tick_rows(name, episode))
-                count += len(episode.steps)
+    with (
+        written_aside(targets[0], asides[0]),
+        written_aside(targets[1], asides[1]),
+        asides[0].open("x", newline="", encoding="utf-8") as about,
+        asides[1].open("x", newline="", encoding="utf-8") as ticks,
+    ):
+        about_rows, tick_rows = csv.writer(about), csv.writer(ticks)
+        about_rows.writerow(EPISODE_COLUMNS)
+        tick_rows.writerow(tick_columns(session.task))
+        for name in chosen:
+            episode = session.episode(name, images=False)
+            about_rows.writerow(_episode_row(name, episode))
+            tick_rows.writerows(_tick_rows(name, episode))
+            count += len(episode.steps)
     return count
 
 

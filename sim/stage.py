@@ -27,9 +27,7 @@ class Stage:
         self.spec = cloth_spec(cloth)
         self._world = World(step_s=1.0 / self.spec.rate_hz, table_friction=1.0)
         body = Cloth(self._world, self.spec)
-        self._arm = (
-            load_arm(self._world.client, HELD_STRETCH * self.spec.width_m) if task == "hanger" else None
-        )
+        self._arm = load_arm(self._world.client, HELD_STRETCH * self.spec.width_m) if task == "hanger" else None
         self._camera = Camera(self._world, body, noise=None, seed=0)
 
     def capture(self, nodes: FloatArray, holder: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
