@@ -36,6 +36,7 @@ PATHS = {
     "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
     "episodes_path": "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
 }
+INFO = "meta/info.json"
 SIDECAR = "meta/layflat.json"
 """Which episode is which: LeRobot has no place for seeds, outcomes and sources, and does not read this file."""
 
@@ -60,6 +61,8 @@ def export_lerobot(
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / INFO).is_file():
+        raise DataError(f"{folder} holds something else than a LeRobot data set; choose another folder")
     fps = round(1.0 / session.tick_s)
     if fps < 1 or abs(fps * session.tick_s - 1.0) > 1e-9:
         raise DataError(f"a tick is {session.tick_s} s; LeRobot needs a whole number of frames per second")
@@ -207,7 +210,7 @@ def _write_meta(
         "robot_type": f"layflat-{session.task}",
         "splits": {"train": f"0:{len(meta.rows)}"},
     }
-    _write_json(root / "meta/info.json", info)
+    _write_json(root / INFO, info)
     _write_json(root / "meta/stats.json", stats.result())
     _write_json(root / SIDECAR, {"schema": 1, "cloth": session.cloth, "task": session.task, "episodes": meta.told})
 
