@@ -33,7 +33,7 @@ def export(
     seed: int,
     force: bool,
 ) -> None:
-    """Write the session, or its episodes with this outcome, to ``out``: a file for robomimic, a folder for the others."""
+    """Write a session, or its episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
     if not images and form != "lerobot":
         raise WrongCall(f"--no-images is for lerobot; the {form} export has images exactly where its form has a place")
     with open_session(path) as session:

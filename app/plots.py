@@ -123,7 +123,7 @@ def _draw_starts(axis: Axes, episodes: Sequence[Curves]) -> None:
     colours = [COLOURS[curves.outcome] for curves in episodes]
     axis.scatter(starts[:, 0], starts[:, 1], s=22, c=colours, linewidths=0, alpha=0.8)
     mean, spread = starts.mean(axis=0), starts.std(axis=0)
-    axis.errorbar(*mean, xerr=spread[0], yerr=spread[1], color=MUTED, linewidth=1.2, capsize=3)
+    axis.errorbar(mean[0], mean[1], xerr=spread[0], yerr=spread[1], color=MUTED, linewidth=1.2, capsize=3)
     axis.set_title(f"starts: {spread[0]:.0f} mm and {spread[1]:.0f} mm standard deviation")
     axis.set_xlabel("x (mm)")
     axis.set_ylabel("z (mm)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -107,6 +107,12 @@ def _check_can_run(recorded: Episode) -> None:
     checks.known_name("disturbance", recorded.disturbance, DISTURBANCES)
     if recorded.seed < 0:
         raise WrongCall(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
+    if recorded.first_tick > 0:
+        raise WrongCall(
+            f"the episode's first {recorded.first_tick} ticks were cut off, so it cannot be run again from its start;"
+            " replay it with --mode state"
+        )
+    settings_of(recorded)
 
 
 def _rerun_here(recorded: Episode) -> Episode:
@@ -121,11 +127,13 @@ def _rerun_here(recorded: Episode) -> Episode:
 
 
 def settings_of(recorded: Episode) -> BenchSettings:
-    """The bench that the episode was recorded on."""
-    friction = recorded.start.get("table_friction", 1.0)
-    return BenchSettings(
-        task=recorded.task, cloth=recorded.cloth, tick_s=recorded.tick_s, table_friction=float(friction)
-    )
+    """The bench that the episode was recorded on, as far as its file says so."""
+    known = {field.name for field in fields(BenchSettings) if field.init}
+    told: dict[str, Any] = dict(recorded.bench) or {"table_friction": recorded.start.get("table_friction", 1.0)}
+    strange = sorted(told.keys() - known)
+    if strange:
+        raise WrongCall(f"the episode was recorded on a bench with {strange[0]}, which this version does not know")
+    return BenchSettings(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
 
 
 def compare(recorded: Episode, again: Episode) -> Divergence:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
-from math import prod
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,22 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import schema
-from data.decode import EXPANSION_MAX, check_hard_links
+from data.attributes import Attribute, json_object
+from data.check import check_claim, check_hard_links, check_stored_here, check_values
+from data.decode import observations_of, without_ticks
+from data.encode import attributes_of
 from data.types import (
     ACTION_LIMIT_M,
     FLAT_AREA,
-    OUTCOMES,
-    STOPS,
     TASKS,
     TICK_S,
     DataError,
     Episode,
     Observation,
-    Outcome,
     Phase,
     Provenance,
     Step,
-    StoppedBy,
     Task,
     Truth,
     action_size,
@@ -43,134 +41,103 @@ from data.types import (
 UNKNOWN_SEED = -1
 """Of an episode whose file does not tell: it can be shown and learned from, but its start cannot be made again."""
 UNKNOWN_SOURCE = "imported"
+_TOLD = (
+    schema.TASK, schema.CLOTH, schema.TICK_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
+    schema.PLAN, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.BENCH, schema.FIRST_TICK,
+    schema.PROVENANCE,
+)  # fmt: skip
+"""What only an attribute can tell; all others follow from the arrays, or are made anew."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Told:
-    """What the file says about an episode beside its arrays, with what stands in where it says nothing."""
-
-    attributes: Mapping[str, Any]
-    """Of the demo, over those of /data, over env_args."""
-
-    def text(self, key: str, default: str) -> str:
-        value = self.attributes.get(key, default)
-        return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-
-    def number(self, key: str, default: float) -> float:
-        value = self.attributes.get(key, default)
-        if isinstance(value, (bool, int, float, np.number)):
-            return float(value)
-        raise DataError(f"attribute {key} is {value!r}; it must be a number")
-
-    def mapping(self, key: str) -> dict[str, Any]:
-        """A JSON object; empty where there is none."""
-        try:
-            value = json.loads(self.text(key, "{}"))
-        except ValueError:
-            value = None
-        if not isinstance(value, dict):
-            raise DataError(f"attribute {key} is {self.text(key, '')!r}; it must be a JSON object")
-        return value
-
-
-def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None, images: bool = True) -> Episode:
+def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Episode:
     """The episode of one demo of a foreign file; DataError in one sentence where it cannot be one.
 
     ``cloth`` is taken where the file names none.
     """
     check_hard_links(group)
-    told = _told(group)
     rows = _Rows(group)
     actions = rows.take(schema.ACTIONS, ndim=2)
+    told = _told(group)
     task = _task(told, actions)
     if len(actions) < 1 or actions.shape[1] != action_size(task):
         raise DataError(f"{group.name}/{schema.ACTIONS} has shape {actions.shape}; task {task} has {action_size(task)}")
-    observations = _observations(rows, len(actions), images=images)
+    observations = _observations(rows, len(actions))
     truths = _truths(rows, len(actions))
-    tick_s = told.number(schema.TICK_S, _tick_s(observations))
-    return Episode(
+    joints = rows.take(schema.JOINTS, ndim=1) if rows.has(schema.JOINTS) else np.zeros(0)
+    unknown = Episode(
         task=task,
-        cloth=_cloth(told, cloth),
-        seed=int(told.number(schema.SEED, UNKNOWN_SEED)),
-        source=told.text(schema.SOURCE, UNKNOWN_SOURCE),
+        cloth=cloth or "",
+        seed=UNKNOWN_SEED,
+        source=UNKNOWN_SOURCE,
         steps=_steps(rows, actions, observations, truths),
         final_observation=observations[-1],
         final_truth=truths[-1],
-        stopped_by=_stopped_by(told),
-        outcome=_outcome(told, truths[-1]),
-        tick_s=tick_s,
-        disturbance=told.text(schema.DISTURBANCE, "none"),
-        wall_s=told.number(schema.WALL_S, 0.0),
-        start={key: float(value) for key, value in told.mapping(schema.START).items()},
-        provenance=_provenance(told, file),
+        stopped_by="tick_limit",
+        # By what the recorder goes by.
+        outcome="success" if truths[-1].flat_area > FLAT_AREA else "failure",
+        tick_s=_tick_s(observations),
+        initial_joints=joints,
+        provenance=Provenance(command=f"imported from {file.name}"),
     )
+    unknown_attributes = attributes_of(unknown, "")
+    attributes = unknown_attributes | told
+    if not attributes[schema.CLOTH]:
+        raise DataError(f"{group.name} does not say of which cloth it is; name the cloth")
+    attributes[schema.SUCCESS] = attributes[schema.OUTCOME] == "success"
+    provenance = json_object(unknown_attributes, schema.PROVENANCE) | json_object(attributes, schema.PROVENANCE)
+    attributes[schema.PROVENANCE] = json.dumps(provenance)
+    check_values(group, attributes)
+    known = without_ticks(attributes, observations[-1], truths[-1])
+    return replace(known, steps=unknown.steps, initial_joints=joints)
 
 
-def _told(group: h5py.Group) -> Told:
+def _told(group: h5py.Group) -> dict[str, Attribute]:
+    """Attributes of the demo where it has them, else of /data, else from env_args; each of its right type."""
     data = group.parent
-    found: dict[str, Any] = {}
-    env = Told(attributes=dict(data.attrs)).mapping(schema.ENV_ARGS)
+    found: dict[str, Attribute] = {}
+    env = json_object(data.attrs, schema.ENV_ARGS) if schema.ENV_ARGS in data.attrs else {}
     kwargs = env.get("env_kwargs")
-    if isinstance(kwargs, dict) and "cloth" in kwargs:
+    if isinstance(kwargs, dict) and isinstance(kwargs.get("cloth"), str):
         found[schema.CLOTH] = kwargs["cloth"]
     for task, name in schema.ENV_NAMES.items():
         if env.get("env_name") == name:
             found[schema.TASK] = task
     for attributes in (data.attrs, group.attrs):
-        for key in attributes:
-            value = attributes[key]
-            found[key] = value.item() if isinstance(value, np.generic) else value
-    return Told(attributes=found)
+        found |= {key: _plain(attributes, key) for key in _TOLD if key in attributes}
+    return found
 
 
-def _task(told: Told, actions: NDArray[np.float64]) -> Task:
-    by_width = {action_size(task): task for task in TASKS}
-    task = told.text(schema.TASK, by_width.get(actions.shape[1], "unknown"))
-    if task not in TASKS:
-        raise DataError(
-            f"the task is {task!r} and an action has {actions.shape[1]} components; tasks are {', '.join(TASKS)}"
-        )
-    return task
+def _plain(attributes: Any, key: str) -> Attribute:
+    """A value of the type that our own attribute has; whole numbers may stand for others."""
+    wanted = schema.DEMO_ATTRIBUTES[key]
+    if attributes.get_id(key).shape != ():
+        raise DataError(f"attribute {key} is an array; it must be one {wanted.__name__}")
+    value: Any = attributes[key]
+    value = value.item() if isinstance(value, np.generic) else value
+    value = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    if wanted is float and isinstance(value, int):
+        value = float(value)
+    if type(value) is not wanted:
+        raise DataError(f"attribute {key} is {type(value).__name__}; it must be {wanted.__name__}")
+    return cast(Attribute, value)
 
 
-def _cloth(told: Told, given: str | None) -> str:
-    cloth = told.text(schema.CLOTH, given or "")
-    if not cloth:
-        raise DataError("no cloth is named; say which one it was")
-    return cloth
-
-
-def _stopped_by(told: Told) -> StoppedBy:
-    value = told.text(schema.STOPPED_BY, "tick_limit")
-    if value not in STOPS:
-        raise DataError(f"attribute {schema.STOPPED_BY} is {value!r}; it must be one of {', '.join(STOPS)}")
-    return value
-
-
-def _outcome(told: Told, final: Truth) -> Outcome:
-    """By what the recorder goes by, where the file does not say it."""
-    value = told.text(schema.OUTCOME, "success" if final.flat_area > FLAT_AREA else "failure")
-    if value not in OUTCOMES:
-        raise DataError(f"attribute {schema.OUTCOME} is {value!r}; it must be one of {', '.join(OUTCOMES)}")
-    return value
+def _task(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> Task:
+    """As told, or by the width of an action."""
+    for task in TASKS:
+        if told.get(schema.TASK, task) == task and action_size(task) == actions.shape[1]:
+            return task
+    raise DataError(
+        f"the task is {told.get(schema.TASK, 'not told')} and an action has {actions.shape[1]} components;"
+        f" there are {', '.join(f'{task} with {action_size(task)}' for task in TASKS)}"
+    )
 
 
 def _tick_s(observations: list[Observation]) -> float:
-    """From the times that were recorded; all ticks are as long as the first, or it is the usual length."""
+    """From the times that were recorded, where all ticks are equally long; else the usual length."""
     steps = np.diff([observation.time_s for observation in observations])
     even = steps.min() > 0 and np.allclose(steps, steps[0], rtol=1e-4)
     return float(np.round(steps.mean(), 6)) if even else TICK_S
-
-
-def _provenance(told: Told, file: Path) -> Provenance:
-    value = told.mapping(schema.PROVENANCE)
-    versions = value.get("versions")
-    return Provenance(
-        versions={str(k): str(v) for k, v in versions.items()} if isinstance(versions, dict) else {},
-        platform=str(value.get("platform", "")),
-        created_utc=str(value.get("created_utc", "")),
-        command=str(value.get("command", f"imported from {file.name}")),
-    )
 
 
 class _Rows:
@@ -193,49 +160,32 @@ class _Rows:
         dataset = self._group.get(key)
         if not isinstance(dataset, h5py.Dataset):
             raise DataError(f"{self._group.name} has no data set {key}; an episode needs it")
-        if dataset.is_virtual or dataset.external:
-            raise DataError(f"{name} keeps its data in another file; it must hold its data itself")
+        check_stored_here(dataset, name)
         if dataset.dtype.kind not in ("S" if dtype[1] == "S" else "fiub"):
             raise DataError(f"{name} is of type {dataset.dtype}; it must be convertible to {np.dtype(dtype)}")
         if dataset.shape is None or dataset.ndim != ndim:
             raise DataError(f"{name} has shape {dataset.shape}; it must have {ndim} dimensions")
-        claimed, stored = prod(dataset.shape) * dataset.dtype.itemsize, dataset.id.get_storage_size()
-        if stored > self._file_bytes or claimed > stored * EXPANSION_MAX:
-            raise DataError(f"{name} claims {claimed} bytes of which the file holds {stored}")
+        check_claim(dataset, name, self._file_bytes)
         return np.asarray(dataset[()]).astype(dtype)
 
 
-def _observations(rows: _Rows, count: int, *, images: bool) -> list[Observation]:
+def _observations(rows: _Rows, count: int) -> list[Observation]:
     """All count + 1, from ``obs`` and the last row of ``next_obs``."""
     found: dict[str, NDArray[Any]] = {}
     for field in schema.OBSERVATION_FIELDS:
         key, after = f"{schema.OBS}/{field.key}", f"{schema.NEXT_OBS}/{field.key}"
-        if field.optional and not (images and rows.has(key) and rows.has(after)):
+        if field.optional and not (rows.has(key) and rows.has(after)):
             continue
         before = rows.take(key, ndim=len(field.shape), dtype=field.dtype)
         later = rows.take(after, ndim=len(field.shape), dtype=field.dtype)
         if len(before) != count or later.shape != before.shape:
             raise DataError(f"{key} and {after} have {len(before)} and {len(later)} rows; there are {count} actions")
+        if field.columns and before.shape[-1] != len(field.columns):
+            raise DataError(f"{key} has {before.shape[-1]} columns; it must have {len(field.columns)}")
         if not np.array_equal(before[1:], later[:-1]):
             raise DataError(f"{after} is not {key} one tick later; an episode is one unbroken series")
         found[field.key] = np.concatenate([before, later[-1:]])
-    for key, width in (("corner_positions", 6), ("holder_position", 3), ("word", 2)):
-        if found[key].shape[1] != width:
-            raise DataError(f"{schema.OBS}/{key} has {found[key].shape[1]} columns; it must have {width}")
-    rgb, depth = found.get(schema.RGB), found.get(schema.DEPTH)
-    return [
-        Observation(
-            time_s=float(found["time_s"][i, 0]),
-            corner_positions=found["corner_positions"][i].reshape(2, 3),
-            holder_position=found["holder_position"][i],
-            word=found["word"][i],
-            word_strength=float(found["word_strength"][i, 0]),
-            contact_portion=float(found["contact_portion"][i, 0]),
-            rgb=None if rgb is None else rgb[i],
-            depth=None if depth is None else depth[i, ..., 0],
-        )
-        for i in range(count + 1)
-    ]
+    return observations_of(found)
 
 
 def _truths(rows: _Rows, count: int) -> list[Truth]:
