@@ -178,10 +178,13 @@ def _observations(rows: _Rows, count: int) -> list[Observation]:
             continue
         before = rows.take(key, ndim=len(field.shape), dtype=field.dtype)
         later = rows.take(after, ndim=len(field.shape), dtype=field.dtype)
-        if len(before) != count or later.shape != before.shape:
-            raise DataError(f"{key} and {after} have {len(before)} and {len(later)} rows; there are {count} actions")
         if field.columns and before.shape[-1] != len(field.columns):
             raise DataError(f"{key} has {before.shape[-1]} columns; it must have {len(field.columns)}")
+        if len(before) != count or later.shape != before.shape:
+            raise DataError(
+                f"{key} and {after} have shapes {before.shape} and {later.shape};"
+                f" both must be alike, with a row for each of {count} actions"
+            )
         if not np.array_equal(before[1:], later[:-1]):
             raise DataError(f"{after} is not {key} one tick later; an episode is one unbroken series")
         found[field.key] = np.concatenate([before, later[-1:]])

@@ -41,9 +41,8 @@ def train_and_valid(names: Sequence[str], *, valid_share: float, seed: int) -> d
     """
     if not 0 <= valid_share < 1:
         raise DataError(f"the share for validation is {valid_share}; it must be at least 0 and below 1")
-    count = round(valid_share * len(names))
-    if valid_share > 0 and len(names) > 1:
-        count = min(max(count, 1), len(names) - 1)
+    count = max(round(valid_share * len(names)), int(valid_share > 0))
+    count = max(min(count, len(names) - 1), 0)
     held_out = {names[index] for index in np.random.default_rng(seed).permutation(len(names))[:count].tolist()}
     return {
         TRAIN: tuple(name for name in names if name not in held_out),
