@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from math import prod
 
 import h5py
@@ -21,6 +23,69 @@ FILTERS = frozenset({h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.
 """Those that come with h5py. For any other number HDF5 looks for a program library on this machine, and runs it."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Violation:
+    """Where a file is not what the schema says, and how."""
+
+    path: str
+    """Inside the file; attributes after an @, as in ``/data/demo_3@seed``."""
+    sentence: str
+
+
+class Violations(list[Violation]):
+    """Collects what is wrong: ``with found.at(path): check()`` takes note of a DataError and goes on."""
+
+    @contextmanager
+    def at(self, path: str) -> Iterator[None]:
+        try:
+            yield
+        except DataError as error:
+            self.append(Violation(path=path, sentence=str(error)))
+
+
+def check_demo(group: h5py.Group, *, file_bytes: int) -> DemoInfo:
+    """Names, types and shapes against the schema; DataError in one sentence where one is wrong."""
+    found = Violations()
+    info = inspect_demo(group, found, file_bytes=file_bytes)
+    if info is None:
+        raise DataError(found[0].sentence)
+    return info
+
+
+def inspect_demo(group: h5py.Group, found: Violations, *, file_bytes: int) -> DemoInfo | None:
+    """As check_demo, but adds everything that is wrong to ``found``; None where anything is."""
+    before = len(found)
+    attributes = _attributes(group, found)
+    if attributes is None:
+        return None
+    _inspect_values(group, attributes, found)
+    _inspect_members(group, found)
+    if len(found) > before:
+        return None
+    lengths = _lengths(attributes)
+    for field in schema.FIELDS:
+        with found.at(f"{group.name}/{field.key}"):
+            if field.key in group:
+                _check_dataset(group, field, lengths, file_bytes)
+            elif not field.optional:
+                raise DataError(f"{group.name} has no data set {field.key}")
+    if len(found) == before:
+        _inspect_consistency(group, lengths, found)
+    if len(found) > before:
+        return None
+    images = any(f"{schema.OBS}/{key}" in group for key in (schema.RGB, schema.DEPTH))
+    return info_of(upgraded_demo(attributes, group), images=images, version=int(attributes[schema.VERSION]))
+
+
+def stored_attributes(group: h5py.Group) -> dict[str, Attribute]:
+    """Attributes as the file has them, in the version that it says, once their checksum fits."""
+    found = Violations()
+    attributes = _attributes(group, found)
+    if attributes is None:
+        raise DataError(found[0].sentence)
+    return attributes
+
+
 def check_hard_links(group: h5py.Group) -> None:
     """A link may name another file of this machine; a session needs none."""
     for key in group:
@@ -30,96 +95,6 @@ def check_hard_links(group: h5py.Group) -> None:
 def check_hard_link(group: h5py.Group, key: str) -> None:
     if not isinstance(group.get(key, getlink=True), h5py.HardLink):
         raise DataError(f"{group.name.rstrip('/')}/{key} is a link to elsewhere; a session holds its data itself")
-
-
-def check_demo(group: h5py.Group, *, file_bytes: int) -> DemoInfo:
-    """Names, types and shapes against the schema; DataError in one sentence where one is wrong."""
-    attributes = stored_attributes(group)
-    check_values(group, attributes)
-    check_members(group)
-    lengths = shape_letters(attributes)
-    for field in schema.FIELDS:
-        if field.key in group:
-            check_dataset(group, field, lengths, file_bytes)
-        elif not field.optional:
-            raise DataError(f"{group.name} has no data set {field.key}")
-    check_consistent(group, lengths)
-    images = any(f"{schema.OBS}/{key}" in group for key in (schema.RGB, schema.DEPTH))
-    return info_of(upgraded_demo(attributes, group), images=images, version=int(attributes[schema.VERSION]))
-
-
-def stored_attributes(group: h5py.Group) -> dict[str, Attribute]:
-    """Attributes as the file has them, in the version that it says, once their checksum fits."""
-    version = int(typed_attributes(group, {schema.VERSION: int})[schema.VERSION])
-    if version not in VERSIONS:
-        raise DataError(f"attribute {schema.VERSION} of {group.name} is {version}; it must be one of {VERSIONS}")
-    attributes = typed_attributes(group, DEMO_TYPES[version])
-    if typed_attributes(group, {schema.DIGEST: str})[schema.DIGEST] != digest(attributes):
-        raise DataError(f"the attributes of {group.name} do not match their checksum")
-    return attributes
-
-
-def check_values(group: h5py.Group, attributes: Mapping[str, Attribute]) -> None:
-    """Attributes that only few values make sense for."""
-    allowed: dict[str, Sequence[Attribute]] = {
-        schema.ACTION_LIMIT: (ACTION_LIMIT_M,),
-        schema.TASK: TASKS,
-        schema.STOPPED_BY: STOPS,
-        schema.OUTCOME: OUTCOMES,
-        schema.SUCCESS: (attributes[schema.OUTCOME] == "success",),
-        schema.DESCRIPTOR: DESCRIPTORS,
-    }
-    for key, values in allowed.items():
-        if key in attributes and attributes[key] not in values:
-            raise DataError(
-                f"attribute {key} of {group.name} is {attributes[key]!r}; it must be {', '.join(map(str, values))}"
-            )
-    for key, least in ((schema.NUM_SAMPLES, 1), (schema.FIRST_TICK, 0)):
-        if int(attributes.get(key, least)) < least:
-            raise DataError(f"attribute {key} of {group.name} is {attributes[key]}; it must be at least {least}")
-
-
-def check_members(group: h5py.Group) -> None:
-    check_hard_links(group)
-    for key in (schema.OBS, schema.NEXT_OBS, schema.TRUTH):
-        if not isinstance(group.get(key), h5py.Group):
-            raise DataError(f"{group.name} has no group {key}")
-        check_hard_links(group[key])
-
-
-def shape_letters(attributes: Mapping[str, Attribute]) -> dict[str, int]:
-    """The lengths that the attributes decide on."""
-    ticks, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in TASKS if t == attributes[schema.TASK])
-    return {"N": ticks, "N+1": ticks + 1, "A": action_size(task)}
-
-
-def check_consistent(group: h5py.Group, lengths: Mapping[str, int]) -> None:
-    """What lies between data sets."""
-    if lengths["D"] % 3:
-        raise DataError(f"{group.name}/{schema.STATES} has {lengths['D']} columns; it must be three for each node")
-    for key in (schema.RGB, schema.DEPTH):
-        if (key in group[schema.OBS]) != (key in group[schema.NEXT_OBS]):
-            raise DataError(f"{group.name} has {key} in only one of {schema.OBS} and {schema.NEXT_OBS}")
-
-
-def check_dataset(group: h5py.Group, field: schema.Field, lengths: dict[str, int], file_bytes: int) -> None:
-    """``lengths`` binds the letters of a shape; new ones are added."""
-    name = f"{group.name}/{field.key}"
-    dataset = group[field.key]
-    if not isinstance(dataset, h5py.Dataset):
-        raise DataError(f"{name} is a group; it must be a data set")
-    check_stored_here(dataset, name)
-    if dataset.dtype.str != field.dtype:
-        raise DataError(f"{name} is of type {dataset.dtype.str}; it must be {field.dtype}")
-    shape = dataset.shape
-    fits = shape is not None and len(shape) == len(field.shape)
-    if fits:
-        for wanted, got in zip(field.shape, shape, strict=True):
-            fits = fits and got == (lengths.setdefault(wanted, got) if isinstance(wanted, str) else wanted)
-    if not fits:
-        known = tuple(lengths.get(w, w) if isinstance(w, str) else w for w in field.shape)
-        raise DataError(f"{name} has shape {shape}; it must be {known}")
-    check_claim(dataset, name, file_bytes)
 
 
 def check_stored_here(dataset: h5py.Dataset, name: str) -> None:
@@ -140,3 +115,90 @@ def check_claim(dataset: h5py.Dataset, name: str, file_bytes: int) -> None:
     chunk = prod(dataset.chunks or ()) * dataset.dtype.itemsize
     if chunk > CHUNK_BYTES_MAX:
         raise DataError(f"{name} has chunks of {chunk} bytes; {CHUNK_BYTES_MAX} is the most that is read")
+
+
+def _attributes(group: h5py.Group, found: Violations) -> dict[str, Attribute] | None:
+    before = len(found)
+    attributes: dict[str, Attribute] = {}
+    with found.at(f"{group.name}@{schema.VERSION}"):
+        version = int(typed_attributes(group, {schema.VERSION: int})[schema.VERSION])
+        if version not in VERSIONS:
+            raise DataError(f"attribute {schema.VERSION} of {group.name} is {version}; it must be one of {VERSIONS}")
+        for key, wanted in {**DEMO_TYPES[version], schema.DIGEST: str}.items():
+            with found.at(f"{group.name}@{key}"):
+                attributes |= typed_attributes(group, {key: wanted})
+    if len(found) > before:
+        return None
+    with found.at(f"{group.name}@{schema.DIGEST}"):
+        if attributes.pop(schema.DIGEST) != digest(attributes):
+            raise DataError(f"the attributes of {group.name} do not match their checksum")
+        return attributes
+    return None
+
+
+def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], found: Violations) -> None:
+    """Attributes that only few values make sense for."""
+    allowed: dict[str, Sequence[Attribute]] = {
+        schema.ACTION_LIMIT: (ACTION_LIMIT_M,),
+        schema.TASK: TASKS,
+        schema.STOPPED_BY: STOPS,
+        schema.OUTCOME: OUTCOMES,
+        schema.SUCCESS: (attributes[schema.OUTCOME] == "success",),
+        schema.DESCRIPTOR: DESCRIPTORS,
+    }
+    wrong = {
+        key: ", ".join(map(str, v)) for key, v in allowed.items() if key in attributes and attributes[key] not in v
+    }
+    for key, least in ((schema.NUM_SAMPLES, 1), (schema.FIRST_TICK, 0)):
+        if int(attributes.get(key, least)) < least:
+            wrong[key] = f"at least {least}"
+    for key, right in wrong.items():
+        with found.at(f"{group.name}@{key}"):
+            raise DataError(f"attribute {key} of {group.name} is {attributes[key]!r}; it must be {right}")
+
+
+def _inspect_members(group: h5py.Group, found: Violations) -> None:
+    with found.at(group.name):
+        check_hard_links(group)
+        for key in (schema.OBS, schema.NEXT_OBS, schema.TRUTH):
+            with found.at(f"{group.name}/{key}"):
+                if not isinstance(group.get(key), h5py.Group):
+                    raise DataError(f"{group.name} has no group {key}")
+                check_hard_links(group[key])
+
+
+def _lengths(attributes: Mapping[str, Attribute]) -> dict[str, int]:
+    """The letters of shapes that the attributes decide on."""
+    ticks, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in TASKS if t == attributes[schema.TASK])
+    return {"N": ticks, "N+1": ticks + 1, "A": action_size(task)}
+
+
+def _inspect_consistency(group: h5py.Group, lengths: Mapping[str, int], found: Violations) -> None:
+    """What lies between data sets."""
+    with found.at(f"{group.name}/{schema.STATES}"):
+        if lengths["D"] % 3:
+            raise DataError(f"{group.name}/{schema.STATES} has {lengths['D']} columns; it must be three for each node")
+    for key in (schema.RGB, schema.DEPTH):
+        with found.at(f"{group.name}/{schema.OBS}/{key}"):
+            if (key in group[schema.OBS]) != (key in group[schema.NEXT_OBS]):
+                raise DataError(f"{group.name} has {key} in only one of {schema.OBS} and {schema.NEXT_OBS}")
+
+
+def _check_dataset(group: h5py.Group, field: schema.Field, lengths: dict[str, int], file_bytes: int) -> None:
+    """``lengths`` binds the letters of a shape; new ones are added."""
+    name = f"{group.name}/{field.key}"
+    dataset = group[field.key]
+    if not isinstance(dataset, h5py.Dataset):
+        raise DataError(f"{name} is a group; it must be a data set")
+    check_stored_here(dataset, name)
+    if dataset.dtype.str != field.dtype:
+        raise DataError(f"{name} is of type {dataset.dtype.str}; it must be {field.dtype}")
+    shape = dataset.shape
+    fits = shape is not None and len(shape) == len(field.shape)
+    if fits:
+        for wanted, got in zip(field.shape, shape, strict=True):
+            fits = fits and got == (lengths.setdefault(wanted, got) if isinstance(wanted, str) else wanted)
+    if not fits:
+        known = tuple(lengths.get(w, w) if isinstance(w, str) else w for w in field.shape)
+        raise DataError(f"{name} has shape {shape}; it must be {known}")
+    check_claim(dataset, name, file_bytes)

@@ -2,8 +2,10 @@
 
 The only copy of an episode is never inside a file that is open for writing. ``keep`` makes each a finished file of its
 own in ``FILE.h5.parts``; from time to time, and on closing, ``FILE.h5`` is made anew from itself and these, written
-aside and renamed, and only then are the parts removed. Readers see every kept episode in between, too (``data.store``);
-after a killed recording the next recorder tidies up.
+aside and renamed, and only then are the parts removed. Readers see every kept episode in between, too (``data.store``).
+
+A running episode has a journal there (``data.journal``). After a killed recording the next recorder tidies up, and
+keeps what the journals hold: whole episodes that had not been reported yet, and what there is of others as ``partial``.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,12 +26,16 @@ from data import schema
 from data.assemble import SessionFile, check_copy, file_image
 from data.durable import PART_SUFFIX, WriterLock, fsync_path, os_reason, write_durably, written_aside
 from data.encode import LIBVER
+from data.journal import JournalTicket, JournalWriter
 from data.opening import part_files, parts_folder
+from data.recovery import abandoned, journal_path, journals, read_journal, remove
 from data.store import Session, open_session
-from data.types import DESCRIPTORS, TASKS, DataError, Episode, Task
+from data.types import DESCRIPTORS, TASKS, DataError, Episode, Outcome, Step, StoppedBy, Task
 
 PARTS_MAX = 200
 """Parts that are let lie at most: each costs a reader an open file, of which a process may have 256 on some systems."""
+DYING_S = 5.0
+"""How long a journal's writer may take to die when its recorder has been killed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +48,42 @@ class KeptEpisode:
     """The session's file."""
     ticks: int
     size_bytes: int
+    outcome: Outcome
+    contact_final: float
+
+
+class Running:
+    """An episode that is being recorded in this process: a hook of the loop, kept or discarded at its end.
+
+    If neither happens, because the program is killed or the recorder closed, what there is of it is kept as partial.
+    """
+
+    def __init__(self, recorder: SessionRecorder, ticket: JournalTicket, beginning: Episode) -> None:
+        self._recorder = recorder
+        self._ticket = ticket
+        self._writer: JournalWriter = ticket.begin(beginning)
+
+    def step(self, step: Step) -> None:
+        """One tick that is over; DataError where the disk does not take it."""
+        self._writer.step(step)
+
+    def on_tick(self, step: Step, tick: int) -> None:
+        """As a hook of the loop."""
+        self._writer.step(step)
+
+    def keep(self, episode: Episode) -> KeptEpisode:
+        """The whole episode, durable on return, as SessionRecorder.keep; its outcome is the caller's to say."""
+        self._writer.finish(episode)
+        return self._recorder.keep(episode, ticket=self._ticket)
+
+    def discard(self) -> None:
+        """Nobody wants it."""
+        self._writer.close()
+        self._recorder.discard(self._ticket)
+
+    def close(self) -> None:
+        """Stop writing; the recorder keeps what there is when it closes."""
+        self._writer.close()
 
 
 class SessionRecorder:
@@ -58,7 +101,11 @@ class SessionRecorder:
         self.cloth = cloth
         self.descriptor = descriptor
         self.keep_images = keep_images
+        self.recovered: tuple[KeptEpisode, ...] = ()
+        """What a killed recording had left running."""
         self._next = 0
+        self._uids: set[str] = set()
+        self._running: list[Running] = []
         self._tick_s: float | None = None
         self._closed = False
         with writing(self.path):
@@ -72,27 +119,52 @@ class SessionRecorder:
             self._lock.release()
             raise
 
-    def keep(self, episode: Episode) -> KeptEpisode:
-        """Returns once the episode is durable; a DataError means that it was not kept and that all others are safe."""
-        if self._closed:
-            raise DataError(f"{self.path} is closed; open a new recorder")
-        self._check_fits(episode)
-        name = schema.demo_name(self._next)
-        image = file_image(name, episode, uuid.uuid4().hex, keep_images=self.keep_images)
-        with writing(self.path):
-            write_durably(self._parts / f"{name}.h5", image)
-        self._next += 1
-        self._tick_s = episode.tick_s
-        # The episode is safe already; should there be no room to assemble, its part stays until there is.
-        with contextlib.suppress(DataError, OSError):
-            if self._worth_assembling():
-                assemble(self.path)
-        return KeptEpisode(name=name, path=self.path, ticks=len(episode.steps), size_bytes=len(image))
+    def keep(self, episode: Episode, *, ticket: JournalTicket | None = None) -> KeptEpisode:
+        """Returns once the episode is durable; a DataError means that it was not kept and that all others are safe.
+
+        With the ticket of its journal, the journal has done its service then.
+        """
+        uid = uuid.uuid4().hex if ticket is None else ticket.uid
+        kept = self._keep(episode, uid, keep_images=self.keep_images)
+        if ticket is not None:
+            remove(ticket.path)
+        return kept
+
+    def begin(self, beginning: Episode) -> Running:
+        """Record an episode while it runs in this process.
+
+        ``beginning`` is the episode as far as it is known: without ticks, its final observation being the first.
+        """
+        self._check_open()
+        self._check_fits(beginning)
+        running = Running(self, self.ticket(), beginning)
+        self._running.append(running)
+        return running
+
+    def ticket(self) -> JournalTicket:
+        """For an episode that runs in another process, which writes its journal; then ``keep`` or ``recover`` it."""
+        self._check_open()
+        uid = uuid.uuid4().hex
+        return JournalTicket(path=journal_path(self._parts, uid), uid=uid, keep_images=self.keep_images)
+
+    def recover(self, ticket: JournalTicket, *, stopped_by: StoppedBy = "crashed") -> KeptEpisode | None:
+        """Keep what there is of an episode whose process ended without handing it over; None where there is nothing."""
+        self._check_open()
+        return self._recover(ticket.path, stopped_by)
+
+    def discard(self, ticket: JournalTicket) -> None:
+        """Forget a running episode."""
+        remove(ticket.path)
 
     def close(self) -> None:
         """Put everything into the one file. If that fails, the parts stay, and readers still find all episodes."""
         if self._closed:
             return
+        for running in self._running:
+            running.close()
+        # Where there is no room, the journals stay as well, for repair.
+        with contextlib.suppress(DataError):
+            self._recover_all("interrupted")
         self._closed = True
         try:
             if part_files(self._real):
@@ -114,9 +186,13 @@ class SessionRecorder:
             for stale in self._parts.glob(f"*{PART_SUFFIX}"):
                 stale.unlink()
             fsync_path(self._real.parent)
-        parts = part_files(self._real)
-        if not parts and not self._real.exists():
-            return
+        if part_files(self._real) or self._real.exists():
+            self._take_over_session()
+        self.recovered = self._recover_all("crashed")
+        if part_files(self._real):
+            assemble(self.path)
+
+    def _take_over_session(self) -> None:
         with open_session(self.path) as session:
             for key in ("task", "cloth", "descriptor"):
                 there, wanted = getattr(session, key), getattr(self, key)
@@ -124,8 +200,58 @@ class SessionRecorder:
                     raise DataError(f"{self.path} holds episodes with {key} {there}, not {wanted}; choose another file")
             self._tick_s = session.tick_s
             self._next = 1 + max((schema.demo_number(name) for name in session.names), default=-1)
-        if parts:
-            assemble(self.path)
+            self._uids = {info.uid for info in session.infos().values()}
+
+    def _recover_all(self, stopped_by: StoppedBy) -> tuple[KeptEpisode, ...]:
+        kept = [self._recover(path, stopped_by) for path in journals(self._parts) if self._left_alone(path)]
+        return tuple(episode for episode in kept if episode is not None)
+
+    def _left_alone(self, journal: Path) -> bool:
+        """A killed recording's processes die with it, but not in the same instant."""
+        give_up = time.monotonic() + DYING_S
+        while not abandoned(journal):
+            if time.monotonic() > give_up:
+                return False
+            time.sleep(0.01)
+        return journal.exists()
+
+    def _recover(self, journal: Path, stopped_by: StoppedBy) -> KeptEpisode | None:
+        if not journal.exists():
+            return None
+        found = read_journal(journal, stopped_by=stopped_by)
+        kept = None
+        if found is not None and found.uid not in self._uids:
+            # The journal holds images only where they were asked for.
+            kept = self._keep(found.episode, found.uid, keep_images=True)
+        remove(journal)
+        return kept
+
+    def _keep(self, episode: Episode, uid: str, *, keep_images: bool) -> KeptEpisode:
+        self._check_open()
+        self._check_fits(episode)
+        name = schema.demo_name(self._next)
+        image = file_image(name, episode, uid, keep_images=keep_images)
+        with writing(self.path):
+            write_durably(self._parts / f"{name}.h5", image)
+        self._next += 1
+        self._uids.add(uid)
+        self._tick_s = episode.tick_s
+        # The episode is safe already; should there be no room to assemble, its part stays until there is.
+        with contextlib.suppress(DataError, OSError):
+            if self._worth_assembling():
+                assemble(self.path)
+        return KeptEpisode(
+            name=name,
+            path=self.path,
+            ticks=len(episode.steps),
+            size_bytes=len(image),
+            outcome=episode.outcome,
+            contact_final=episode.final_observation.contact_portion,
+        )
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise DataError(f"{self.path} is closed; open a new recorder")
 
     def _check_fits(self, episode: Episode) -> None:
         for key, wanted, got in (
