@@ -137,15 +137,28 @@ def trim(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Cut an episode to some of its ticks; all other episodes stay as they are."""
+    """Cut an episode to some of its ticks.
+
+    All other episodes stay as they are.
+    """
     from app.data_ops import trim as run
 
     run(path, out, episode=episode, start=start, stop=stop, force=force)
 
 
 @data_cli.command()
-def repair(path: DataFile, out: Session, force: Force = False, debug: Debug = False) -> None:
-    """Save what a killed recording or a damaged file still holds."""
+def repair(
+    path: DataFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.h5", help="Write the sound session there; in place by default.")
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Save what a killed recording or a damaged file holds.
+
+    In place nothing is thrown away: a damaged file stays as FILE.h5.damaged. Exit status 1 if something was lost.
+    """
     from app.data_ops import repair as run
 
     run(path, out, force=force)
@@ -194,7 +207,10 @@ def video(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Film an episode as its camera saw it, with contact and WORD drawn on it."""
+    """Film an episode as its camera saw it.
+
+    With contact and WORD drawn on it; where no images were recorded, they are drawn from the cloth's nodes.
+    """
     checks.require_simulator()
     from app.dataset import film as run
 
@@ -211,7 +227,10 @@ def plot(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Plot a session: paths, starts, actions, contact portion and WORD."""
+    """Plot a session as one picture.
+
+    Paths, starts, actions, contact portion and WORD.
+    """
     from app.dataset import plot as run
 
     run(path, out, episode=episode, force=force)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app import checks
-from app.errors import WrongCall
+from app.errors import LayflatError, WrongCall
 from data import operations, schema
+from data.repair import repair as repair_session
 from data.store import open_session
 from data.types import Outcome
 
@@ -102,7 +103,18 @@ def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, f
     print(f"wrote {name} with {cut.ticks} of {before.ticks} ticks, {cut.outcome} {out}")
 
 
-def repair(path: Path, out: Path, *, force: bool) -> None:
-    """Save what a killed recording or a damaged file still holds."""
-    checks.writable_file(out, force=force)
-    print(operations.repair(path, out, force=force))
+def repair(path: Path, out: Path | None, *, force: bool) -> None:
+    """Save what a killed recording or a damaged file still holds, in place or into ``out``."""
+    if out is not None:
+        checks.writable_file(out, force=force)
+    report = repair_session(path, out, force=force)
+    for violation in report.lost:
+        print(f"lost {violation.path}: {violation.sentence}")
+    for name in report.recovered:
+        print(f"recovered {name} from a recording that was cut off")
+    print(f"wrote {len(report.kept) + len(report.recovered)} episodes {report.target}")
+    if report.original is not None:
+        print(f"the damaged file is {report.original}")
+    if report.lost:
+        count = "one part" if len(report.lost) == 1 else f"{len(report.lost)} parts"
+        raise LayflatError(f"{count} of {path} could not be read; everything else is in {report.target}")

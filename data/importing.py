@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute, json_object
-from data.check import check_claim, check_hard_links, check_stored_here, check_values
+from data.check import check_claim, check_hard_links, check_stored_here
 from data.decode import observations_of, without_ticks
 from data.encode import attributes_of
 from data.types import (
@@ -83,10 +83,10 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     attributes = unknown_attributes | told
     if not attributes[schema.CLOTH]:
         raise DataError(f"{group.name} does not say of which cloth it is; name the cloth")
-    attributes[schema.SUCCESS] = attributes[schema.OUTCOME] == "success"
     provenance = json_object(unknown_attributes, schema.PROVENANCE) | json_object(attributes, schema.PROVENANCE)
     attributes[schema.PROVENANCE] = json.dumps(provenance)
-    check_values(group, attributes)
+    if not float(attributes[schema.TICK_S]) > 0:
+        raise DataError(f"attribute {schema.TICK_S} is {attributes[schema.TICK_S]}; it must be above 0")
     known = without_ticks(attributes, observations[-1], truths[-1])
     return replace(known, steps=unknown.steps, initial_joints=joints)
 

@@ -147,7 +147,7 @@ def test_only_the_chosen_are_exported_under_their_own_names(session_of, make_epi
 
 
 def _rewritten(source, target, *, skip=(), attributes=(), dtype="<f4", **packing):
-    """As by a tool that knows robomimic's form only: none of our attributes but ``attributes``, numbers as ``dtype``."""
+    """As by a tool that knows only robomimic's form: of our attributes only ``attributes``, numbers as ``dtype``."""
     with h5py.File(source) as old, h5py.File(target, "w") as new:
         data = new.create_group("data")
         data.attrs["env_args"] = old["data"].attrs["env_args"]
@@ -264,6 +264,7 @@ BROKEN = {
     "a claim": (_claim, "claims"),
     "a seed in words": (_attribute("seed", "seven"), "seed"),
     "a seed that is a list": (_attribute("seed", [1, 2]), "seed"),
+    "a tick without length": (_attribute("tick_s", 0.0), "above 0"),
     "an outcome that is none": (_attribute("outcome", "fine"), "outcome"),
     "provenance that is no JSON": (_attribute("provenance", "{"), "JSON"),
 }
