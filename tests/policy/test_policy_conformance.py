@@ -13,19 +13,24 @@ from policy.base import Policy
 from policy.expert import ScriptedExpert
 from policy.gp_policy import GpPolicy
 from policy.handover import Handover
+from policy.recorded import Recorded
 
 LEARNED = {"gp-word": "all", "gp-baseline": "position"}
 
 
 HANDOVER = "handover"
 EXPERT = "scripted"
+RECORDED = "recorded"
 
 
 @pytest.fixture(
-    params=[(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT) for task in TASKS], ids="-".join
+    params=[(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT, RECORDED) for task in TASKS],
+    ids="-".join,
 )
-def policy(request, model_of) -> Policy:
+def policy(request, model_of, make_episode) -> Policy:
     name, task = request.param
+    if name == RECORDED:
+        return Recorded(make_episode(task, ticks=50))
     if name == HANDOVER:
         first = GpPolicy(model_of(task, "position"))
         return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
