@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 from app import checks
 from app.errors import WrongCall
-from app.film import camera_frames
+from app.film import camera_frames, check_drawable
 from app.plots import curves_of, plot_session
 from app.progress import Progress
 from app.video import write_video
@@ -72,6 +72,7 @@ def film(path: Path, out: Path, *, episode: int, force: bool) -> None:
         raise WrongCall(f"{out} is not a .webm file; films are written as .webm")
     with open_session(path) as session:
         recorded = session.episode(schema.demo_name(episode))
+    check_drawable(recorded)
     checks.writable_file(out, force=force)
     with Progress({"film": FRAME_S * len(recorded.steps)}) as progress:
         progress.phase("film")

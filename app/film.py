@@ -9,12 +9,26 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app import checks
 from app.draw import Drawer
+from app.errors import WrongCall
 from app.strips import film_frame, moment
 from data.types import Episode
+from sim.cloth import CLOTHS, cloth_spec
 from sim.stage import Stage
 
 WIDTH, HEIGHT = 640, 480
+
+
+def check_drawable(episode: Episode) -> None:
+    """WrongCall where the recorded cloth is none that can be drawn."""
+    checks.known_name("cloth", episode.cloth, CLOTHS)
+    spec = cloth_spec(episode.cloth)
+    wanted, shape = (spec.rows * spec.columns, 3), episode.final_truth.nodes.shape
+    if shape != wanted:
+        raise WrongCall(
+            f"the recorded cloth has nodes of shape {shape} and cannot be drawn; a {spec.name} has {wanted}"
+        )
 
 
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:

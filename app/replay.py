@@ -16,7 +16,7 @@ from rich.table import Table
 
 from app import checks
 from app.errors import LayflatError, WrongCall
-from app.film import scene_frames
+from app.film import check_drawable, scene_frames
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -61,6 +61,8 @@ def replay(
     if video is not None and video.suffix != ".webm":
         raise WrongCall(f"{video} is not a .webm file; films are written as .webm")
     recorded = read_episode(path, episode)
+    if video is not None:
+        check_drawable(recorded)
     for file in (json, video):
         if file is not None:
             checks.writable_file(file, force=force)

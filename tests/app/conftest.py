@@ -30,7 +30,7 @@ def _picture(share: float, tick: int) -> np.ndarray:
 def _contact(tick: int, gain: float, noise: FloatArray) -> float:
     """Rises while placing, falls by 14 points while disturbed, rises by ``gain`` while repaired."""
     if tick <= PLACE:
-        return float(0.97 / (1 + np.exp(-(tick - 38) / 5)) + noise[tick])
+        return max(float(0.97 / (1 + np.exp(-(tick - 38) / 5)) + noise[tick]), 0.0)
     if tick <= PLACE + DISTURB:
         return float(0.96 - 0.14 * (tick - PLACE) / DISTURB)
     return float(0.82 + gain * (tick - PLACE - DISTURB) / REPAIR)

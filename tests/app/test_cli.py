@@ -14,7 +14,7 @@ from app.errors import LayflatError, WrongCall
 from data.types import TASKS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "bench", "doctor")
+COMMANDS = ("demo", "record", "train", "place", "bench", "doctor", "data", "replay")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -41,6 +41,12 @@ WRONG = [
     ("train", "x.h5", "m.npz", "--nope"),
     ("train", "x.h5"),
     ("doctor", "extra"),
+    ("data",),
+    ("data", "nonsense"),
+    ("data", "info"),
+    ("replay", "x.h5"),
+    ("replay", "x.h5", "--episode", "-1"),
+    ("replay", "x.h5", "--episode", "0", "--mode", "dream"),
 ]
 
 
