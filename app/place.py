@@ -110,7 +110,7 @@ def _run(
                 continue
             done.append(result)
             if recorder is not None:
-                progress.note(kept_line(recorder, result))
+                progress.note(kept_line(recorder.keep(result)))
             row = row_of(result)
             progress.advance(status=f"seed {result.seed}: contact {row['contact_final']:.2f}, {row['stopped_by']}")
 

@@ -78,6 +78,7 @@ class JournalWriter:
         self._dtype = record_dtype(self._lengths)
         self._problem: DataError | None = None
         self._closed = False
+        self._ticks = 0
         header = {
             "attributes": attributes_of(beginning, ticket.uid),
             "lengths": self._lengths,
@@ -105,6 +106,7 @@ class JournalWriter:
             raise DataError(f"the action is {step.action}; it must be {self._size} numbers within +-{ACTION_LIMIT_M} m")
         self._check_fits(step.observation, step.truth)
         self._queue.put(_Tick(step, time.monotonic() - self._began))
+        self._ticks += 1
 
     def on_tick(self, step: Step, tick: int) -> None:
         """As a hook of the loop."""
@@ -113,6 +115,9 @@ class JournalWriter:
     def finish(self, episode: Episode) -> None:
         """Say how it ended: from now on the journal gives back the whole episode. Never raises: it is told by keep."""
         with contextlib.suppress(DataError):
+            # The loop's hooks do not hear of a tick that ended in instability.
+            for step in episode.steps[self._ticks :]:
+                self.step(step)
             self._check_fits(episode.final_observation, episode.final_truth)
             attributes = json.dumps(attributes_of(episode, self.ticket.uid)).encode("ascii")
             self._queue.put(_Last(episode.final_observation, episode.final_truth, episode.wall_s, attributes))

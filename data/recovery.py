@@ -103,9 +103,12 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
         raise DataError(f"a tick of {dtype.itemsize} bytes cannot be")
     ticks = [content for kind, content in frames if kind == TICK]
     end = next((content for kind, content in frames if kind == END), None)
-    if end is not None:
+    last = attributes if end is None else json.loads(end[dtype.itemsize :])
+    if end is not None and last[schema.NUM_SAMPLES] == len(ticks):
         ticks.append(end[: dtype.itemsize])
-        attributes = json.loads(end[dtype.itemsize :])
+        attributes = last
+    else:
+        end = None  # A tick was refused before the end.
     if len(ticks) < 2:
         return None
     episode = _episode(attributes, np.frombuffer(b"".join(ticks), dtype), header["joints"])

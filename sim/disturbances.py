@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from dataclasses import dataclass, fields
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -102,6 +102,11 @@ class Plan:
     wind_m_s2: tuple[float, float, float]
     time_limit_s: float
     settle_s: float
+
+    def described(self) -> dict[str, Any]:
+        """As JSON values by name."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return values | {key: np.asarray(values[key]).tolist() for key in ("nodes", "path_m", "wind_m_s2")}
 
     def target(self, time_s: float) -> tuple[FloatArray, FloatArray, bool]:
         """Offset (3,) m and velocity (3,) m/s of the targets, and whether they are at the path's end."""
