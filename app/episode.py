@@ -13,6 +13,7 @@ from app.provenance import provenance_now
 from data.types import Episode, Observation, Outcome, Phase, Step, StoppedBy, action_size
 from policy.base import Policy
 from policy.recorded import Recorded
+from sim.disturbances import Plan
 from sim.placing import Placing
 
 PLACE_TICKS = 160
@@ -148,6 +149,9 @@ def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
     for step in recorded.steps:
         if step.phase == "disturb" != phase:
             bench.disturb(recorded.disturbance, recorded.seed)
+            if recorded.disturbance_plan and bench.disturbance is not None:
+                # As it was: what a name stands for may have changed since.
+                bench.disturbance.plan = Plan.recorded(recorded.disturbance_plan, bench.settings.spec)
         phase = step.phase
         if run.tick(phase) is not None:
             break

@@ -26,8 +26,9 @@ from data import schema
 from data.store import open_session
 from data.types import PHASES, Episode, FloatArray
 from sim.cloth import CLOTHS
-from sim.disturbances import DISTURBANCES
+from sim.disturbances import DISTURBANCES, Plan
 from sim.placing import BenchSettings, Placing
+from sim.world import SimError
 
 Mode: TypeAlias = Literal["state", "action"]
 TICK_WALL_S = 0.08
@@ -114,7 +115,12 @@ def _check_can_run(recorded: Episode) -> None:
             f"the episode's first {recorded.first_tick} ticks were cut off, so it cannot be run again from its start;"
             " replay it with --mode state"
         )
-    settings_of(recorded)
+    settings = settings_of(recorded)
+    try:
+        if recorded.disturbance_plan:
+            Plan.recorded(recorded.disturbance_plan, settings.spec)
+    except SimError as error:
+        raise WrongCall(str(error)) from None
 
 
 def _rerun_here(recorded: Episode) -> Episode:
@@ -129,13 +135,17 @@ def _rerun_here(recorded: Episode) -> Episode:
 
 
 def settings_of(recorded: Episode) -> BenchSettings:
-    """The bench that the episode was recorded on, as far as its file says so."""
-    known = {field.name for field in fields(BenchSettings) if field.init}
+    """The bench that the episode was recorded on, as far as its file says so; WrongCall where that is none."""
+    usual = BenchSettings(task=recorded.task, cloth=recorded.cloth)
+    known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
     told: dict[str, Any] = dict(recorded.bench) or {"table_friction": recorded.start.get("table_friction", 1.0)}
-    strange = sorted(told.keys() - known)
-    if strange:
-        raise WrongCall(f"the episode was recorded on a bench with {strange[0]}, which this version does not know")
-    return BenchSettings(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
+    for name, value in told.items():
+        if known.get(name) is not type(value):
+            raise WrongCall(f"the episode's bench has {name} {value!r}, which this version does not know")
+    try:
+        return BenchSettings(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
+    except SimError as error:
+        raise WrongCall(f"the episode's bench is none of this version: {error}") from None
 
 
 def compare(recorded: Episode, again: Episode) -> Divergence:
