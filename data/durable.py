@@ -122,8 +122,9 @@ class WriterLock:
                 _HELD.add(descriptor)
             else:
                 os.close(descriptor)
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, str(os.getpid()).encode("ascii"), 0)
+        with contextlib.suppress(OSError):  # A full disk has no room even for this, which is only said to others.
+            os.ftruncate(self._descriptor, 0)
+            os.pwrite(self._descriptor, str(os.getpid()).encode("ascii"), 0)
 
     def release(self) -> None:
         """Give the lock back, and remove the folder if nothing else is in it."""

@@ -84,16 +84,7 @@ class JournalWriter:
             "lengths": self._lengths,
             "joints": beginning.initial_joints.tolist(),
         }
-        try:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC
-            self._descriptor = os.open(ticket.path, flags, 0o644)
-            lock_for_life(self._descriptor)
-            write_all(self._descriptor, MAGIC)
-            write_all(self._descriptor, *frame(BEGINNING, json.dumps(header).encode("ascii")))
-            os.fsync(self._descriptor)
-            fsync_path(ticket.path.parent)
-        except OSError as error:
-            raise self._failed(error) from error
+        self._open(json.dumps(header).encode("ascii"))
         self._queue: queue.Queue[_Tick | _Last | None] = queue.Queue(WAITING_MAX)
         self._thread = threading.Thread(target=self._write_on, name="journal", daemon=True)
         self._thread.start()
@@ -131,6 +122,23 @@ class JournalWriter:
         self._queue.put(None)
         self._thread.join()
         unlock(self._descriptor)
+
+    def _open(self, header: bytes) -> None:
+        path = self.ticket.path
+        try:
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise self._failed(error) from error
+        try:
+            lock_for_life(self._descriptor)
+            write_all(self._descriptor, MAGIC)
+            write_all(self._descriptor, *frame(BEGINNING, header))
+            os.fsync(self._descriptor)
+            fsync_path(path.parent)
+        except OSError as error:
+            unlock(self._descriptor)
+            path.unlink()
+            raise self._failed(error) from error
 
     def _check_fits(self, observation: Observation, truth: Truth) -> None:
         lengths = _lengths(observation, truth, self._size, keep_images=self.ticket.keep_images)
