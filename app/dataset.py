@@ -8,18 +8,17 @@ from typing import Literal, TypeAlias
 
 from app import checks
 from app.errors import WrongCall
-from app.film import camera_frames, check_drawable
+from app.film import camera_frames, check_drawable, write_film
 from app.plots import curves_of, plot_session
 from app.progress import Progress
-from app.video import write_video
 from data import schema
 from data.robomimic import export_robomimic, import_robomimic
 from data.store import Session, open_session
 from data.types import Outcome
 
 Format: TypeAlias = Literal["robomimic", "lerobot", "csv"]
-FRAME_S = 0.06
-"""Expected wall time of a film's frame, for the first estimate of the time left."""
+EPISODE_S = 0.5
+"""Expected wall time of an episode's export to LeRobot, for the first estimate of the time left."""
 
 
 def export(
@@ -48,7 +47,12 @@ def export(
         if form == "lerobot":
             from data.lerobot import export_lerobot
 
-            written = export_lerobot(session, out, names=names, images=images)
+            with Progress({"export": EPISODE_S * len(names)}) as progress:
+                progress.phase("export")
+                share = 1 / len(names)
+                written = export_lerobot(
+                    session, out, names=names, images=images, on_episode=lambda name: progress.advance(share, name)
+                )
             what = "with images" if written.images else "without images"
             print(f"exported {written.episodes} episodes, {written.frames} frames {what} {out}")
         else:
@@ -74,9 +78,7 @@ def film(path: Path, out: Path, *, episode: int, force: bool) -> None:
         recorded = session.episode(schema.demo_name(episode))
     check_drawable(recorded)
     checks.writable_file(out, force=force)
-    with Progress({"film": FRAME_S * len(recorded.steps)}) as progress:
-        progress.phase("film")
-        count = write_video(out, camera_frames(recorded), fps=1.0 / recorded.tick_s)
+    count = write_film(out, camera_frames(recorded), recorded)
     print(f"filmed {schema.demo_name(episode)}, {count} frames {out}")
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,16 @@ from numpy.typing import NDArray
 from app import checks
 from app.draw import Drawer
 from app.errors import WrongCall
+from app.progress import Progress
 from app.strips import film_frame, moment
+from app.video import write_video
 from data.types import Episode
 from sim.cloth import CLOTHS, cloth_spec
 from sim.stage import Stage
 
 WIDTH, HEIGHT = 640, 480
+FRAME_S = 0.06
+"""Expected wall time of a frame, for the first estimate of the time left."""
 
 
 def check_drawable(episode: Episode) -> None:
@@ -29,6 +34,20 @@ def check_drawable(episode: Episode) -> None:
         raise WrongCall(
             f"the recorded cloth has nodes of shape {shape} and cannot be drawn; a {spec.name} has {wanted}"
         )
+
+
+def write_film(path: Path, frames: Iterable[NDArray[np.uint8]], episode: Episode) -> int:
+    """Write the frames of an episode, one for each observation, at its own speed; returns how many they are."""
+    count = len(episode.steps) + 1
+
+    def told() -> Iterator[NDArray[np.uint8]]:
+        for frame in frames:
+            yield frame
+            progress.advance(1 / count)
+
+    with Progress({"film": FRAME_S * count}) as progress:
+        progress.phase("film")
+        return write_video(path, told(), fps=1.0 / episode.tick_s)
 
 
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:

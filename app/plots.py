@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from app.atomic import replacing
-from app.figures import DPI, MUTED, STYLE, times
+from app.figures import DPI, MUTED, STYLE
 from data.types import ACTION_NAMES, OUTCOMES, Episode, FloatArray, Outcome, Task, actions_of
 
 COLOURS: Mapping[Outcome, str] = {"success": "#0f766e", "failure": "#c2571a", "partial": "#6d5bd0"}
@@ -32,8 +32,9 @@ class Curves:
     task: Task
     outcome: Outcome
     time_s: FloatArray
-    """(T + 1,) s, 0 at the beginning of the disturbance where there is one."""
-    disturbed: bool
+    """(T + 1,) s, 0 at the first tick."""
+    disturbed_s: float | None
+    """When the disturbance began, where there is one."""
     corners_m: FloatArray
     """(T + 1, 2, 3)"""
     holder_m: FloatArray
@@ -51,12 +52,13 @@ def curves_of(name: str, episode: Episode) -> Curves:
     seen = episode.observations()
     word = np.array([o.word for o in seen])
     angle = np.degrees(np.arctan2(word[:, 1], word[:, 0]))
+    bounds = episode.phase_bounds("disturb")
     return Curves(
         name=name,
         task=episode.task,
         outcome=episode.outcome,
-        time_s=times(episode),
-        disturbed=episode.phase_bounds("disturb") is not None,
+        time_s=episode.tick_s * np.arange(len(seen), dtype=np.float64),
+        disturbed_s=None if bounds is None else bounds[0] * episode.tick_s,
         corners_m=np.array([o.corner_positions for o in seen]),
         holder_m=np.array([o.holder_position for o in seen]),
         actions_m=actions_of(episode.steps),
@@ -65,9 +67,16 @@ def curves_of(name: str, episode: Episode) -> Curves:
     )
 
 
+def aligned_curves(episodes: Sequence[Curves]) -> tuple[list[Curves], bool]:
+    """Curves whose time 0 is the beginning of the disturbance, if all of them have one; and whether it is."""
+    if not all(curves.disturbed_s is not None for curves in episodes):
+        return list(episodes), False
+    return [replace(c, time_s=c.time_s - (c.disturbed_s or 0.0), disturbed_s=0.0) for c in episodes], True
+
+
 def plot_session(path: Path, title: str, episodes: Iterable[Curves]) -> int:
     """Draw the page into a PNG at ``path``, whole or not at all; returns the number of episodes on it."""
-    all_curves = list(episodes)
+    all_curves, aligned = aligned_curves(list(episodes))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(12.0, 7.2), layout="constrained")
         figure.suptitle(title, x=0.01, ha="left", fontsize=10.5)
@@ -78,12 +87,12 @@ def plot_session(path: Path, title: str, episodes: Iterable[Curves]) -> int:
         _draw_contact(panels["contact"], all_curves)
         _draw_word(panels["word"], all_curves)
         panels["word"].set_xlim(panels["contact"].get_xlim())
-        disturbed = any(curves.disturbed for curves in all_curves)
+        begun = {curves.disturbed_s for curves in all_curves if curves.disturbed_s is not None}
         for key in ("actions", "contact", "word"):
-            panels[key].set_xlabel("time since the disturbance began (s)" if disturbed else "time (s)")
+            panels[key].set_xlabel("time since the disturbance began (s)" if aligned else "time (s)")
             panels[key].grid(axis="y")
-            if disturbed:
-                panels[key].axvline(0, color="#b3372b", linewidth=1)
+            for moment_s in begun:
+                panels[key].axvline(moment_s, color="#b3372b", linewidth=1, alpha=_alpha(len(begun)), zorder=0)
         with replacing(path) as aside:
             figure.savefig(aside, format="png", dpi=DPI, metadata={"Software": None})
     return len(all_curves)
@@ -128,6 +137,7 @@ def _draw_starts(axis: Axes, episodes: Sequence[Curves]) -> None:
     axis.set_xlabel("x (mm)")
     axis.set_ylabel("z (mm)")
     axis.margins(0.15)
+    axis.locator_params(axis="x", nbins=5)
 
 
 def _draw_actions(axis: Axes, episodes: Sequence[Curves]) -> None:

@@ -16,12 +16,11 @@ from rich.table import Table
 
 from app import checks
 from app.errors import LayflatError, WrongCall
-from app.film import check_drawable, scene_frames
+from app.film import check_drawable, scene_frames, write_film
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
 from app.rows import row_of, write_json
-from app.video import write_video
 from data import schema
 from data.store import open_session
 from data.types import PHASES, Episode, FloatArray
@@ -79,7 +78,7 @@ def replay(
     if json is not None:
         write_json(json, {**about, **report})
     if video is not None:
-        write_video(video, scene_frames(shown), fps=1.0 / shown.tick_s)
+        write_film(video, scene_frames(shown), shown)
 
 
 def read_episode(path: Path, number: int) -> Episode:
@@ -102,6 +101,7 @@ def rerun(recorded: Episode) -> Episode:
             raise LayflatError(f"the replay took more than {JOB_LIMIT_S:.0f} s; its physics may hang") from None
         except ProcessExpired as error:
             raise LayflatError(f"the replay's process ended with status {error.exitcode}; try again") from None
+        progress.advance()
     return again
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,11 +51,17 @@ class LeRobotExport:
 
 
 def export_lerobot(
-    session: Session, folder: Path, *, names: Iterable[str] | None = None, images: bool = True
+    session: Session,
+    folder: Path,
+    *,
+    names: Iterable[str] | None = None,
+    images: bool = True,
+    on_episode: Callable[[str], None] | None = None,
 ) -> LeRobotExport:
     """Write a LeRobot data set into ``folder``, which takes the place of what was there, as a whole or not at all.
 
     ``images`` takes the camera's images where the session has them; all chosen episodes need them, or none.
+    ``on_episode`` is told the name of each episode that is done.
     """
     optional("pyarrow.parquet")
     chosen = tuple(session.names if names is None else names)
@@ -69,7 +75,7 @@ def export_lerobot(
     aside = folder.with_name(f".{folder.name}.{os.getpid()}{PART_SUFFIX}")
     shutil.rmtree(aside, ignore_errors=True)
     try:
-        export = _write(session, aside, chosen, fps=fps, images=images)
+        export = _write(session, aside, chosen, fps=fps, images=images, on_episode=on_episode)
         _take_place(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
@@ -85,7 +91,15 @@ def _take_place(aside: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _write(session: Session, root: Path, names: tuple[str, ...], *, fps: int, images: bool) -> LeRobotExport:
+def _write(
+    session: Session,
+    root: Path,
+    names: tuple[str, ...],
+    *,
+    fps: int,
+    images: bool,
+    on_episode: Callable[[str], None] | None,
+) -> LeRobotExport:
     task = f"Lay the {session.cloth} flat on the table with the {session.task}."
     features: tuple[Feature, ...] = ()
     stats = Stats()
@@ -103,6 +117,8 @@ def _write(session: Session, root: Path, names: tuple[str, ...], *, fps: int, im
             stats.merge(own)
             meta.add(index, len(episode.steps), place, own)
             meta.tell(index, name, session.info(name).uid, episode)
+            if on_episode is not None:
+                on_episode(name)
     with_images = any(feature.dtype == "image" for feature in features)
     _write_meta(root, session, features, meta, stats, fps=fps)
     return LeRobotExport(episodes=len(names), frames=meta.frames, images=with_images)
