@@ -18,14 +18,16 @@ Attribute: TypeAlias = str | int | float | bool
 def typed_attributes(group: h5py.Group, types: Mapping[str, type]) -> dict[str, Attribute]:
     """The named attributes as plain Python values, or a DataError that says which one is wrong."""
     found: dict[str, Attribute] = {}
+    attributes = group.attrs
     for key, wanted in types.items():
-        if key not in group.attrs:
-            raise DataError(f"{group.name} has no attribute {key}")
-        shape = group.attrs.get_id(key).shape
+        try:
+            shape = attributes.get_id(key).shape
+        except KeyError:
+            raise DataError(f"{group.name} has no attribute {key}") from None
         # Before reading: an array's shape is only a claim.
         if shape != ():
             raise DataError(f"attribute {key} of {group.name} has shape {shape}; it must be one {wanted.__name__}")
-        value = group.attrs[key]
+        value = attributes[key]
         plain: Any = value.item() if isinstance(value, np.generic) else value
         if type(plain) is not wanted:
             raise DataError(f"attribute {key} of {group.name} is {type(plain).__name__}; it must be {wanted.__name__}")

@@ -62,13 +62,15 @@ def inspect_demo(group: h5py.Group, found: Violations, *, file_bytes: int) -> De
     _inspect_members(group, found)
     if len(found) > before:
         return None
-    lengths = _lengths(attributes)
+    lengths, name = _lengths(attributes), str(group.name)
+    groups = {"": group} | {key: group[key] for key in (schema.OBS, schema.NEXT_OBS, schema.TRUTH)}
     for field in schema.FIELDS:
-        with found.at(f"{group.name}/{field.key}"):
-            if field.key in group:
-                _check_dataset(group, field, lengths, file_bytes)
+        parent, _, key = field.key.rpartition("/")
+        with found.at(f"{name}/{field.key}"):
+            if key in groups[parent]:
+                _check_dataset(groups[parent][key], f"{name}/{field.key}", field, lengths, file_bytes)
             elif not field.optional:
-                raise DataError(f"{group.name} has no data set {field.key}")
+                raise DataError(f"{name} has no data set {field.key}")
     if len(found) == before:
         _inspect_consistency(group, lengths, found)
     if len(found) > before:
@@ -92,8 +94,15 @@ def check_hard_links(group: h5py.Group) -> None:
         check_hard_link(group, key)
 
 
+def inspect_links(group: h5py.Group, found: Violations) -> None:
+    """As check_hard_links, of every link that is wrong."""
+    for key in group:
+        with found.at(f"{group.name.rstrip('/')}/{key}"):
+            check_hard_link(group, key)
+
+
 def check_hard_link(group: h5py.Group, key: str) -> None:
-    if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+    if group.id.links.get_info(key.encode("utf-8", "surrogateescape")).type != h5py.h5l.TYPE_HARD:
         raise DataError(f"{group.name.rstrip('/')}/{key} is a link to elsewhere; a session holds its data itself")
 
 
@@ -124,8 +133,9 @@ def _attributes(group: h5py.Group, found: Violations) -> dict[str, Attribute] | 
         version = int(typed_attributes(group, {schema.VERSION: int})[schema.VERSION])
         if version not in VERSIONS:
             raise DataError(f"attribute {schema.VERSION} of {group.name} is {version}; it must be one of {VERSIONS}")
+        name = str(group.name)
         for key, wanted in {**DEMO_TYPES[version], schema.DIGEST: str}.items():
-            with found.at(f"{group.name}@{key}"):
+            with found.at(f"{name}@{key}"):
                 attributes |= typed_attributes(group, {key: wanted})
     if len(found) > before:
         return None
@@ -158,13 +168,15 @@ def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], foun
 
 
 def _inspect_members(group: h5py.Group, found: Violations) -> None:
-    with found.at(group.name):
-        check_hard_links(group)
-        for key in (schema.OBS, schema.NEXT_OBS, schema.TRUTH):
-            with found.at(f"{group.name}/{key}"):
-                if not isinstance(group.get(key), h5py.Group):
-                    raise DataError(f"{group.name} has no group {key}")
-                check_hard_links(group[key])
+    before = len(found)
+    inspect_links(group, found)
+    if len(found) > before:
+        return
+    for key in (schema.OBS, schema.NEXT_OBS, schema.TRUTH):
+        with found.at(f"{group.name}/{key}"):
+            if key not in group or not isinstance(group[key], h5py.Group):
+                raise DataError(f"{group.name} has no group {key}")
+            inspect_links(group[key], found)
 
 
 def _lengths(attributes: Mapping[str, Attribute]) -> dict[str, int]:
@@ -184,10 +196,10 @@ def _inspect_consistency(group: h5py.Group, lengths: Mapping[str, int], found: V
                 raise DataError(f"{group.name} has {key} in only one of {schema.OBS} and {schema.NEXT_OBS}")
 
 
-def _check_dataset(group: h5py.Group, field: schema.Field, lengths: dict[str, int], file_bytes: int) -> None:
+def _check_dataset(
+    dataset: h5py.Dataset, name: str, field: schema.Field, lengths: dict[str, int], file_bytes: int
+) -> None:
     """``lengths`` binds the letters of a shape; new ones are added."""
-    name = f"{group.name}/{field.key}"
-    dataset = group[field.key]
     if not isinstance(dataset, h5py.Dataset):
         raise DataError(f"{name} is a group; it must be a data set")
     check_stored_here(dataset, name)

@@ -7,6 +7,7 @@ program that asked goes on.
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import multiprocessing
 import resource
 from collections.abc import Callable
@@ -47,6 +48,7 @@ def isolated(function: Callable[[], Result], *, limit_s: float, memory_bytes: in
 
 
 def _work(function: Callable[[], object], sender: Connection, memory_bytes: int) -> None:
+    faulthandler.disable()  # A crash here is an answer, not a fault of the program.
     with contextlib.suppress(ValueError, OSError):
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (_in_use() + memory_bytes, resource.RLIM_INFINITY))
