@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from app import checks
-from app.cli_options import DataFile, Debug, Force, Json, Seed
+from app.cli_options import DataFile, Debug, Force, Json, Seed, maybe_count
 
 FormatName = Literal["robomimic", "lerobot", "csv"]
 OutcomeName = Literal["success", "failure", "partial"]
@@ -89,8 +89,8 @@ def filter_(
     outcome: Outcome = None,
     source: Annotated[str | None, typer.Option(help="Only episodes from this source, such as scripted.")] = None,
     cloth: Annotated[str | None, typer.Option(help="Only episodes with this cloth.")] = None,
-    min_ticks: Annotated[int | None, typer.Option(help="At least so many ticks.")] = None,
-    max_ticks: Annotated[int | None, typer.Option(help="At most so many ticks.")] = None,
+    min_ticks: Annotated[int | None, typer.Option(callback=maybe_count, help="At least so many ticks.")] = None,
+    max_ticks: Annotated[int | None, typer.Option(callback=maybe_count, help="At most so many ticks.")] = None,
     min_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at least this, 0..1.")] = None,
     max_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at most this, 0..1.")] = None,
     force: Force = False,

@@ -10,23 +10,29 @@ import typer
 from app import checks
 
 
-def _count(param: typer.CallbackParam, value: int) -> int:
-    return checks.at_least_one(f"--{param.name}", value)
+def count(param: typer.CallbackParam, value: int) -> int:
+    """Callback of an option that must be at least 1."""
+    return checks.at_least_one(f"--{str(param.name).replace('_', '-')}", value)
 
 
-def _seed(value: int) -> int:
+def maybe_count(param: typer.CallbackParam, value: int | None) -> int | None:
+    """The same where the option may be left out."""
+    return None if value is None else count(param, value)
+
+
+def seed_in_range(value: int) -> int:
     return checks.seed_in_range(value)
 
 
-Episodes = Annotated[int, typer.Option(callback=_count, help="How many; at least 1.", show_default=True)]
-Seed = Annotated[int, typer.Option(callback=_seed, help="Seed of everything that chance decides.")]
+Episodes = Annotated[int, typer.Option(callback=count, help="How many; at least 1.", show_default=True)]
+Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Seed of everything that chance decides.")]
 Cloth = Annotated[str, typer.Option(help="Which cloth: towel or napkin.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")]
 Workers = Annotated[
     int,
     typer.Option(
-        callback=_count,
+        callback=count,
         default_factory=checks.available_cores,
         show_default="one per core",
         help="Processes to share the episodes among; results do not depend on it.",

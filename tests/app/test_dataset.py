@@ -285,6 +285,7 @@ WRONG = {
     ("filter", "hanger.h5", "--out", "o.h5", "--outcome", "partial"): "partial",
     ("filter", "hanger.h5", "--out", "o.h5", "--source", "nobody"): "none of the 4",
     ("filter", "hanger.h5", "--out", "o.h5", "--min-ticks", "9", "--max-ticks", "3"): "nothing can pass",
+    ("filter", "hanger.h5", "--out", "o.h5", "--min-ticks", "-2"): "--min-ticks is -2",
     ("merge", "hanger.h5", "pickers.h5", "--out", "o.h5"): "task",
     ("merge", "hanger.h5", "more.h5", "--out", "hanger.h5", "--force"): "one of the files",
     ("export", "hanger.h5", "--out", "o", "--format", "xml"): "xml",
