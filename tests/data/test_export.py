@@ -21,7 +21,7 @@ from data.table import EPISODES_CSV, TICKS_CSV, export_csv
 from data.types import FLAT_AREA, OUTCOMES, TASKS, DataError
 from tests.data.test_round_trip import episodes as any_episode
 
-FEW = settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture

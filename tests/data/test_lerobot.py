@@ -25,27 +25,29 @@ Image = pytest.importorskip("PIL.Image")
 RGB, DEPTH = "observation.images.camera", "observation.images.depth"
 
 
+def _session(path: Path, episodes):
+    first = episodes[0]
+    with SessionRecorder(path, task=first.task, cloth=first.cloth, keep_images=True) as recorder:
+        for episode in episodes:
+            recorder.keep(episode)
+    return open_session(path)
+
+
 @pytest.fixture
 def session_of(tmp_path):
-    def make(episodes, *, images=True):
-        path = tmp_path / "s.h5"
-        first = episodes[0]
-        with SessionRecorder(path, task=first.task, cloth=first.cloth, keep_images=images) as recorder:
-            for episode in episodes:
-                recorder.keep(episode)
-        return open_session(path)
-
-    return make
+    """``session_of(episodes)``: the open session ``s.h5`` with these episodes, images included."""
+    return lambda episodes: _session(tmp_path / "s.h5", episodes)
 
 
-@pytest.fixture(params=TASKS)
-def exported(request, session_of, make_episode, tmp_path):
+@pytest.fixture(params=TASKS, scope="module")
+def exported(request, make_episode, tmp_path_factory):
     """The folder, and the episodes that went into it."""
+    folder = tmp_path_factory.mktemp("exported")
     made = [make_episode(request.param, ticks=3 + 2 * i, seed=i, images=True) for i in range(4)]
-    with session_of(made) as session:
-        done = export_lerobot(session, tmp_path / "lr")
+    with _session(folder / "s.h5", made) as session:
+        done = export_lerobot(session, folder / "lr")
     assert (done.episodes, done.frames, done.images) == (4, 24, True)
-    return tmp_path / "lr", made
+    return folder / "lr", made
 
 
 def _frames(folder: Path):
