@@ -3,8 +3,9 @@
 from data.info import DemoInfo
 from data.journal import JournalTicket, JournalWriter
 from data.operations import filter_session, merge, split, trim
-from data.recorder import KeptEpisode, Running, SessionRecorder
+from data.recorder import KeptEpisode, SessionRecorder
 from data.repair import RepairReport, repair
+from data.running import Running
 from data.stats import ColumnStats, SessionStats, session_stats
 from data.store import EpisodeView, Session, open_session
 from data.types import DataError, Episode, Observation, Provenance, Step, Truth

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute, digest
+from data.check import stored_attributes, stored_digest
 from data.decode import read_demo
 from data.encode import LIBVER, arrays_of, attributes_of, write_demo, write_session_attributes
 from data.index import IndexLine, append_index
@@ -36,8 +37,9 @@ class SessionFile:
             self.add(name, read_demo(group, images=True), info.uid)
             return
         group.file.copy(group, self._data, name=name)
-        self._describe(self._data[name].attrs)
-        self._lines[name] = IndexLine(info=info, digest=str(group.attrs[schema.DIGEST]))
+        if schema.SCHEMA_NAME not in self._data.attrs:
+            self._describe(stored_attributes(group))
+        self._lines[name] = IndexLine(info=info, digest=stored_digest(group))
 
     def add(self, name: str, episode: Episode, uid: str, *, keep_images: bool = True) -> None:
         """An episode."""
@@ -73,12 +75,12 @@ class SessionFile:
         for key in source:
             if key not in (schema.DATA, schema.MASK, schema.INDEX):
                 source.copy(key, self._file)
-        for key, value in source[schema.DATA].attrs.items():
+        for key in source[schema.DATA].attrs:
             if key not in self._data.attrs:
-                self._data.attrs[key] = value
+                self._data.attrs[key] = source[schema.DATA].attrs[key]
 
     def _describe(self, attributes: Mapping[str, Attribute]) -> None:
-        if schema.ENV_ARGS not in self._data.attrs:
+        if schema.SCHEMA_NAME not in self._data.attrs:
             write_session_attributes(self._data, attributes, total=0)
 
 
@@ -103,7 +105,7 @@ def check_copy(copy: Path, digests: Mapping[str, str], names: Iterable[str]) -> 
     """Nothing is removed before what replaces it has been read: all ``names`` are there, with these checksums."""
     with h5py.File(copy, "r") as file:
         data = file[schema.DATA]
-        copied = {name: data[name].attrs[schema.DIGEST] for name in digests}
+        copied = {name: stored_digest(data[name]) for name in digests}
         complete = set(data) == set(names)
     if copied != digests or not complete:
         raise DataError(f"{copy} does not hold what was written to it; the episodes stay where they are")

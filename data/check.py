@@ -88,6 +88,12 @@ def stored_attributes(group: h5py.Group) -> dict[str, Attribute]:
     return attributes
 
 
+def stored_digest(group: h5py.Group) -> str:
+    """Checksum of the attributes of a checked demo, as the file has it."""
+    version = typed_attributes(group, {schema.VERSION: int})[schema.VERSION]
+    return str(typed_attributes(group, {schema.DIGEST: str}, variable=version == 1)[schema.DIGEST])
+
+
 def check_hard_links(group: h5py.Group) -> None:
     """A link may name another file of this machine; a session needs none."""
     for key in group:
@@ -131,12 +137,13 @@ def _attributes(group: h5py.Group, found: Violations) -> dict[str, Attribute] | 
     attributes: dict[str, Attribute] = {}
     with found.at(f"{group.name}@{schema.VERSION}"):
         version = int(typed_attributes(group, {schema.VERSION: int})[schema.VERSION])
-        if version not in VERSIONS:
-            raise DataError(f"attribute {schema.VERSION} of {group.name} is {version}; it must be one of {VERSIONS}")
+        of_session = typed_attributes(group.parent, {schema.VERSION: int})[schema.VERSION]
+        if version not in VERSIONS or version != of_session:
+            raise DataError(f"attribute {schema.VERSION} of {group.name} is {version}; the session's is {of_session}")
         name = str(group.name)
         for key, wanted in {**DEMO_TYPES[version], schema.DIGEST: str}.items():
             with found.at(f"{name}@{key}"):
-                attributes |= typed_attributes(group, {key: wanted})
+                attributes |= typed_attributes(group, {key: wanted}, variable=version == 1)
     if len(found) > before:
         return None
     with found.at(f"{group.name}@{schema.DIGEST}"):

@@ -16,6 +16,7 @@ import numpy as np
 
 from data import schema
 from data.check import check_claim, check_stored_here
+from data.encode import PACKING
 from data.info import DemoInfo, info_from_row, info_to_row
 from data.types import DataError
 
@@ -54,8 +55,8 @@ def append_index(file: h5py.File, lines: Mapping[str, IndexLine]) -> None:
             maxshape=(None,),
             dtype="|u1",
             chunks=(CHUNK_BYTES,),
-            compression="lzf",
             fletcher32=True,
+            **PACKING,
         )
     index = file[schema.INDEX]
     end = len(index)

@@ -40,10 +40,9 @@ def read_masks(file: h5py.File, *, file_bytes: int) -> dict[str, tuple[str, ...]
         if not isinstance(file[schema.MASK].get(key, getlink=True), h5py.HardLink):
             raise DataError(f"{path} is a link to elsewhere; a session holds its data itself")
         mask = file[path]
-        if not isinstance(mask, h5py.Dataset) or mask.dtype.kind not in "SO" or len(mask.shape or ()) != 1:
-            raise DataError(f"{path} is no list of names")
+        if not isinstance(mask, h5py.Dataset) or mask.dtype.kind != "S" or len(mask.shape or ()) != 1:
+            raise DataError(f"{path} is no list of names of fixed length (numpy's dtype S), as robomimic writes them")
         check_stored_here(mask, path)
         check_claim(mask, path, file_bytes)
-        names = [bytes(name).decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in mask[()]]
-        masks[str(key)] = tuple(names)
+        masks[str(key)] = tuple(bytes(name).decode("utf-8", "replace") for name in mask[()])
     return masks

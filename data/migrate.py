@@ -1,8 +1,8 @@
 """Older versions of the schema, read as the present one.
 
 Files are never changed by reading; whatever writes a session anew (appending, merging, repairing) writes the present
-version. Version 1 (layflat 0.1) knew neither descriptor, bench, joints, disturbance_plan, first_tick and operator, nor
-the copies of contact and area among the attributes.
+version. Version 1 (layflat 0.1) stored text at variable length, and knew neither descriptor, bench, joints,
+disturbance_plan, first_tick and operator, nor the copies of contact and area among the attributes.
 """
 
 from __future__ import annotations

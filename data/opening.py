@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from functools import partial
 from math import isclose
 from pathlib import Path
 
@@ -13,11 +14,13 @@ from data import schema
 from data.attributes import Attribute, typed_attributes
 from data.check import check_hard_links
 from data.durable import os_reason
+from data.isolated import Isolated, isolated
 from data.migrate import SESSION_TYPES, VERSIONS, upgraded_session
 from data.types import ACTION_LIMIT_M, DESCRIPTORS, TASKS, DataError
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, MemoryError)
 """What h5py and numpy raise on bytes that make no sense."""
+PROBE_S, PROBE_BYTES = 60.0, 1 << 30
 
 
 def parts_folder(path: Path) -> Path:
@@ -60,7 +63,7 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
     """Attributes of /data in the present schema, once they say that the file is one of ours."""
     check_hard_links(file)
     data = file.get(schema.DATA)
-    if not isinstance(data, h5py.Group) or data.attrs.get(schema.SCHEMA_NAME) != schema.SCHEMA:
+    if not isinstance(data, h5py.Group) or schema.SCHEMA_NAME not in data.attrs or schema.VERSION not in data.attrs:
         raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
     version = int(typed_attributes(data, {schema.VERSION: int})[schema.VERSION])
     if version not in VERSIONS:
@@ -68,7 +71,11 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
             f"is written in version {version} of the format;"
             f" this layflat reads versions {VERSIONS[0]} to {VERSIONS[-1]}"
         )
-    attributes = upgraded_session(typed_attributes(data, SESSION_TYPES[version]))
+    if version == 1:
+        _probe(Path(file.filename))
+    attributes = upgraded_session(typed_attributes(data, SESSION_TYPES[version], variable=version == 1))
+    if attributes[schema.SCHEMA_NAME] != schema.SCHEMA:
+        raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
     if attributes[schema.TASK] not in TASKS:
         raise DataError(f"attribute task is {attributes[schema.TASK]!r}; it must be one of {', '.join(TASKS)}")
     if attributes[schema.DESCRIPTOR] not in DESCRIPTORS:
@@ -80,6 +87,22 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
             f"attribute {schema.ACTION_LIMIT} is {attributes[schema.ACTION_LIMIT]}; it must be {ACTION_LIMIT_M}"
         )
     return attributes
+
+
+def _probe(path: Path) -> None:
+    """Version 1 has its text in HDF5's global heap, where damage may keep the library in a loop: not here, then."""
+    try:
+        isolated(partial(_read_all_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
+    except Isolated as error:
+        raise DataError(f"is damaged (reading its attributes {error}); use a copy or record again") from None
+
+
+def _read_all_attributes(path: Path) -> None:
+    with h5py.File(path, "r") as file:
+        data = file[schema.DATA]
+        for group in (data, *(data[name] for name in data if isinstance(data.get(name, getlink=True), h5py.HardLink))):
+            for key in group.attrs:
+                group.attrs[key]
 
 
 @contextlib.contextmanager

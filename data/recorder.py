@@ -26,11 +26,12 @@ from data import schema
 from data.assemble import SessionFile, check_copy, file_image
 from data.durable import PART_SUFFIX, WriterLock, fsync_path, os_reason, write_durably, written_aside
 from data.encode import LIBVER
-from data.journal import JournalTicket, JournalWriter
+from data.journal import JournalTicket
 from data.opening import part_files, parts_folder
 from data.recovery import abandoned, journal_path, journals, read_journal, remove
+from data.running import Running
 from data.store import Session, open_session
-from data.types import DESCRIPTORS, TASKS, DataError, Episode, Outcome, Step, StoppedBy, Task
+from data.types import DESCRIPTORS, TASKS, DataError, Episode, Outcome, StoppedBy, Task
 
 PARTS_MAX = 200
 """Parts that are let lie at most: each costs a reader an open file, of which a process may have 256 on some systems."""
@@ -50,40 +51,6 @@ class KeptEpisode:
     size_bytes: int
     outcome: Outcome
     contact_final: float
-
-
-class Running:
-    """An episode that is being recorded in this process: a hook of the loop, kept or discarded at its end.
-
-    If neither happens, because the program is killed or the recorder closed, what there is of it is kept as partial.
-    """
-
-    def __init__(self, recorder: SessionRecorder, ticket: JournalTicket, beginning: Episode) -> None:
-        self._recorder = recorder
-        self._ticket = ticket
-        self._writer: JournalWriter = ticket.begin(beginning)
-
-    def step(self, step: Step) -> None:
-        """One tick that is over; DataError where the disk does not take it."""
-        self._writer.step(step)
-
-    def on_tick(self, step: Step, tick: int) -> None:
-        """As a hook of the loop."""
-        self._writer.step(step)
-
-    def keep(self, episode: Episode) -> KeptEpisode:
-        """The whole episode, durable on return, as SessionRecorder.keep; its outcome is the caller's to say."""
-        self._writer.finish(episode)
-        return self._recorder.keep(episode, ticket=self._ticket)
-
-    def discard(self) -> None:
-        """Nobody wants it."""
-        self._writer.close()
-        self._recorder.discard(self._ticket)
-
-    def close(self) -> None:
-        """Stop writing; the recorder keeps what there is when it closes."""
-        self._writer.close()
 
 
 class SessionRecorder:

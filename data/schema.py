@@ -41,7 +41,7 @@ ENV_TYPE_GYM = 2
 TOTAL = "total"
 """Sum of num_samples."""
 ENV_ARGS = "env_args"
-"""JSON: type, env_name, env_version, env_kwargs, as robomimic reads them."""
+"""JSON for robomimic: type, env_name, env_version, env_kwargs. For others only; never read here."""
 SCHEMA_NAME = "schema"
 TASK = "task"
 CLOTH = "cloth"
@@ -102,7 +102,6 @@ SESSION_ATTRIBUTES: dict[str, type] = {
     DESCRIPTOR: str,
     ACTION_LIMIT: float,
     TOTAL: int,
-    ENV_ARGS: str,
     FRAMES: str,
 }
 DEMO_ATTRIBUTES: dict[str, type] = {
@@ -150,7 +149,7 @@ class Field:
     """Names of the columns; empty where the task, the cloth or the image decides on them."""
     optional: bool = False
     packed: bool = False
-    """Compressed without loss (lzf): worth its time for images only."""
+    """Compressed without loss: worth its time for images only."""
 
 
 ACTIONS = "actions"

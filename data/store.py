@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute
-from data.check import check_demo, check_hard_link
+from data.check import check_demo, check_hard_link, stored_digest
 from data.decode import read_demo
 from data.encode import AGREED
 from data.index import IndexLine, read_index
@@ -301,7 +301,7 @@ def _checked_line(data: h5py.Group, name: str, file_bytes: int) -> IndexLine:
     if not isinstance(data[name], h5py.Group):
         raise DataError(f"/{schema.DATA}/{name} is no demo; all members of /{schema.DATA} must be demo_<number>")
     info = check_demo(data[name], file_bytes=file_bytes)
-    return IndexLine(info=info, digest=str(data[name].attrs[schema.DIGEST]))
+    return IndexLine(info=info, digest=stored_digest(data[name]))
 
 
 def _described(agreed: Sequence[object]) -> str:
