@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app import checks, measure, measure_data
+from app import checks, measure, measure_data, measure_sight
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -22,7 +22,16 @@ AIR_GOAL, TABLE_GOAL, SEEING_GOAL = 1.5, 1.0, 0.7
 """Simulated over wall time that one core is to reach with the default cloth."""
 RTF = "sim s / wall s"
 PER_TICK = "ms / tick"
-SECONDS = {"physics": 10.0, "fine physics": 18.0, "seeing": 12.0, "predicting": 1.0, **measure_data.SECONDS}
+PERCEPT_GOAL_S = 0.004
+"""Of one core for one frame: masks, contact and word-axial."""
+SECONDS = {
+    "physics": 10.0,
+    "fine physics": 18.0,
+    "seeing": 12.0,
+    "sight": 6.0,
+    "predicting": 1.0,
+    **measure_data.SECONDS,
+}
 """Expected wall time of each kind of measurement."""
 
 
@@ -91,6 +100,7 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
                 yield Measurement(
                     kind=kind, task=task, cloth=cloth, work=measure.physics, arguments=(task, cloth, blocks)
                 )
+    yield Measurement(kind="sight", task=TASKS[0], cloth=CLOTH, work=measure_sight.sight, arguments=())
     for task in TASKS:
         yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
@@ -105,6 +115,8 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
         return [Row(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
     if item.kind == "predicting":
         return [_plain(f"{item.task} GP, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
+    if item.kind == "sight":
+        return _sight_rows(samples)
     if item.kind == "seeing":
         where = f"{prefix} seen and recorded"
         return [
@@ -122,8 +134,18 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
     rows = [_rtf(f"{prefix} {where}", samples[keys[where]], goal) for where, goal in goals.items()]
     for where in ("in the air", "flat"):
         ours, bare = samples[keys[where]], samples[f"{keys[where]} bare"]
-        rows.append(_overhead(f"{prefix} loop / bare, {where}", ours, bare))
+        rows.append(_beside(f"{prefix} loop / bare, {where}", ours, bare))
     return rows
+
+
+def _sight_rows(samples: dict[str, FloatArray]) -> list[Row]:
+    """Whole percepts of one frame beside the goal, the plain way to the same numbers, and other descriptors'."""
+    others = {
+        "goal": np.full_like(samples["percept"], PERCEPT_GOAL_S),
+        "one filter2D per orientation": samples["plain"],
+        **{f"with {name}": samples[name] for name in ("how", "word", "hog")},
+    }
+    return [_beside(f"percept / {name}", samples["percept"], other, "ms") for name, other in others.items()]
 
 
 def _rtf(name: str, tick_wall_s: FloatArray, baseline: float) -> Row:
@@ -131,11 +153,11 @@ def _rtf(name: str, tick_wall_s: FloatArray, baseline: float) -> Row:
     return Row(name=name, value=value, unit=RTF, baseline=baseline, samples=len(tick_wall_s))
 
 
-def _overhead(name: str, ours_s: FloatArray, bare_s: FloatArray) -> Row:
+def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER_TICK) -> Row:
     """The ratio is the median of those of neighbouring blocks, which a busy machine slows alike."""
-    bare = float(np.median(bare_s))
-    ratio = float(np.median(ours_s / bare_s))
-    return Row(name=name, value=1e3 * bare * ratio, unit=PER_TICK, baseline=1e3 * bare, samples=len(ours_s))
+    theirs = float(np.median(theirs_s))
+    ratio = float(np.median(ours_s / theirs_s))
+    return Row(name=name, value=1e3 * theirs * ratio, unit=unit, baseline=1e3 * theirs, samples=len(ours_s))
 
 
 def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> Row:

@@ -17,12 +17,25 @@ import typer
 
 from app import checks
 from app.cli_data import data_cli, replay
-from app.cli_options import Cloth, DataFile, Debug, Episodes, Force, Json, ModelFile, Seed, Workers
+from app.cli_options import (
+    Cloth,
+    DataFile,
+    Debug,
+    Descriptor,
+    Episodes,
+    Force,
+    Json,
+    ModelFile,
+    Seed,
+    Workers,
+    maybe_count,
+)
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
 PolicyName = Literal["gp-word", "gp-baseline"]
+ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
     name="layflat",
@@ -30,8 +43,6 @@ cli = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
 )
-cli.add_typer(data_cli)
-cli.command()(replay)
 
 
 def _version(wanted: bool) -> None:
@@ -155,6 +166,89 @@ def place(
 
 
 @cli.command()
+def word(
+    rgb: Annotated[Path, typer.Argument(metavar="RGB.png", show_default=False, help="The colour picture.")],
+    depth: Annotated[Path, typer.Argument(metavar="DEPTH.png", show_default=False, help="Aligned depth, 16 bits.")],
+    json: Json = None,
+    overlay: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there.")] = None,
+    flat_pixels: Annotated[
+        int | None, typer.Option(callback=maybe_count, metavar="N", help="Cloth pixels of the cloth laid flat.")
+    ] = None,
+    intrinsics: Annotated[
+        str | None, typer.Option(metavar="FX,FY,CX,CY", help="Of the colour camera, px; a D435's by default.")
+    ] = None,
+    depth_scale: Annotated[float, typer.Option(metavar="MM", help="Millimetres of one unit of depth.")] = 1.0,
+    hsv: Annotated[
+        str | None, typer.Option(metavar="H_MIN,H_MAX,S_MIN,V_MIN", help="The cloth's colour: degrees, 0..1, 0..1.")
+    ] = None,
+    cloth_at: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel on the cloth: learn its colour.")] = None,
+    contact_mm: Annotated[
+        float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
+    ] = None,
+    descriptor: Descriptor = "word-axial",
+    seed: Seed = 0,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """See the cloth in a real camera's frame.
+
+    WORD and contact portion; x to the image's right, y up.
+    """
+    from app.frame import word as run
+
+    run(
+        rgb,
+        depth,
+        json=json,
+        overlay=overlay,
+        flat_pixels=flat_pixels,
+        intrinsics=intrinsics,
+        depth_scale=depth_scale,
+        hsv=hsv,
+        cloth_at=cloth_at,
+        contact_mm=contact_mm,
+        descriptor_name=descriptor,
+        seed=seed,
+        force=force,
+    )
+
+
+@cli.command()
+def flatten(
+    workers: Workers,
+    controller: Annotated[ControllerName, typer.Option(help="Who moves the pickers.")] = "word",
+    descriptor: Descriptor = "word-axial",
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    cloth: Cloth = "towel",
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
+    strip: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Ten frames of the first episode.")] = None,
+    json: Json = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Pull the wrinkles out of a crumpled cloth.
+
+    By Algorithm 2 of the thesis, or by one of the controllers that it is compared with.
+    """
+    checks.require_simulator()
+    from app.flatten import flatten as run
+
+    run(
+        controller=controller,
+        descriptor=descriptor,
+        episodes=episodes,
+        seed=seed,
+        cloth=cloth,
+        video=video,
+        strip=strip,
+        json=json,
+        workers=workers,
+        force=force,
+    )
+
+
+@cli.command()
 def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
     """Measure how fast this machine simulates.
 
@@ -175,6 +269,10 @@ def doctor(debug: Debug = False) -> None:
     from app.doctor import doctor as run
 
     run()
+
+
+cli.command()(replay)
+cli.add_typer(data_cli)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from app import checks
+
+DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 
 def count(param: typer.CallbackParam, value: int) -> int:
@@ -39,5 +41,6 @@ Workers = Annotated[
     ),
 ]
 Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the results there too.")]
+Descriptor = Annotated[DescriptorName, typer.Option(help="Which descriptor gives the wrinkles' direction.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="A trained model.")]
 DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Demonstrations.")]

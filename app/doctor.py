@@ -27,6 +27,8 @@ REQUIRED = {
     "gymnasium": "gymnasium",
     "numpy": "numpy",
     "scipy": "scipy",
+    "scikit-learn": "sklearn",
+    "pillow": "PIL",
     "opencv-python-headless": "cv2",
     "GPy": "GPy",
     "h5py": "h5py",

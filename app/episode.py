@@ -129,6 +129,7 @@ def _beginning(run: _Run, seed: int, disturbance: str) -> Episode:
         stopped_by="interrupted",
         outcome="partial",
         tick_s=settings.tick_s,
+        descriptor=settings.descriptor,
         disturbance=disturbance,
         disturbance_plan={} if disturbance == "none" else bench.disturbance_plan(disturbance, seed).described(),
         start=bench.start,

@@ -21,13 +21,14 @@ from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from data.journal import JournalTicket, JournalWriter
 from data.types import Episode, Task
-from policy import registry
+from perception.descriptors import DEFAULT
+from policy import flatten, registry
 from policy.base import Policy
 from policy.expert import ScriptedExpert
 from policy.gp_model import GpModel
 from policy.handover import Handover
 from sim.cloth import HELD_STRETCH
-from sim.placing import BenchSettings, Placing
+from sim.placing import BenchSettings, Placing, Start
 from sim.world import SimError
 
 JOB_LIMIT_S = 900.0
@@ -47,11 +48,17 @@ class EpisodeJob:
     """With a model: who takes over after the disturbance."""
     disturbance: str = "none"
     images: bool = False
+    flatten: str | None = None
+    """A controller of wrinkle removal: from a crumpled start, instead of placing."""
+    descriptor: str = DEFAULT
+    """What the observations' ``word`` comes from."""
     ticket: JournalTicket | None = None
     """Leave to write a journal while the episode runs, beside the session that it is for."""
 
     @property
     def source(self) -> str:
+        if self.flatten is not None:
+            return self.flatten
         if self.model is not None and self.made is not None:
             return f"{self.model.policy}+{self.made}"
         return self.model.policy if self.model is not None else self.made or ScriptedExpert.name
@@ -67,13 +74,21 @@ class JobFailure:
 
 def run_job(job: EpisodeJob) -> Episode:
     """Run one episode here and now; call it once in a process."""
-    from app.episode import run_episode
+    from app.episode import PLACE_TICKS, run_episode
 
-    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth))
+    start: Start = "hanging" if job.flatten is None else "crumpled"
+    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth, start=start, descriptor=job.descriptor))
     try:
         bench.reset(job.seed)
-        policy = policy_of(job, bench)
-        run = partial(run_episode, bench, policy, seed=job.seed, disturbance=job.disturbance, images=job.images)
+        run = partial(
+            run_episode,
+            bench,
+            policy_of(job, bench),
+            seed=job.seed,
+            disturbance=job.disturbance,
+            images=job.images,
+            max_ticks=PLACE_TICKS if job.flatten is None else flatten.TICKS,
+        )
         return run() if job.ticket is None else _with_journal(run, job.ticket)
     finally:
         bench.close()
@@ -98,6 +113,8 @@ def _with_journal(run: Callable[..., Episode], ticket: JournalTicket) -> Episode
 
 def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
     """Who decides in this job."""
+    if job.flatten is not None:
+        return flatten.controller(job.flatten)
     if job.model is not None:
         placer = registry.from_model(job.model)
         return placer if job.made is None else Handover(placer, registry.make(job.made, job.task), name=job.source)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -183,6 +183,19 @@ def _repeat(work: Callable[[], object], times: int) -> FloatArray:
         work()
         walls.append(time.perf_counter() - began)
     return np.array(walls)
+
+
+def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[str, FloatArray]:
+    """(times,) s of each, in turns, after one call each that is not counted."""
+    walls: dict[str, list[float]] = {name: [] for name in works}
+    for work in works.values():
+        work()
+    for _ in range(times):
+        for name, work in works.items():
+            began = time.perf_counter()
+            work()
+            walls[name].append(time.perf_counter() - began)
+    return {name: np.array(wall) for name, wall in walls.items()}
 
 
 def _moves(task: Task, dx: float, dz: float) -> FloatArray:

@@ -14,6 +14,7 @@ from app.progress import Progress
 from data.journal import JournalTicket
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Task
+from perception.descriptors import DEFAULT
 from sim.cloth import CLOTHS
 
 EPISODE_S = 15.0
@@ -40,7 +41,7 @@ def record(
     checks.writable_file(path, force=False, append=True)
     jobs = [EpisodeJob(task=task, cloth=cloth, seed=seed + k, images=images) for k in range(episodes)]
     with (
-        SessionRecorder(path, task=task, cloth=cloth, keep_images=images) as recorder,
+        SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=DEFAULT) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):
         for kept in recorder.recovered:

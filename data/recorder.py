@@ -57,12 +57,15 @@ class SessionRecorder:
     """The one writer of a session. Appends where the file is there and agrees in task, cloth, tick and descriptor."""
 
     def __init__(
-        self, path: str | Path, *, task: Task, cloth: str, keep_images: bool = False, descriptor: str = "word"
+        self, path: str | Path, *, task: Task, cloth: str, keep_images: bool = False, descriptor: str | None = None
     ) -> None:
-        """Finds out now whether ``path`` can be written, before time goes into episodes; DataError where not."""
-        for key, value, known in (("task", task, TASKS), ("descriptor", descriptor, DESCRIPTORS)):
+        """Finds out now whether ``path`` can be written, before time goes into episodes; DataError where not.
+
+        Without a ``descriptor`` it is that of the session, or of the first episode.
+        """
+        for key, value, known in (("task", task, TASKS), ("descriptor", descriptor, (None, *DESCRIPTORS))):
             if value not in known:
-                raise DataError(f"{key} is {value!r}; it must be one of {', '.join(known)}")
+                raise DataError(f"{key} is {value!r}; it must be one of {', '.join(filter(None, known))}")
         self.path = Path(path)
         self.task: Task = task
         self.cloth = cloth
@@ -163,9 +166,9 @@ class SessionRecorder:
         with open_session(self.path) as session:
             for key in ("task", "cloth", "descriptor"):
                 there, wanted = getattr(session, key), getattr(self, key)
-                if there != wanted:
+                if wanted is not None and there != wanted:
                     raise DataError(f"{self.path} holds episodes with {key} {there}, not {wanted}; choose another file")
-            self._tick_s = session.tick_s
+            self._tick_s, self.descriptor = session.tick_s, session.descriptor
             self._next = 1 + max((schema.demo_number(name) for name in session.names), default=-1)
             self._uids = {info.uid for info in session.infos().values()}
 
@@ -202,7 +205,7 @@ class SessionRecorder:
             write_durably(self._parts / f"{name}.h5", image)
         self._next += 1
         self._uids.add(uid)
-        self._tick_s = episode.tick_s
+        self._tick_s, self.descriptor = episode.tick_s, episode.descriptor
         # The episode is safe already; should there be no room to assemble, its part stays until there is.
         with contextlib.suppress(DataError, OSError):
             if self._worth_assembling():

@@ -98,7 +98,7 @@ class Truth:
     nodes: FloatArray
     """(N, 3) m, world: cloth nodes, row-major grid."""
     contact_portion_true: float
-    """Share of nodes that rest on the table, 0..1."""
+    """Share of the cloth's area at rest that rests on the table, 0..1."""
     flat_area: float
     """Signed projected area of the triangles on the table / cloth area; a part on its reverse side counts negative."""
 

@@ -6,11 +6,19 @@ from collections.abc import Callable, Mapping
 
 from perception.descriptor import Descriptor
 from perception.errors import PerceptionError
-from perception.word import WordDescriptor
+from perception.hog import HogDescriptor
+from perception.how import HowDescriptor
+from perception.word import WordDescriptor, word_axial
 
 DESCRIPTORS: Mapping[str, Callable[[], Descriptor]] = {
     "word": WordDescriptor,
+    "word-axial": word_axial,
+    "how": HowDescriptor,
+    "hog": HogDescriptor,
 }
+
+DEFAULT = "word-axial"
+"""By the tables of docs/word.md."""
 
 
 def descriptor(name: str) -> Descriptor:

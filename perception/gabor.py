@@ -1,15 +1,21 @@
-"""Gabor kernels as in Eq. 3-1 of the thesis, and banks of them."""
+"""Gabor kernels as in Eq. 3-1 of the thesis, banks of them, and an image's responses to a bank."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from perception.errors import PerceptionError
+from perception.pinhole import WHOLE, Window
+
+DFT_STEP = 4
+"""Transform sizes are multiples of this, so that few are met while a cloth moves and their spectra stay cached."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +70,55 @@ def gabor_bank(params: GaborParams, thetas: tuple[float, ...], normalise: bool =
     bank = np.array(kernels, dtype=np.float32)
     bank.setflags(write=False)
     return bank
+
+
+def responses(
+    image: NDArray[np.float32],
+    params: GaborParams,
+    thetas: tuple[float, ...],
+    *,
+    normalise: bool = True,
+    window: Window = WHOLE,
+) -> Iterator[NDArray[np.float32]]:
+    """(h, w) float32, one after the other: ``window`` of what ``filter2D`` with BORDER_REPLICATE gives for each kernel.
+
+    The image is transformed once and the kernels' spectra are kept, so that an orientation costs one multiplication
+    and one inverse transform whatever the kernel's size, and only what the window's answers depend on takes part.
+    """
+    half = params.size // 2
+    (top, bottom), (left, right) = (part.indices(size)[:2] for part, size in zip(window, image.shape, strict=True))
+    height, width = bottom - top, right - left
+    rows, columns = _dft_size(height + 2 * half), _dft_size(width + 2 * half)
+    source = image[max(0, top - half) : bottom + half, max(0, left - half) : right + half]
+    above, before = max(0, half - top), max(0, half - left)
+    below, behind = rows - above - source.shape[0], columns - before - source.shape[1]
+    spectrum = cv2.dft(cv2.copyMakeBorder(source, above, below, before, behind, borderType=cv2.BORDER_REPLICATE))
+    inverse = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
+    for kernel in _spectra(params, thetas, normalise, rows, columns):
+        whole = cv2.dft(cv2.mulSpectrums(spectrum, kernel, 0, conjB=True), flags=inverse)
+        # The kernels begin at the origin: the answer for a pixel lies where its window begins.
+        yield np.asarray(whole[:height, :width], dtype=np.float32)
+
+
+@lru_cache(maxsize=24)
+def _spectra(
+    params: GaborParams, thetas: tuple[float, ...], normalise: bool, rows: int, columns: int
+) -> tuple[NDArray[np.float32], ...]:
+    """The bank's kernels in the frequency domain, in OpenCV's packed form."""
+    spectra = []
+    for kernel in gabor_bank(params, thetas, normalise):
+        padded = np.zeros((rows, columns), dtype=np.float32)
+        padded[: len(kernel), : len(kernel)] = kernel
+        spectra.append(np.asarray(cv2.dft(padded), dtype=np.float32))
+    return tuple(spectra)
+
+
+def _dft_size(least: int) -> int:
+    """The next size that transforms fast, a multiple of DFT_STEP."""
+    size = DFT_STEP * math.ceil(least / DFT_STEP)
+    while cv2.getOptimalDFTSize(size) != size:
+        size += DFT_STEP
+    return size
 
 
 def _envelope_and_axis(params: GaborParams, theta: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -26,15 +26,19 @@ TINT = 0.38
 """Opacity of the contact's tint."""
 ARROW_M = 0.12
 """Length of WORD's arrow on the table."""
+PEN_WIDTH = 320
+"""Width of a picture with the thinnest lines and the smallest letters; both grow with larger ones."""
 _SHIFT = 4
 """Fractional bits of the drawing coordinates: outlines on a small image would else step by whole pixels."""
 
 
-def draw_percept(rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scale: int = 1) -> NDArray[np.uint8]:
+def draw_percept(
+    rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scale: int = 1, label: str = "WORD"
+) -> NDArray[np.uint8]:
     """The image (H, W, 3) enlarged ``scale`` times, with contact tinted, the cloth outlined, WORD as an arrow.
 
     The arrow starts at the contact's centroid and lies on the table; the contact portion is written in the corner.
-    Returns uint8 RGB; the input is left as it is.
+    ``label`` names the arrow. Returns uint8 RGB; the input is left as it is.
     """
     if rgb.shape != (camera.height, camera.width, 3):
         raise PerceptionError(f"rgb has shape {rgb.shape}; this camera gives {(camera.height, camera.width, 3)}")
@@ -43,11 +47,12 @@ def draw_percept(rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scal
     size = (camera.width * scale, camera.height * scale)
     canvas = np.array(cv2.resize(rgb, size, interpolation=cv2.INTER_CUBIC) if scale > 1 else rgb, dtype=np.uint8)
     to_canvas = _grid_to_canvas(percept, camera, scale)
+    pen = max(1, round(canvas.shape[1] / PEN_WIDTH))
     _tint(canvas, percept.contact_mask, to_canvas)
-    _outline(canvas, percept.cloth_mask, to_canvas, CLOTH, scale)
-    _outline(canvas, percept.contact_mask, to_canvas, CONTACT, scale)
-    _draw_word(canvas, percept, to_canvas, scale)
-    _write_numbers(canvas, percept, scale)
+    _outline(canvas, percept.cloth_mask, to_canvas, CLOTH, pen)
+    _outline(canvas, percept.contact_mask, to_canvas, CONTACT, pen)
+    _draw_word(canvas, percept, to_canvas, pen)
+    _write_numbers(canvas, percept, pen, label)
     return canvas
 
 
@@ -115,7 +120,7 @@ def _arrow(
     cv2.fillPoly(canvas, [fixed], colour, cv2.LINE_AA, _SHIFT)
 
 
-def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int) -> None:
+def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int, label: str) -> None:
     """Contact portion, WORD's direction and strength, and a warning, on a dark strip at the bottom left."""
     known = not math.isnan(percept.contact_portion)
     lines = [
@@ -123,7 +128,7 @@ def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int) -> N
     ]
     if percept.word.any():
         angle = math.degrees(math.atan2(percept.word[1], percept.word[0]))
-        lines.append((f"WORD {angle:+.0f} deg  {percept.strength:.3f}", ARROW))
+        lines.append((f"{label} {angle:+.0f} deg  {percept.strength:.3f}", ARROW))
     if percept.out_of_view:
         lines.append(("out of view", WARNING))
     font, size, weight = cv2.FONT_HERSHEY_SIMPLEX, 0.36 * scale, max(1, round(0.5 * scale))

@@ -8,12 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perception.contact import contact_mask, contact_portion, smooth_height
+from perception.contact import contact_mask, contact_portion, covered_pixels, smooth_height
+from perception.descriptor import Descriptor, Direction
+from perception.descriptors import DEFAULT, descriptor
 from perception.errors import PerceptionError
 from perception.pinhole import FloatArray, Pinhole
 from perception.segmentation import HsvRange, segment
 from perception.tableview import BoolArray, ClothView, TableGrid, TableView, bounding_window, touches_border
-from perception.word import Word, WordConfig, compute_word
+
+VIEW_MARGIN_MM = 45.0
+"""Table around the cloth in a descriptor's view: half of the largest kernel, so that no answer depends on the cut."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +26,8 @@ class PerceptionConfig:
 
     colour: HsvRange = field(default_factory=HsvRange)
     grid: TableGrid = field(default_factory=TableGrid)
-    word: WordConfig = field(default_factory=WordConfig)
+    descriptor: Descriptor = field(default_factory=lambda: descriptor(DEFAULT))
+    """What ``word`` is taken from."""
     contact_height_m: float = 0.008
     """Cloth no higher than this is in contact. A simulated cloth rests at 4 mm (its collision margin), and a D435 at
     1 m has 2-3 mm rms of noise, about 1 mm after smoothing (neighbours share errors): this stands clear of both."""
@@ -57,15 +62,14 @@ class Percept:
     contact_pixels: int
     """P_contact of Eq. 4-7."""
     contact_portion: float
-    """Eq. 4-7; noise may take it slightly above 1. NaN if the perceiver does not know flat_pixels."""
+    """Eq. 4-7 for a cloth that may be stretched: see perception.contact. NaN if flat_pixels is not known."""
     word: NDArray[np.float64]
-    """(2,) unit vector in table coordinates with x >= 0 (Algorithm 1), or zeros where there is no direction."""
-    word_axial: NDArray[np.float64]
-    """(2,) the same from doubled angles, without Eq. 3-3's lean to +x."""
+    """(2,) wrinkle contraction direction by the descriptor: unit vector in table coordinates with x >= 0, or zeros
+    where there is no direction."""
     coherence: float
     """0..1: how far the wrinkles agree on one axis."""
     strength: float
-    """>= 0: depth of the wrinkles' shading, as a share of the cloth's brightness; 0 where there is no direction."""
+    """>= 0: depth of the wrinkles in the descriptor's unit; 0 where there is no direction."""
     out_of_view: bool
     """True if cloth near the table touches the border of the image or of the grid, so that contact may go uncounted,
     or if no cloth is seen at all. A lifted part that leaves the image does not count."""
@@ -76,9 +80,18 @@ class Percept:
             ("cloth_mask", np.bool_, shape),
             ("contact_mask", np.bool_, shape),
             ("word", np.float64, (2,)),
-            ("word_axial", np.float64, (2,)),
         ):
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype, wanted, name))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Seen:
+    """A frame before its wrinkles are looked at; masks in the table grid."""
+
+    cloth: BoolArray
+    contact: BoolArray
+    view: ClothView | None
+    out_of_view: bool
 
 
 class Perceiver:
@@ -99,16 +112,44 @@ class Perceiver:
 
     def perceive(self, rgb: NDArray[np.uint8], depth: FloatArray) -> Percept:
         """Image (H, W, 3) uint8 and depth (H, W) m along the optical axis, 0 where missing -> Percept."""
+        seen = self._look(rgb, depth)
+        direction = Direction.none() if seen.view is None else self.config.descriptor.direction(seen.view)
+        contact = int(np.count_nonzero(seen.contact))
+        return Percept(
+            grid=self.config.grid,
+            cloth_mask=seen.cloth,
+            contact_mask=seen.contact,
+            cloth_pixels=int(np.count_nonzero(seen.cloth)),
+            contact_pixels=contact,
+            contact_portion=self._portion(contact, seen.view),
+            word=direction.vector,
+            coherence=direction.coherence,
+            strength=direction.strength,
+            out_of_view=seen.out_of_view,
+        )
+
+    def _portion(self, contact_pixels: int, view: ClothView | None) -> float:
+        if self.flat_pixels is None:
+            return math.nan
+        camera, level = float(self.camera.position[2]), self.config.contact_height_m
+        covered = 0.0 if view is None else covered_pixels(view.cloth, view.height, level_m=level, camera_m=camera)
+        return contact_portion(contact_pixels, covered=covered, flat_pixels=self.flat_pixels)
+
+    def cloth_view(self, rgb: NDArray[np.uint8], depth: FloatArray) -> ClothView | None:
+        """What descriptors are given of a frame; None without cloth. Arguments as of ``perceive``."""
+        return self._look(rgb, depth).view
+
+    def _look(self, rgb: NDArray[np.uint8], depth: FloatArray) -> _Seen:
+        """Segmentation and contact in the table grid."""
         self._check(rgb)
         grid = self.config.grid
-        cloth = np.zeros((grid.height, grid.width), dtype=np.bool_)
-        contact = np.zeros_like(cloth)
+        contact = np.zeros((grid.height, grid.width), dtype=np.bool_)
         cloth_seen = segment(rgb, self.config.colour, self.config.min_area_px)
         height_seen, cut_by_image = self._cloth_height(cloth_seen, depth)
         cloth = self.view.rectify_mask(cloth_seen)
-        window = bounding_window(cloth, margin=4)
+        window = bounding_window(cloth, margin=math.ceil(VIEW_MARGIN_MM / grid.mm_per_px))
         if window is None:
-            return self._percept(cloth, contact, None, out_of_view=cut_by_image or not cloth_seen.any())
+            return _Seen(cloth=cloth, contact=contact, view=None, out_of_view=cut_by_image or not cloth_seen.any())
         height = self.view.rectify(height_seen, window)
         contact[window] = contact_mask(cloth[window], height, self.config.contact_height_m)
         near = np.zeros_like(cloth)
@@ -120,8 +161,7 @@ class Perceiver:
             height=height,
             mm_per_px=grid.mm_per_px,
         )
-        word = compute_word(view, self.config.word)
-        return self._percept(cloth, contact, word, out_of_view=cut_by_image or touches_border(near))
+        return _Seen(cloth=cloth, contact=contact, view=view, out_of_view=cut_by_image or touches_border(near))
 
     def _cloth_height(self, cloth: BoolArray, depth: FloatArray) -> tuple[NDArray[np.float32], bool]:
         """(H, W) m smoothed height of the cloth in the camera's image; and whether low cloth touches its border."""
@@ -135,23 +175,6 @@ class Perceiver:
         near = np.zeros_like(cloth)
         near[window] = contact_mask(part, height[window], self.config.near_height_m)
         return height, touches_border(near)
-
-    def _percept(self, cloth: BoolArray, contact: BoolArray, word: Word | None, *, out_of_view: bool) -> Percept:
-        pixels = int(np.count_nonzero(contact))
-        none = np.zeros(2)
-        return Percept(
-            grid=self.config.grid,
-            cloth_mask=cloth,
-            contact_mask=contact,
-            cloth_pixels=int(np.count_nonzero(cloth)),
-            contact_pixels=pixels,
-            contact_portion=math.nan if self.flat_pixels is None else contact_portion(pixels, self.flat_pixels),
-            word=none if word is None else word.direction,
-            word_axial=none if word is None else word.axial,
-            coherence=0.0 if word is None else word.coherence,
-            strength=0.0 if word is None else word.strength,
-            out_of_view=out_of_view,
-        )
 
     def _check(self, rgb: NDArray[np.uint8]) -> None:
         wanted = (self.camera.height, self.camera.width, 3)

@@ -22,6 +22,9 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 _NOWHERE = -1e4
 """Pixel coordinate outside every image, for parts of the table behind the camera."""
 
+MOST_SEEN_PX = 1_000_000
+"""Pixels of a grid that is made for a view: 2.5 m x 2.5 m at 2.5 mm."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TableGrid:
@@ -122,6 +125,27 @@ class ClothView:
                 f"rgb {self.rgb.shape}, cloth {shape}, contact {self.contact.shape} and height {self.height.shape} "
                 "must show the same pixels"
             )
+
+
+def grid_around(
+    camera: Pinhole, cloth: BoolArray, *, mm_per_px: float = 2.5, margin_m: float = 0.1, reach_m: float = 4.0
+) -> TableGrid:
+    """A grid that holds what the pixels of ``cloth`` (H, W) cover on the table, and ``margin_m`` on each side.
+
+    Pixels that meet the table farther than ``reach_m`` from the camera's foot, or never, show lifted cloth before what
+    is far away; they take no part. Pixels of ``mm_per_px``, or a power of two larger where there would be too many.
+    """
+    rows, columns = np.nonzero(cloth)
+    x, y, nearness = np.linalg.inv(camera.table_to_pixel) @ np.stack([columns, rows, np.ones(len(rows))])
+    ahead = nearness > 1e-6
+    points = np.column_stack([x[ahead], y[ahead]]) / nearness[ahead, None]
+    points = points[np.linalg.norm(points - camera.position[:2], axis=1) < reach_m]
+    if len(points) == 0:
+        raise PerceptionError(f"no cloth is seen before the table within {reach_m} m of the camera")
+    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
+    while (x_max - x_min) * (y_max - y_min) / (mm_per_px / 1000) ** 2 > MOST_SEEN_PX:
+        mm_per_px *= 2
+    return TableGrid(x_min=x_min, x_max=x_max, y_min=y_min, y_max=y_max, mm_per_px=mm_per_px)
 
 
 def bounding_window(mask: BoolArray, margin: int = 0) -> Window | None:

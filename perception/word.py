@@ -1,11 +1,14 @@
-"""WORD, the wrinkle contraction direction: Algorithm 1, Eq. 3-2 and Eq. 3-3 of the thesis, in table coordinates."""
+"""WORD, the wrinkle contraction direction: Algorithm 1, Eq. 3-2 and Eq. 3-3 of the thesis, in table coordinates.
+
+Two descriptors share one computation. ``word`` is Algorithm 1 to the letter. ``word-axial`` averages the orientations
+as the axes that they are, and looks at the relief as well as at the brightness, so that no light hides a wrinkle.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -13,64 +16,75 @@ from numpy.typing import NDArray
 
 from perception.descriptor import Direction, axial_mean, wrinkle_normals
 from perception.errors import PerceptionError
-from perception.gabor import GaborParams, gabor_bank
-from perception.tableview import BoolArray, ClothView
+from perception.gabor import GaborParams, responses
+from perception.prepare import dilated, eroded, filled, relative_brightness
+from perception.tableview import BoolArray, ClothView, bounding_window
+
+THESIS_WAVELENGTH_PX = 8.0
+"""lambda of figure 3-1, in pixels of its camera; the other lengths of Eq. 3-1 are taken as shares of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WordConfig:
-    """How wrinkles are looked for.
+    """How wrinkles are looked for; the defaults are Algorithm 1 with the parameters of figure 3-1.
 
-    The default wavelength is the shortest wrinkle of a 0.35 m cloth of 13x13 nodes (two cells, 58 mm). With this
-    short-tailed an envelope a napkin's 40 mm wrinkle still has 0.74 of the gain, one of 80 mm 0.79, of 116 mm 0.47.
+    Lengths of the kernel are shares of its wavelength, and that is a length on the cloth: so they mean the same to
+    every camera at every resolution.
     """
 
     orientations: int = 8
     """n of Algorithm 1."""
-    wavelength: float = 58.0
-    sigma: float = 18.0
-    gamma: float = 0.3
-    psi: float = math.pi / 2
-    """Phase of Eq. 3-1's sine, rad; pi/2 makes it even, blind to a slow gradient of the light."""
-    kernel_size: float = 75.0
-    unit: Literal["mm", "px"] = "mm"
-    """Unit of wavelength, sigma and kernel_size: millimetres on the cloth, or pixels of the table view."""
-    normalise: bool = True
-    """Give every kernel mean 0 and gain 1; False leaves Eq. 3-1 as it stands, which also answers to a flat cloth."""
-    fill: bool = True
-    """Put the cloth's local mean brightness outside its silhouette, so that its outline is not a wrinkle."""
-    erosion_mm: float = 14.0
+    wavelength_mm: float = 60.0
+    """lambda. The shortest wrinkle of a 0.35 m cloth of 13x13 nodes is two cells, 58 mm."""
+    sigma: float = 4.0 / THESIS_WAVELENGTH_PX
+    """Standard deviation of the envelope across the stripes / wavelength."""
+    gamma: float = 0.1
+    """Aspect ratio: the envelope is sigma / gamma long along the stripes."""
+    psi: float = 10.0
+    """Phase of Eq. 3-1's sine, rad."""
+    window: float = 12.0 / THESIS_WAVELENGTH_PX
+    """Side of the kernel / wavelength."""
+    zero_mean: bool = True
+    """Take out of the kernel what answers to a cloth without wrinkles, where "all pixels have zero value"
+    (section 3-1-2), which Eq. 3-1 with these parameters does not give. Every orientation then has the same gain."""
+    half_wave: bool = True
+    """Count positive responses only, as an image's pixels are; False counts their size."""
+    fill: bool = False
+    """Put the cloth's local mean outside its silhouette, so that its outline is not a wrinkle."""
+    relief: bool = False
+    """Filter the height above the table, too, and add its responses as slopes."""
+    erosion_mm: float = 0.0
     """Responses this close to the silhouette's edge do not count."""
-    near_contact_mm: float = 25.0
+    near_contact_mm: float = 0.0
     """Responses farther than this from the contact do not count (the flanks of a wrinkle are not in contact)."""
-    max_height_m: float = 0.03
+    max_height_m: float = math.inf
     """Nor do those where the cloth is higher than this."""
-    decimation: int = 2
-    """Table pixels that are averaged into one, along each axis, before filtering."""
-    noise_floor: float = 0.003
-    """Strength below which there is no direction, relative brightness. A flat cloth with sensor noise of 3 grey levels
-    shows 0.001; wrinkles of 58 mm and 2 mm amplitude 0.06 when lit across, 0.004 when lit along."""
+    noise_ratio: float = 2.2
+    """Means up to this many times that of the weakest orientation are noise, which has no orientation, whatever the
+    sensor, its distance and the exposure: 40 flat sheets under 0.25 to 1.5 of the exposure and 0.5 to 3 times a D435's
+    noise showed at most 2.0 (and 1.7 with the kernel of ``word-axial``)."""
+    least_response: float = 0.002
+    """Nor do means below this count, relative brightness or slope: rounding to grey levels makes 0.0005."""
     min_area_mm2: float = 2500.0
     """There is no direction on less cloth than this: about a square of one wavelength."""
 
     def __post_init__(self) -> None:
-        if self.orientations < 2 or self.decimation < 1:
-            raise PerceptionError(
-                f"orientations is {self.orientations} and decimation {self.decimation}; at least 2 and 1 are needed"
-            )
-        if min(self.erosion_mm, self.near_contact_mm, self.noise_floor, self.min_area_mm2) < 0:
-            raise PerceptionError(f"{self}: distances, areas and the noise floor must not be negative")
+        if self.orientations < 2:
+            raise PerceptionError(f"orientations is {self.orientations}; at least 2 are needed")
+        distances = (self.erosion_mm, self.near_contact_mm, self.least_response, self.min_area_mm2)
+        if min(distances) < 0:
+            raise PerceptionError(f"{self}: distances, areas and responses must not be negative")
         self.gabor(1.0)
 
     def gabor(self, mm_per_px: float) -> GaborParams:
         """Eq. 3-1's parameters in pixels of ``mm_per_px``."""
-        scale = mm_per_px if self.unit == "mm" else 1.0
+        wavelength = self.wavelength_mm / mm_per_px
         return GaborParams(
-            wavelength=self.wavelength / scale,
-            sigma=self.sigma / scale,
+            wavelength=wavelength,
+            sigma=self.sigma * wavelength,
             gamma=self.gamma,
             psi=self.psi,
-            size=round(self.kernel_size / scale),
+            size=round(self.window * wavelength),
         )
 
     @cached_property
@@ -78,32 +92,36 @@ class WordConfig:
         """(n, 2) v_i of Eq. 3-3, from ``wrinkle_normals``."""
         return wrinkle_normals(self.orientations)
 
+    @cached_property
+    def thetas(self) -> tuple[float, ...]:
+        """The same as angles of the kernels' stripes: the view's rows run against y."""
+        return tuple(-math.atan2(y, x) for x, y in self.normals)
 
-THESIS = WordConfig(
-    wavelength=8.0,
-    sigma=4.0,
-    gamma=0.1,
-    psi=10.0,
-    kernel_size=12,
-    unit="px",
-    normalise=False,
-    fill=False,
-    erosion_mm=0.0,
-    near_contact_mm=0.0,
-    max_height_m=math.inf,
-    decimation=1,
-    noise_floor=0.0,
-    min_area_mm2=0.0,
+
+LETTER = WordConfig()
+"""Algorithm 1 to the letter."""
+
+AXIAL = WordConfig(
+    sigma=1 / 3,
+    gamma=1.0,
+    psi=math.pi / 2,
+    window=4 / 3,
+    half_wave=False,
+    fill=True,
+    relief=True,
+    erosion_mm=14.0,
+    near_contact_mm=25.0,
+    max_height_m=0.03,
+    noise_ratio=1.8,
 )
-"""The parameters of figure 3-1 as they are printed: pixels, psi in rad, the contact mask alone.
-
-Strength is then in units of the kernel's sum, and never 0 where there is contact.
-"""
+"""Chosen from the tables of docs/word.md. An even kernel is blind to a slow gradient of the light; a round envelope
+answers to neighbouring orientations so evenly that eight of them interpolate without bias (a long one errs by 5 degrees
+between them); the relief sees what the light does not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Word:
-    """WORD and what is known of its worth. Without wrinkles all numbers are 0."""
+    """Algorithm 1's result and what is known of its worth. Without wrinkles all numbers are 0."""
 
     direction: NDArray[np.float64]
     """(2,) unit vector in table coordinates (x, y), x >= 0: W of Algorithm 1.
@@ -116,38 +134,16 @@ class Word:
     coherence: float
     """0..1: length of the doubled-angle mean; 1 where all responses are in one orientation, 0 where they are equal."""
     strength: float
-    """>= 0: mean |response| of the strongest orientation, as a share of the cloth's mean brightness."""
+    """>= 0: mean response of the strongest orientation, as a share of the cloth's brightness plus, with relief, a
+    slope. 0 where nothing exceeds the noise."""
     weights: NDArray[np.float64]
     """(n,) w of Eq. 3-2, 0..1, for wrinkles at i pi / n from the x axis."""
 
 
-def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], int]:
-    """(n,) L of Algorithm 1: sum of |response| where it counts, for each orientation; and the number of those pixels.
-
-    Brightness is relative to the cloth's mean, so that the exposure cancels.
-    """
-    image, cloth, contact, height = _reduced(view, config.decimation)
-    mm_per_px = view.mm_per_px * config.decimation
-    counted = _eroded(cloth, config.erosion_mm / mm_per_px)
-    counted &= _dilated(contact, config.near_contact_mm / mm_per_px) & (height <= config.max_height_m)
-    pixels = int(np.count_nonzero(counted))
-    if pixels == 0 or pixels * mm_per_px**2 < config.min_area_mm2:
-        return np.zeros(config.orientations), 0
-    params = config.gabor(mm_per_px)
-    if config.fill:
-        image = _filled(image, _eroded(cloth, 1.0), params.wavelength)
-    # A wrinkle's normal v is at atan2(vy, vx) in the table's axes; the view's rows run against y.
-    thetas = tuple(-math.atan2(y, x) for x, y in config.normals)
-    bank = gabor_bank(params, thetas, normalise=config.normalise)
-    responses = (cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE) for kernel in bank)
-    return np.array([cv2.norm(r, cv2.NORM_L1, counted.view(np.uint8)) for r in responses]), pixels
-
-
 def compute_word(view: ClothView, config: WordConfig) -> Word:
     """Algorithm 1 on a table view."""
-    sums, pixels = wrinkle_sums(view, config)
-    strength = float(sums.max()) / pixels if pixels else 0.0
-    if strength <= config.noise_floor:
+    sums, strength = wrinkle_sums(view, config)
+    if strength == 0.0:
         none = np.zeros(2)
         return Word(direction=none, axial=none, coherence=0.0, strength=0.0, weights=np.zeros(config.orientations))
     weights = sums / sums.max()  # Eq. 3-2
@@ -161,77 +157,106 @@ def compute_word(view: ClothView, config: WordConfig) -> Word:
     )
 
 
-class WordDescriptor:
-    """WORD as a Descriptor: two numbers."""
-
-    name = "word"
-    size = 2
-
-    def __init__(self, config: WordConfig | None = None) -> None:
-        self.config = WordConfig() if config is None else config
-
-    def describe(self, view: ClothView) -> NDArray[np.float64]:
-        """(2,) unit vector with x >= 0, or zeros where there is no direction."""
-        return compute_word(view, self.config).direction
-
-    def direction(self, view: ClothView) -> Direction:
-        """Eq. 3-3."""
-        word = compute_word(view, self.config)
-        return Direction(vector=word.direction, coherence=word.coherence, strength=word.strength)
+def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], float]:
+    """L of Algorithm 1, (n,) per counted pixel, for each orientation; and the strength, 0 where there is no wrinkle."""
+    masks = counting_masks(view, config)
+    if masks is None:
+        return np.zeros(config.orientations), 0.0
+    light = light_image(view, config)
+    sums, strength = _channel(light, masks, view.mm_per_px, config)
+    if config.relief:
+        relief, slope = _channel(relief_image(view, config), masks, view.mm_per_px, config)
+        sums, strength = sums + relief, strength + slope
+    return sums, strength if sums.max() > 0 else 0.0
 
 
-def _reduced(view: ClothView, decimation: int) -> tuple[NDArray[np.float32], BoolArray, BoolArray, NDArray[np.float32]]:
-    """Relative brightness, cloth, contact and height, each averaged over ``decimation`` squared pixels."""
-    image, cloth, contact, height = relative_brightness(view.rgb, view.cloth), view.cloth, view.contact, view.height
-    if decimation == 1:
-        return image, cloth, contact, height
-    size = (-(-cloth.shape[1] // decimation), -(-cloth.shape[0] // decimation))
+def _channel(
+    image: NDArray[np.float32],
+    masks: tuple[BoolArray, BoolArray],
+    mm_per_px: float,
+    config: WordConfig,
+) -> tuple[NDArray[np.float64], float]:
+    """(n,) mean response over the first mask, and the strength: the largest mean over the second, less the noise.
 
-    def average(array: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.asarray(cv2.resize(array, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-
-    masks = [average(mask.astype(np.float32)) > 0.5 for mask in (cloth, contact)]
-    return average(image), masks[0], masks[1], average(height)
-
-
-def relative_brightness(rgb: NDArray[np.uint8], cloth: BoolArray) -> NDArray[np.float32]:
-    """(h, w): each pixel's share along the cloth's mean colour; 1 on average over the cloth.
-
-    For a cloth of one colour this is the grey image with the least noise, whatever the colour.
+    Where the outside is filled, the noise's share is taken out of each mean: its power adds to that of the wrinkles.
+    Algorithm 1 has no such thing; there the noise only tells whether there is a wrinkle.
     """
-    colour = np.array(cv2.mean(rgb, cloth.view(np.uint8))[:3])
-    power = float(colour @ colour)
-    if power == 0.0:
-        return np.ones(cloth.shape, dtype=np.float32)
-    return np.asarray(cv2.transform(rgb.astype(np.float32), (colour / power)[None, :]), dtype=np.float32)
+    window = bounding_window(masks[0])
+    if window is None:
+        return np.zeros(config.orientations), 0.0
+    counted, inner = (mask[window].view(np.uint8) for mask in masks)
+    pixels, inner_pixels = cv2.countNonZero(counted), cv2.countNonZero(inner)
+    means, inners = [], []
+    params = config.gabor(mm_per_px)
+    for response in responses(image, params, config.thetas, normalise=config.zero_mean, window=window):
+        if config.half_wave:
+            response = np.maximum(response, 0, out=response)
+        means.append(cv2.norm(response, cv2.NORM_L1, counted) / pixels)
+        inners.append(means[-1] if config.fill else cv2.norm(response, cv2.NORM_L1, inner) / inner_pixels)
+    without_noise = less_noise(np.array(inners), config)
+    strength = float(without_noise.max())
+    if config.fill:
+        return without_noise, strength
+    return np.array(means) if strength > 0 else np.zeros(len(means)), strength
 
 
-def _filled(image: NDArray[np.float32], inside: BoolArray, reach_px: float) -> NDArray[np.float32]:
-    """The image inside; outside, the mean of what is inside within about ``reach_px``, or 1 beyond."""
-    box = (2 * round(reach_px / 2) + 1,) * 2
-    share = cv2.boxFilter(inside.astype(np.float32), -1, box, borderType=cv2.BORDER_CONSTANT)
-    mean = cv2.boxFilter(np.where(inside, image - 1, np.float32(0)), -1, box, borderType=cv2.BORDER_CONSTANT)
-    outside = 1 + mean / np.maximum(share, np.float32(1e-3))
-    return np.where(inside, image, outside).astype(np.float32)
+def less_noise(means: NDArray[np.float64], config: WordConfig) -> NDArray[np.float64]:
+    """(n,) mean responses without what is noise among them, 0 where that is all."""
+    floor = max(config.least_response, config.noise_ratio * float(means.min()))
+    return np.sqrt(np.maximum(means**2 - floor**2, 0.0))
 
 
-def _eroded(mask: BoolArray, radius_px: float) -> BoolArray:
-    """Without the pixels nearer than ``radius_px`` to the outside or to the view's border."""
-    return cv2.erode(mask.view(np.uint8), _disc(radius_px), borderType=cv2.BORDER_CONSTANT, borderValue=0).view(
-        np.bool_
-    )
+def counting_masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
+    """Where responses count, and where of that the outline has no part in them; None where that is too little."""
+    scale = 1 / view.mm_per_px
+    counted = eroded(view.cloth, config.erosion_mm * scale) & dilated(view.contact, config.near_contact_mm * scale)
+    counted &= view.height <= config.max_height_m
+    inner = counted if config.fill else counted & eroded(view.cloth, config.window * config.wavelength_mm / 2 * scale)
+    least = max(1.0, config.min_area_mm2 * scale**2)
+    return (counted, inner) if cv2.countNonZero(inner.view(np.uint8)) >= least else None
 
 
-def _dilated(mask: BoolArray, radius_px: float) -> BoolArray:
-    """With the pixels nearer than ``radius_px`` to it."""
-    return cv2.dilate(mask.view(np.uint8), _disc(radius_px)).view(np.bool_)
+def light_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+    """(h, w) brightness relative to the cloth's mean, so that the exposure cancels."""
+    image = relative_brightness(view.rgb, view.cloth)
+    if not config.fill:
+        return image
+    return filled(image, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=1.0)
 
 
-def _disc(radius_px: float) -> NDArray[np.uint8]:
-    side = 2 * round(radius_px) + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), dtype=np.uint8)
+def relief_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+    """(h, w) height in units in which a wave of slope s and of the kernel's wavelength has amplitude s."""
+    per_m = 2 * math.pi / (config.wavelength_mm / 1000)
+    height = np.minimum(view.height, np.float32(config.max_height_m)) * np.float32(per_m)
+    return filled(height, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=0.0)
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     norm = float(np.linalg.norm(vector))
     return vector / norm if norm > 0 else np.zeros_like(vector)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WordDescriptor:
+    """WORD as a descriptor, two numbers: ``word`` by default, ``word-axial`` from ``word_axial``."""
+
+    name: str = "word"
+    size: int = 2
+    config: WordConfig = LETTER
+    axial: bool = False
+    """The doubled-angle mean instead of Eq. 3-3."""
+
+    def describe(self, view: ClothView) -> NDArray[np.float64]:
+        """(2,) the direction."""
+        return self.direction(view).vector
+
+    def direction(self, view: ClothView) -> Direction:
+        """WORD with its worth."""
+        word = compute_word(view, self.config)
+        vector = word.axial if self.axial else word.direction
+        return Direction(vector=vector, coherence=word.coherence, strength=word.strength)
+
+
+def word_axial() -> WordDescriptor:
+    """``word-axial`` with its settings."""
+    return WordDescriptor(name="word-axial", config=AXIAL, axial=True)

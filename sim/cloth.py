@@ -19,8 +19,10 @@ from data.types import FloatArray
 from sim.world import SimError, World
 
 CONTACT_TOLERANCE_M = 0.004
-"""A node rests on the table when it is below margin + this height (chapter 4-3-2 asks for contact, Bullet's own
+"""Cloth rests on the table where it is below margin + this height (chapter 4-3-2 asks for contact, Bullet's own
 contact points on cloth are wrong)."""
+TINY_M = 1e-12
+"""Stands for a difference of heights that is zero, where it divides."""
 STRETCH_LIMIT = 1.5
 SPEED_LIMIT_M_S = 12.0
 HELD_STRETCH = 1.03
@@ -135,7 +137,8 @@ class Cloth:
         self.world = world
         self.spec = spec
         self._triangles = spec.triangles()
-        self._rest_area = float(_signed_areas(spec.flat_nodes(), self._triangles).sum())
+        self._rest_areas = _signed_areas(spec.flat_nodes(), self._triangles)
+        self._rest_area = float(self._rest_areas.sum())
         self._edges, self._rest_lengths = _edges(spec.flat_nodes(), self._triangles)
         self._last: tuple[float, FloatArray] | None = None
         self._nodes: FloatArray | None = None
@@ -206,8 +209,13 @@ class Cloth:
         bullet.removeConstraint(constraint, physicsClientId=self.world.client)
 
     def contact_portion_true(self, nodes: FloatArray) -> float:
-        """Share of nodes that rest on the table, 0..1. Blind to folds: see flat_area."""
-        return float((nodes[:, 2] < self.spec.margin_m + CONTACT_TOLERANCE_M).mean())
+        """Share of the cloth that rests on the table, by area at rest, 0..1. Blind to folds and stretch: see flat_area.
+
+        Heights are linear in each triangle. The share of nodes would jump by a whole row (1/13) as the cloth is laid,
+        and count a node of the border, which holds half a cell, like an inner one: 0.016 off on average, 0.09 at worst.
+        """
+        low = _share_below(nodes[self._triangles, 2], self.spec.margin_m + CONTACT_TOLERANCE_M)
+        return float((low * self._rest_areas).sum() / self._rest_areas.sum())
 
     def flat_area(self, nodes: FloatArray) -> float:
         """Signed projected area of the triangles on the table / cloth area; a part on its reverse counts negative.
@@ -243,6 +251,19 @@ def _signed_areas(nodes: FloatArray, triangles: np.ndarray) -> FloatArray:
     a, b, c = (nodes[triangles[:, k], :2] for k in range(3))
     u, v = b - a, c - a
     return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+
+def _share_below(heights: FloatArray, level: float) -> FloatArray:
+    """(T,) share of each triangle's area below ``level``; ``heights`` (T, 3) of its corners, linear in between.
+
+    The triangle that the level cuts off at the lowest corner, or, above the middle one, all but that at the highest.
+    """
+    low, middle, high = np.sort(heights, axis=1).T
+    span = np.maximum(high - low, TINY_M)
+    below = np.maximum(level - low, 0.0) ** 2 / (span * np.maximum(middle - low, TINY_M))
+    above = 1.0 - np.maximum(high - level, 0.0) ** 2 / (span * np.maximum(high - middle, TINY_M))
+    share: FloatArray = np.clip(np.where(level <= middle, below, above), 0.0, 1.0)
+    return share
 
 
 def _edges(nodes: FloatArray, triangles: np.ndarray) -> tuple[np.ndarray, FloatArray]:

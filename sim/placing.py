@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
-from perception.percept import Perceiver
+from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
+from perception.percept import Perceiver, PerceptionConfig
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from sim.crumple import crumple
 from sim.disturbance import Disturbance
 from sim.disturbances import Plan, disturbance_spec
 from sim.hanger import Hanger
@@ -30,6 +32,8 @@ the hem between them falls slack and droops to the back in 6 of 22 starts, with 
 
 DISTURBANCE_STREAM = 0xD157
 """Tells the chance of a disturbance from that of the start of the same seed."""
+Start: TypeAlias = Literal["hanging", "crumpled"]
+STARTS: tuple[Start, ...] = ("hanging", "crumpled")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +41,10 @@ class BenchSettings:
     """What a bench is made of; with a seed it determines a start."""
 
     task: Task
+    start: Start = "hanging"
+    """Hanging in the air after random moves, or crumpled on the table (pickers only), as chapter 3-2-2 begins."""
+    descriptor: str = DEFAULT
+    """Which direction an observation's ``word`` holds, by its name in perception.descriptors."""
     cloth: str = "towel"
     table_friction: float = 1.0
     """Multiplied with the cloth's own 0.5; the product worked best at 0.5 of 0.3, 0.5 and 0.8."""
@@ -51,6 +59,12 @@ class BenchSettings:
     def __post_init__(self) -> None:
         if self.task not in TASKS:
             raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(TASKS)}")
+        if self.start not in STARTS:
+            raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
+        if self.start == "crumpled" and self.task != "pickers":
+            raise SimError(f"a crumpled start needs the pickers task, and this is {self.task!r}")
+        if self.descriptor not in DESCRIPTORS:
+            raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
         if not 0.01 <= self.tick_s <= 1.0:
             raise SimError(f"tick_s is {self.tick_s}; it must be between 0.01 and 1")
         object.__setattr__(self, "spec", cloth_spec(self.cloth))
@@ -78,7 +92,7 @@ class Placing:
         self.settings = settings
         self.world: World | None = None
         self._pinhole = default_pinhole()
-        self._perceiver = Perceiver(self._pinhole)
+        self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
 
     def reset(self, seed: int) -> None:
         """Hang the cloth and make the start's random moves; the same seed in a fresh process gives the same bits."""
@@ -101,10 +115,14 @@ class Placing:
         if settings.camera:
             self._start_camera(seed)
         self.holder.grip()
-        for _ in range(START_MOVES):
-            self.step(rng.uniform(-1.0, 1.0, action_size(settings.task)) * START_STEP_M[settings.task])
+        if settings.start == "crumpled":
+            crumpled = crumple(self.cloth, self.holder.corner_positions, self.step, rng)
+        else:
+            crumpled = {}
+            for _ in range(START_MOVES):
+                self.step(rng.uniform(-1.0, 1.0, action_size(settings.task)) * START_STEP_M[settings.task])
         self._ticks_before = self.world.substeps_done
-        self.start = self._describe_start()
+        self.start = self._describe_start() | crumpled
 
     def _start_camera(self, seed: int) -> None:
         """P_flat of Eq. 4-7 is measured through the same camera: the cloth as it would lie flat."""

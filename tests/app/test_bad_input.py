@@ -102,6 +102,9 @@ def test_train_does_not_replace_a_model_unasked(refused):
         ("place", "hanger.npz", "--json", "{}.json"),
         ("place", "hanger.npz", "--record", "{}.h5"),
         ("place", "hanger.npz", "--video", "{}.webm"),
+        ("flatten", "--json", "{}.json"),
+        ("flatten", "--strip", "{}.png"),
+        ("flatten", "--video", "{}.webm"),
         ("bench", "--json", "{}.json"),
     ],
     ids=lambda command: " ".join(command),
@@ -146,7 +149,7 @@ def test_record_never_replaces(refused):
     assert "appends" in refused("record", "hanger.h5", "--force")
 
 
-@pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz")], ids=" ".join)
+@pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz"), ("flatten",)], ids=" ".join)
 def test_an_unknown_cloth_gets_the_list(command, refused):
     sentence = refused(*command, "--cloth", "silk")
     assert "'silk'" in sentence
@@ -162,6 +165,7 @@ def test_an_unknown_disturbance_gets_the_list(refused):
 def test_what_exists_stays_without_force(refused):
     assert "--force" in refused("place", "hanger.npz", "--json", "taken.json")
     assert "--force" in refused("bench", "--json", "taken.json")
+    assert "--force" in refused("flatten", "--json", "taken.json")
     assert ".webm" in refused("place", "hanger.npz", "--video", "film.mp4")
 
 

@@ -7,8 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from app import bench, measure
+from app import bench, measure, measure_sight
 from data.types import TASKS, TICK_S
+from perception.word import AXIAL, LETTER
 
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
 
@@ -18,6 +19,7 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "fine physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "seeing": ("flat", "drag", "capture", "perceive", "keep"),
+        "sight": ("percept", "plain", "how", "word", "hog"),
         "predicting": ("predict",),
     }[kind]
     return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in names}
@@ -77,6 +79,11 @@ def test_predicting_really_predicts():
     walls = measure.predicting("hanger")["predict"]
     assert len(walls) == 200
     assert 0 < np.median(walls) < 0.1
+
+
+@pytest.mark.parametrize("config", [AXIAL, LETTER], ids=["word-axial", "word"])
+def test_the_fast_way_gives_the_plain_ways_numbers(config):
+    assert measure_sight.same_numbers(config) < 1e-5
 
 
 @pytest.mark.slow

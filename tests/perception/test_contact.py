@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from perception.contact import HIGHEST_M, LOWEST_M, contact_mask, contact_portion, smooth_height
+from perception.contact import (
+    HIGHEST_M,
+    LOWEST_M,
+    MOST_STRETCH,
+    contact_mask,
+    contact_portion,
+    covered_pixels,
+    smooth_height,
+)
 from perception.errors import PerceptionError
 
 HEIGHTS = arrays(np.float32, (9, 11), elements=st.floats(-(2**-7), 3 * 2**-6, width=32))
@@ -75,8 +83,35 @@ def test_a_cloth_under_the_table_is_an_error_not_contact() -> None:
         smooth_height(np.full((5, 5), -0.3, dtype=np.float32), np.ones((5, 5), dtype=bool))
 
 
-def test_contact_portion_is_the_ratio() -> None:
-    assert contact_portion(5228, 10000) == pytest.approx(0.5228)
-    assert contact_portion(0, 7) == 0.0
+@given(flat=st.integers(1, 10**6), seen=st.floats(0, 1), lying=st.floats(0, 1))
+def test_contact_portion_is_the_ratio_of_eq_4_7(flat: int, seen: float, lying: float) -> None:
+    """As long as no more cloth is seen than there is: what is hidden, folded or lifted away is not in contact."""
+    contact = int(lying * seen * flat)
+    assert contact_portion(contact, covered=seen * flat, flat_pixels=flat) == contact / flat
+
+
+@given(flat=st.integers(10**4, 10**6), stretch=st.floats(1.0, MOST_STRETCH), share=st.floats(0, 1))
+def test_a_stretched_cloth_is_not_more_in_contact(flat: int, stretch: float, share: float) -> None:
+    contact = int(share * stretch * flat)
+    portion = contact_portion(contact, covered=stretch * flat, flat_pixels=flat)
+    assert portion == pytest.approx(share, abs=2e-4)
+    assert portion <= 1.0 + 1e-12
+
+
+def test_a_cloth_that_no_stretch_explains_is_noticed() -> None:
+    """A napkin's P_flat with a towel in view: the portion says that something is wrong, it is not hidden as 1."""
+    assert contact_portion(19_600, covered=19_600, flat_pixels=9_460) > 1.9
     with pytest.raises(PerceptionError, match="flat_pixels is 0"):
-        contact_portion(5, 0)
+        contact_portion(5, covered=5, flat_pixels=0)
+
+
+@pytest.mark.parametrize("height_m", [0.0, 0.004, 0.008, 0.02, 0.05])
+def test_a_raised_cloth_covers_what_it_would_on_the_table(height_m: float) -> None:
+    """Drawn by similar triangles: at height h under a camera at H it is H / (H - h) times as long and as wide."""
+    camera_m, level_m, side = 0.8, 0.008, 100.0
+    drawn = round(side * (camera_m - level_m) / (camera_m - max(height_m, level_m)))
+    cloth = np.zeros((120, 120), dtype=bool)
+    cloth[:drawn, :drawn] = True
+    covered = covered_pixels(cloth, np.full(cloth.shape, height_m, np.float32), level_m=level_m, camera_m=camera_m)
+    assert covered == pytest.approx(side**2, rel=0.01)
+    assert covered_pixels(cloth & False, np.zeros(cloth.shape, np.float32), level_m=level_m, camera_m=camera_m) == 0.0

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from perception.errors import PerceptionError
-from perception.gabor import GaborParams, gabor_bank, gabor_kernel
+from perception.gabor import GaborParams, gabor_bank, gabor_kernel, responses
+from perception.pinhole import WHOLE
 
 PARAMS = st.builds(
     GaborParams,
@@ -84,3 +85,16 @@ def test_banks_are_cached_and_read_only() -> None:
 def test_wrong_parameters_are_refused() -> None:
     with pytest.raises(PerceptionError, match="must be positive"):
         GaborParams(wavelength=0, sigma=4, gamma=0.1, psi=0, size=13)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (152, 151), (33, 200)])
+@pytest.mark.parametrize("size", [1, 12, 31])
+def test_responses_are_those_of_filter2d(shape: tuple[int, int], size: int) -> None:
+    image = np.random.default_rng(2).normal(1.0, 0.3, shape).astype(np.float32)
+    params = GaborParams(wavelength=10, sigma=4, gamma=0.4, psi=10, size=size)
+    bottom, right = max(1, shape[0] // 2), max(1, shape[1] - 3)
+    for window in (WHOLE, (slice(0, bottom), slice(0, right)), (slice(bottom - 1, shape[0]), slice(right - 1, right))):
+        fast = responses(image, params, EIGHT, normalise=False, window=window)
+        for kernel, response in zip(gabor_bank(params, EIGHT, False), fast, strict=True):
+            plain = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)[window]
+            np.testing.assert_allclose(response, plain, atol=1e-5 * np.abs(kernel).sum())

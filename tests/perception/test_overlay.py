@@ -50,7 +50,7 @@ def test_arrow_points_along_word_from_the_contact_centroid(
 def test_every_kind_of_percept_can_be_drawn(tilted_camera: Pinhole, draw_sheet: Callable, make_sheet: Callable) -> None:
     perceiver = Perceiver(tilted_camera)
     for sheet in (None, make_sheet(), make_sheet(rest=0.2), make_sheet(centre=(0.7, 0.0), amplitude=0.003)):
-        frame = draw_sheet(tilted_camera, sheet, factor=1)
+        frame = draw_sheet(tilted_camera, sheet)
         percept = perceiver.perceive(frame.rgb, frame.depth)
         assert math.isnan(percept.contact_portion)
         assert draw_percept(frame.rgb, percept, tilted_camera).shape == (240, 320, 3)

@@ -1,0 +1,105 @@
+"""What `layflat bench` measures of perception: a whole percept, the plain way to the same numbers, and HOW.
+
+Frames are drawn, so that no simulation is needed; each function once in a fresh process, on one core.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.measure import alternating
+from data.types import FloatArray
+from perception.contact import contact_mask, smooth_height
+from perception.descriptors import descriptor
+from perception.gabor import gabor_bank
+from perception.percept import Perceiver, PerceptionConfig
+from perception.segmentation import segment
+from perception.sheet import Drawing, Frame, Sheet, Wave, draw_sheet
+from perception.tableview import ClothView
+from perception.word import AXIAL, WordConfig, counting_masks, less_noise, light_image, relief_image, wrinkle_sums
+from sim.camera import default_pinhole
+from sim.sensor import DepthNoise, DepthSensor
+
+FRAMES = 40
+
+
+def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
+    """Wall s of one frame of 320x240, the ways in turns: ``percept``, ``plain``, ``how``, and ``word``, ``hog``."""
+    camera = default_pinhole()
+    frame = wrinkled_frame()
+    perceivers = {
+        name: Perceiver(camera, PerceptionConfig(descriptor=descriptor(key)), flat_pixels=19600)
+        for name, key in (("percept", "word-axial"), ("how", "how"), ("word", "word"), ("hog", "hog"))
+    }
+    works: dict[str, Callable[[], object]] = {
+        name: partial(by.perceive, frame.rgb, frame.depth) for name, by in perceivers.items()
+    }
+    works["plain"] = partial(plain_percept, perceivers["percept"], frame, AXIAL)
+    return alternating(works, frames)
+
+
+def wrinkled_frame(seed: int = 0) -> Frame:
+    """The bench's camera over a towel with wrinkles, sensor noise on."""
+    drawn = draw_sheet(default_pinhole(), Sheet(waves=(Wave(normal=0.5),)), Drawing(rgb_noise=3.0, seed=seed))
+    return Frame(drawn.rgb, DepthSensor(DepthNoise(), seed=seed).measure(drawn.depth))
+
+
+def plain_percept(perceiver: Perceiver, frame: Frame, config: WordConfig) -> tuple[int, NDArray[np.float64]]:
+    """Contact pixels and L of Algorithm 1, (n,), as one would write it down: each step on the whole image.
+
+    What ``Perceiver.perceive`` computes of a part of the image and by transforms; the numbers are the same.
+    """
+    settings, camera = perceiver.config, perceiver.camera
+    cloth_seen = segment(frame.rgb, settings.colour, settings.min_area_px)
+    height_seen = smooth_height(camera.height_above_table(frame.depth), cloth_seen, settings.smoothing_px)
+    cloth = perceiver.view.rectify_mask(cloth_seen)
+    height = perceiver.view.rectify(height_seen)
+    contact = contact_mask(cloth, height, settings.contact_height_m)
+    view = ClothView(
+        rgb=perceiver.view.rectify(frame.rgb),
+        cloth=cloth,
+        contact=contact,
+        height=height,
+        mm_per_px=settings.grid.mm_per_px,
+    )
+    return int(np.count_nonzero(contact)), plain_sums(view, config)
+
+
+def plain_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:
+    """L of Algorithm 1, (n,), with one ``filter2D`` of the whole view for each orientation."""
+    masks = counting_masks(view, config)
+    if masks is None:
+        return np.zeros(config.orientations)
+    sums = _plain_channel(light_image(view, config), masks[0], view, config)
+    if config.relief:
+        sums = sums + _plain_channel(relief_image(view, config), masks[0], view, config)
+    return sums
+
+
+def _plain_channel(
+    image: NDArray[np.float32], counted: NDArray[np.bool_], view: ClothView, config: WordConfig
+) -> NDArray[np.float64]:
+    means = []
+    for kernel in gabor_bank(config.gabor(view.mm_per_px), config.thetas, config.zero_mean):
+        response = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
+        size = np.maximum(response, 0) if config.half_wave else np.abs(response)
+        means.append(float(size[counted].mean(dtype=np.float64)))
+    return less_noise(np.array(means), config) if config.fill else np.array(means)
+
+
+def same_numbers(config: WordConfig = AXIAL) -> float:
+    """Largest relative difference of L between the fast and the plain way, over frames."""
+    perceiver = Perceiver(default_pinhole())
+    worst = 0.0
+    for seed in range(4):
+        frame = wrinkled_frame(seed)
+        view = perceiver.cloth_view(frame.rgb, frame.depth)
+        assert view is not None
+        fast, plain = wrinkle_sums(view, config)[0], plain_percept(perceiver, frame, config)[1]
+        worst = max(worst, float(np.abs(fast - plain).max() / plain.max()))
+    return worst

@@ -1,0 +1,334 @@
+"""`layflat word` on frames that were saved as a RealSense user saves them: drawn scenes, and the simulator's camera."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app import cli
+from perception.descriptors import DESCRIPTORS
+from perception.pinhole import Pinhole
+from sim.camera import TARGET_M
+from sim.cloth import cloth_spec
+from sim.mesh import MeshMaker
+from sim.sensor import DepthNoise, DepthSensor
+from sim.view import View
+from tests.scenes import CLOTHS, Scene, shoot, stand
+
+CONTRACT = {
+    "schema",
+    "word",
+    "word_axial",
+    "coherence",
+    "strength",
+    "cloth_pixels",
+    "contact_pixels",
+    "contact_portion",
+}
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path) -> Run:
+    """Runs ``layflat word`` in an empty folder; returns status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["word", *map(str, arguments)])
+        out, err = capsys.readouterr()
+        return int(stop.value.code or 0), out, err
+
+    return call
+
+
+def _sheet_frame(folder: Path, name: str, scene: Scene, **place: object) -> None:
+    camera, lens = stand(**({"width": 320, "height": 240, "tilt": 30.0} | place))  # type: ignore[arg-type]
+    shoot(scene, camera, lens, seed=1, missing=0.05).save(folder, name)
+
+
+def _png(header: bytes, *data: bytes) -> bytes:
+    """A PNG with right checksums whatever is in it."""
+    chunks = [(b"IHDR", header), *((b"IDAT", part) for part in data), (b"IEND", b"")]
+    parts = [
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with good and bad pictures."""
+    folder = tmp_path_factory.mktemp("frames")
+    _sheet_frame(folder, "good", Scene(amplitude=0.003))
+    _sheet_frame(folder, "red", Scene(cloth=CLOTHS["red"], lift_from=0.0), roll=12.0)
+    _sheet_frame(folder, "flat", Scene(amplitude=0.0))
+    _sheet_frame(folder, "cut", Scene(centre=(0.38, 0.0)))
+    rgb, depth = cv2.imread(str(folder / "good-rgb.png")), cv2.imread(str(folder / "good-depth.png"), -1)
+    grey = cv2.cvtColor(rgb, cv2.COLOR_BGR2GRAY)
+    for name, pixels in {
+        "rgba": np.dstack([rgb, np.full_like(grey, 255)]),
+        "grey": grey,
+        "rgb16": rgb.astype(np.uint16) * 257,
+        "depth8": (depth // 8).astype(np.uint8),
+        "depth3": np.dstack([depth] * 3),
+        "depth-0": 0 * depth,
+        "depth-half": depth[::2, ::2],
+        "depth-2mm": np.where(depth > 0, 2, 0).astype(np.uint16),
+        "depth-20m": np.minimum(depth.astype(int) * 25, 65535).astype(np.uint16),
+        "tiny": rgb[:3, :3],
+        "tiny-depth": depth[:3, :3],
+    }.items():
+        cv2.imwrite(str(folder / f"{name}.png"), pixels)
+    whole = (folder / "good-rgb.png").read_bytes()
+    size = struct.pack(">IIBBBBB", 320, 240, 8, 2, 0, 0, 0)
+    for name, content in {
+        "text": b"dear diary",
+        "empty": b"",
+        "half": whole[: len(whole) // 2],
+        "no-end": whole[:-9],
+        "flipped": whole[:5000] + bytes([whole[5000] ^ 255]) + whole[5001:],
+        "short-data": _png(size, zlib.compress(bytes(1000))),
+        "bad-data": _png(size, b"garbage"),
+        "no-data": _png(size),
+        "vast": _png(struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0), b""),
+        "large": _png(struct.pack(">IIBBBBB", 9_000, 9_000, 8, 2, 0, 0, 0), b""),
+    }.items():
+        (folder / f"{name}.png").write_bytes(content)
+    cv2.imwrite(str(folder / "photo.jpg"), rgb)
+    cv2.imwrite(str(folder / "metres.tiff"), depth.astype(np.float32) / 1000)
+    return folder
+
+
+def test_a_frame_in_the_contracts_form(frames, run):
+    status, out, err = run(
+        frames / "good-rgb.png", frames / "good-depth.png", "--json", "new/out.json", "--overlay", "new/over.png"
+    )
+    assert (status, err) == (0, "")
+    result = json.loads(Path("new/out.json").read_text())
+    assert set(result) >= CONTRACT
+    assert result["schema"] == 1
+    assert result["contact_portion"] is None
+    assert 0 <= result["contact_pixels"] <= result["cloth_pixels"]
+    for name in ("word", "word_axial"):
+        assert math.hypot(*result[name]) == pytest.approx(1.0)
+        assert result[name][0] >= 0
+    angle = math.degrees(math.atan2(result["word_axial"][1], result["word_axial"][0]))
+    assert angle == pytest.approx(30.0, abs=5.0)  # the scene's wrinkles, seen by a camera that is not rolled
+    assert result["intrinsics"]["assumed"]
+    assert "assumed" in out
+    assert "suggested" in out
+    picture = cv2.imread("new/over.png")
+    assert picture.shape == (240, 320, 3)
+    assert (picture != cv2.imread(str(frames / "good-rgb.png"))).any()
+    assert len(list(Path("new").iterdir())) == 2
+
+
+def test_nothing_is_written_unasked(frames, run, tmp_path):
+    assert run(frames / "good-rgb.png", frames / "good-depth.png")[0] == 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_flat_cloth_has_no_direction_and_counts_for_the_portion(frames, run):
+    assert run(frames / "flat-rgb.png", frames / "flat-depth.png", "--json", "flat.json")[0] == 0
+    flat = json.loads(Path("flat.json").read_text())
+    assert flat["word"] is None
+    assert flat["word_axial"] is None
+    assert flat["strength"] == flat["coherence"] == 0
+    count = flat["cloth_pixels"]
+    run(frames / "flat-rgb.png", frames / "flat-depth.png", "--flat-pixels", count, "--json", "again.json")
+    assert json.loads(Path("again.json").read_text())["contact_portion"] == pytest.approx(1.0, abs=0.02)
+    run(frames / "red-rgb.png", frames / "red-depth.png", "--flat-pixels", count, "--json", "red.json")
+    lifted = json.loads(Path("red.json").read_text())
+    assert 0.3 < lifted["contact_portion"] < 0.6  # half of it rises
+    assert lifted["hsv"]["hue_min"] > lifted["hsv"]["hue_max"]
+
+
+def test_the_colour_given_learned_and_suggested_see_the_same_cloth(frames, run):
+    pair = (frames / "red-rgb.png", frames / "red-depth.png")
+    counts = []
+    for index, option in enumerate([(), ("--cloth-at", "160,120"), ("--hsv", "340,20,0.4,0.1")]):
+        status, out, _ = run(*pair, *option, "--json", f"{index}.json")
+        assert status == 0
+        assert ("suggested", "learned", "given")[index] in out
+        counts.append(json.loads(Path(f"{index}.json").read_text())["cloth_pixels"])
+    assert max(counts) / min(counts) < 1.02
+    again = next(line for line in out.splitlines() if "--hsv" in line).split("--hsv ")[1]
+    assert run(*pair, "--hsv", again)[0] == 0
+
+
+def test_depth_scale_is_the_unit(frames, run):
+    depth = cv2.imread(str(frames / "good-depth.png"), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite("quarter.png", depth * 4)
+    run(frames / "good-rgb.png", frames / "good-depth.png", "--json", "one.json")
+    run(frames / "good-rgb.png", "quarter.png", "--depth-scale", "0.25", "--json", "two.json")
+    one, two = (json.loads(Path(f"{name}.json").read_text()) for name in ("one", "two"))
+    assert two["plane"]["distance_mm"] == pytest.approx(one["plane"]["distance_mm"], abs=0.1)
+    assert two["contact_pixels"] == pytest.approx(one["contact_pixels"], rel=1e-3)
+
+
+def test_the_seed_decides_and_hardly_matters(frames, run):
+    contents = []
+    for index, seed in enumerate((0, 0, 7)):
+        run(frames / "good-rgb.png", frames / "good-depth.png", "--seed", seed, "--json", f"{index}.json")
+        contents.append(json.loads(Path(f"{index}.json").read_text()))
+    assert contents[0] == contents[1]
+    assert contents[2]["contact_pixels"] == pytest.approx(contents[0]["contact_pixels"], rel=0.01)
+
+
+def test_transparency_is_dropped(frames, run):
+    assert (
+        run(frames / "rgba.png", frames / "good-depth.png")[1]
+        == run(frames / "good-rgb.png", frames / "good-depth.png")[1]
+    )
+
+
+@pytest.mark.parametrize("name", DESCRIPTORS)
+def test_every_descriptor_gives_its_vector(name, frames, run):
+    pair = (frames / "good-rgb.png", frames / "good-depth.png")
+    status, _, _ = run(*pair, "--descriptor", name, "--json", "d.json", "--overlay", "d.png")
+    assert status == 0
+    found = json.loads(Path("d.json").read_text())["descriptor"]
+    assert found["name"] == DESCRIPTORS[name]().name
+    assert len(found["vector"]) == DESCRIPTORS[name]().size
+    assert np.isfinite(found["vector"]).all()
+
+
+@pytest.mark.parametrize("width", [640, 1280])
+def test_the_simulators_camera_rolled_and_with_noise(width, run):
+    """Wrinkles of known direction in the simulator's own picture; the command is told nothing of the camera."""
+    height, roll = width * 9 // 16 if width > 1000 else width * 3 // 4, math.radians(-15)
+    pinhole = Pinhole.look_at(
+        (0.25, -0.55, 0.75),
+        TARGET_M,
+        (math.sin(roll), 0, math.cos(roll)),
+        width=width,
+        height=height,
+        fx=615 / 480 * height,
+    )
+    spec = cloth_spec("towel")
+    nodes = spec.flat_nodes(x_m=0.1)
+    normal = math.radians(25)
+    nodes[:, 2] += 0.004 * (1 + np.sin(2 * np.pi * (nodes[:, :2] @ [math.cos(normal), math.sin(normal)]) / 0.1))
+    view = View(pinhole)
+    picture = view.blank()
+    view.draw_cloth(picture, MeshMaker(spec).mesh(nodes))
+    true_depth = np.where(np.isfinite(picture.depth), picture.depth, np.float32(0)).reshape(height, width)
+    depth = DepthSensor(DepthNoise(), seed=3).measure(true_depth)
+    cv2.imwrite("rgb.png", picture.rgb.reshape(height, width, 3)[..., ::-1])
+    cv2.imwrite("depth.png", np.rint(1000 * depth).astype(np.uint16))
+    assert run("rgb.png", "depth.png", "--json", "out.json")[0] == 0
+    result = json.loads(Path("out.json").read_text())
+    assert result["plane"]["distance_mm"] == pytest.approx(750, abs=1.0)
+    tilt = math.degrees(math.acos(-pinhole.cam_to_world[2, 2]))
+    assert result["plane"]["tilt_deg"] == pytest.approx(tilt, abs=0.1)
+    # The wrinkles' normal, from the world to the table's axes that the image gives.
+    up, right = pinhole.cam_to_world[2, :3], np.array([1.0, 0.0, 0.0])
+    x = right - up[0] * up
+    x /= np.linalg.norm(x)
+    seen = pinhole.cam_to_world[:3, :3].T @ [math.cos(normal), math.sin(normal), 0.0]
+    expected = math.degrees(math.atan2(seen @ np.cross(up, x), seen @ x))
+    angle = math.degrees(math.atan2(result["word_axial"][1], result["word_axial"][0]))
+    assert abs((angle - expected + 90) % 180 - 90) < 8.0
+
+
+GOOD = ("good-rgb.png", "good-depth.png")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (("good-rgb.png", "depth-half.png"), "320x240 px and"),
+        (("good-rgb.png", "depth8.png"), "8 bits"),
+        (("good-rgb.png", "depth3.png"), "3 channels"),
+        (("good-rgb.png", "depth-0.png"), "0 everywhere"),
+        (("good-rgb.png", "depth-2mm.png"), "unit"),
+        (("good-rgb.png", "depth-20m.png"), "unit"),
+        (("good-rgb.png", "metres.tiff"), "TIFF"),
+        (("good-rgb.png", "text.png"), "not a whole picture"),
+        (("good-rgb.png", "missing.png"), "does not exist"),
+        (("good-rgb.png", "."), "not a file"),
+        (("photo.jpg", "good-depth.png"), "JPEG"),
+        (("grey.png", "good-depth.png"), "is grey"),
+        (("good-depth.png", "good-rgb.png"), "is it the depth?"),
+        (("rgb16.png", "good-depth.png"), "16 bits"),
+        (("tiny.png", "tiny-depth.png"), "stands out"),
+        (("vast.png", "good-depth.png"), "million"),
+        (("large.png", "good-depth.png"), "million"),
+        (("cut-rgb.png", "cut-depth.png"), "cut by the image's border"),
+        ((*GOOD, "--hsv", "0,20,0.4,0.1"), "no cloth"),
+        ((*GOOD, "--hsv", "0,20,0.4"), "4 numbers"),
+        ((*GOOD, "--hsv", "0,500,0.4,0.1"), "0..360"),
+        ((*GOOD, "--hsv", "nan,20,0.4,0.1"), "4 numbers"),
+        ((*GOOD, "--hsv", "0,360,0,0"), "both 0"),
+        ((*GOOD, "--hsv", "0,20,0.4,0.1", "--cloth-at", "3,3"), "one of them"),
+        ((*GOOD, "--cloth-at", "5,5"), "is grey"),
+        ((*GOOD, "--cloth-at", "320,5"), "outside the image"),
+        ((*GOOD, "--cloth-at=-1,5"), "outside the image"),
+        ((*GOOD, "--cloth-at", "here"), "2 numbers"),
+        ((*GOOD, "--cloth-at", "1e99,5"), "must be a pixel"),
+        ((*GOOD, "--intrinsics", "615,615"), "4 numbers"),
+        ((*GOOD, "--intrinsics", "1e308,1e308,160,120"), "cannot be those"),
+        ((*GOOD, "--intrinsics", "0,307,160,120"), "cannot be those"),
+        ((*GOOD, "--intrinsics", "307,307,1600,120"), "cannot be those"),
+        ((*GOOD, "--depth-scale", "0"), "--depth-scale is 0"),
+        ((*GOOD, "--depth-scale", "nan"), "--depth-scale is nan"),
+        ((*GOOD, "--depth-scale", "100"), "unit"),
+        ((*GOOD, "--contact-mm", "30"), "--contact-mm is 30"),
+        ((*GOOD, "--contact-mm", "nan"), "--contact-mm is nan"),
+        ((*GOOD, "--flat-pixels", "0"), "--flat-pixels is 0"),
+        ((*GOOD, "--descriptor", "silk"), "'silk' is unknown"),
+        ((*GOOD, "--json", "text.png"), "--force"),
+        ((*GOOD, "--overlay", "text.png"), "--force"),
+        ((*GOOD, "--overlay", "over.jpg"), ".png"),
+        ((*GOOD, "--json", "good-rgb.png", "--force"), "named twice"),
+        ((*GOOD, "--json", "x.png", "--overlay", "x.png"), "named twice"),
+        ((*GOOD, "--json", "."), "is a folder"),
+        ((*GOOD, "--json", "/proc/nowhere/x.json"), "cannot be written"),
+        ((*GOOD, "--overlay", "text.png/x.png"), "cannot be written"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_bad_input_is_one_sentence(arguments, hint, frames, run, monkeypatch):
+    _refused(arguments, hint, frames, run, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["empty", "half", "no-end", "flipped", "short-data", "bad-data", "no-data"])
+def test_a_picture_that_is_none_is_one_sentence(name, frames, run, monkeypatch):
+    _refused((f"{name}.png", "good-depth.png"), "not a whole picture", frames, run, monkeypatch)
+
+
+def _refused(arguments, hint, frames, run, monkeypatch) -> None:
+    monkeypatch.chdir(frames)
+    before = {path: path.read_bytes() for path in frames.rglob("*") if path.is_file()}
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, ""), err
+    assert err.startswith("layflat: ")
+    assert err.count("\n") == 1
+    assert hint in err
+    assert {path: path.read_bytes() for path in frames.rglob("*") if path.is_file()} == before
+
+
+def test_a_failure_leaves_no_file(frames, run, tmp_path):
+    status, _, _ = run(frames / "cut-rgb.png", frames / "cut-depth.png", "--json", "a.json", "--overlay", "a.png")
+    assert status == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_force_replaces(frames, run, tmp_path):
+    (tmp_path / "a.json").write_text("old")
+    assert run(frames / "good-rgb.png", frames / "good-depth.png", "--json", "a.json", "--force")[0] == 0
+    assert json.loads((tmp_path / "a.json").read_text())["schema"] == 1
+
+
+def test_flat_pixels_of_another_cloth_are_noticed(frames, run):
+    _, out, _ = run(frames / "flat-rgb.png", frames / "flat-depth.png", "--flat-pixels", 5000)
+    assert "counted with this cloth" in out

@@ -1,0 +1,98 @@
+"""Ranges of colour that are learned or suggested find the cloth, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perception.colour import hue_name, learn_hsv, suggest_hsv
+from perception.errors import PerceptionError
+from perception.segmentation import HsvRange, segment
+from tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
+
+CAMERA, LENS = stand(width=320, height=240)
+
+
+def scene_of(cloth: str, table: tuple[float, float, float] = TABLES["white"], seed: int = 0, **changes: object) -> Shot:
+    return shoot(replace(Scene(cloth=CLOTHS[cloth], table=table), **changes), CAMERA, LENS, seed=seed)
+
+
+def overlap(shot: Shot, colour: HsvRange) -> float:
+    """Intersection over union of what the range finds and the cloth."""
+    found = segment(shot.rgb, colour)
+    return float((found & shot.cloth).sum() / (found | shot.cloth).sum())
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("cloth", CLOTHS)
+def test_a_coloured_cloth_is_learned_and_suggested(cloth: str, table: str) -> None:
+    shot = scene_of(cloth, TABLES[table], seed=len(cloth), amplitude=0.004)
+    rows, columns = np.nonzero(shot.cloth)
+    middle = (int(columns.mean()), int(rows.mean()))
+    assert overlap(shot, learn_hsv(shot.rgb, middle)) > 0.95
+    assert overlap(shot, suggest_hsv(shot.rgb)) > 0.95
+
+
+def test_a_red_cloths_range_goes_through_0() -> None:
+    shot = scene_of("red")
+    for colour in (suggest_hsv(shot.rgb), learn_hsv(shot.rgb, (160, 120))):
+        assert colour.hue_min > 300 > 60 > colour.hue_max
+
+
+def test_the_range_learned_in_the_light_holds_the_shade() -> None:
+    # Steep wrinkles with little ambient light: some flanks have a third of the brightness of others.
+    shot = scene_of("green", amplitude=0.008, ambient=0.15)
+    value = shot.rgb.max(axis=2)
+    rows, columns = np.nonzero(shot.cloth & (value > np.percentile(value[shot.cloth], 90)))
+    assert np.percentile(value[shot.cloth], 2) < 0.4 * value[shot.cloth].max()
+    assert overlap(shot, learn_hsv(shot.rgb, (int(columns[50]), int(rows[50])))) > 0.9
+
+
+def test_a_larger_cloth_wins_over_a_box_and_over_wood() -> None:
+    shot = scene_of("blue", WOOD, box=CLOTHS["red"])
+    assert overlap(shot, suggest_hsv(shot.rgb)) > 0.95
+
+
+def test_where_leaves_the_floor_out() -> None:
+    shot = scene_of("green", table_half=(0.25, 0.25), floor=(30.0, 60.0, 220.0), side=0.2)
+    on_table = np.abs(CAMERA.height_above_table(shot.depth)) < 0.1
+    assert overlap(shot, suggest_hsv(shot.rgb, on_table)) > 0.95
+    none = np.zeros(on_table.shape, dtype=bool)
+    with pytest.raises(PerceptionError, match="no coloured cloth stands out"):
+        suggest_hsv(shot.rgb, none)
+
+
+def test_grey_has_no_hue() -> None:
+    shot = scene_of("blue")
+    with pytest.raises(PerceptionError, match="is grey"):
+        learn_hsv(shot.rgb, (5, 235))
+    black = np.full((240, 320, 3), 12, np.uint8)
+    with pytest.raises(PerceptionError, match="is black"):
+        learn_hsv(black, (5, 5))
+    white_cloth = shoot(Scene(cloth=(235.0, 235.0, 235.0), table=TABLES["grey"]), CAMERA, LENS, seed=0)
+    with pytest.raises(PerceptionError, match="white, grey or black cloth has no hue"):
+        suggest_hsv(white_cloth.rgb)
+
+
+@pytest.mark.parametrize("at", [(-1, 0), (0, -1), (320, 0), (0, 240)])
+def test_a_point_outside_is_refused(at: tuple[int, int]) -> None:
+    with pytest.raises(PerceptionError, match="outside the image, which is 320x240"):
+        learn_hsv(scene_of("blue").rgb, at)
+
+
+def test_a_speck_is_no_cloth() -> None:
+    rgb = np.full((240, 320, 3), 220, np.uint8)
+    rgb[100:107, 100:107] = CLOTHS["blue"]
+    with pytest.raises(PerceptionError, match="point at the middle"):
+        learn_hsv(rgb, (103, 103))
+    with pytest.raises(PerceptionError, match="stands out"):
+        suggest_hsv(rgb)
+
+
+def test_hues_have_names() -> None:
+    named = {degrees: hue_name(degrees) for degrees in (0, 359, 30, 60, 120, 180, 225, 270, 300)}
+    assert list(named.values()) == [
+        "red", "red", "orange", "yellow", "green", "cyan", "blue", "violet", "magenta",
+    ]  # fmt: skip

@@ -1,0 +1,137 @@
+"""A frame without a known camera gives what the same frame gives with the camera's true place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perception.errors import PerceptionError
+from perception.frame import SeenFrame, see_frame
+from perception.percept import Perceiver
+from perception.plane import TablePlane
+from perception.segmentation import HsvRange
+from tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
+
+BLUE = HsvRange()
+
+
+def see(shot: Shot, **options: object) -> SeenFrame:
+    return see_frame(shot.rgb, shot.depth, shot.lens, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+
+
+def degrees_between(one: np.ndarray, two: np.ndarray) -> float:
+    angle = math.degrees(math.atan2(one[1], one[0]) - math.atan2(two[1], two[0])) % 180
+    return min(angle, 180 - angle)
+
+
+def shot_of(scene: Scene, seed: int = 0, missing: float = 0.02, **place: object) -> Shot:
+    camera, lens = stand(**({"width": 320, "height": 240} | place))  # type: ignore[arg-type]
+    return shoot(scene, camera, lens, seed=seed, missing=missing)
+
+
+@pytest.mark.parametrize(
+    ("place", "scene"),
+    [
+        ({"tilt": 0.0, "roll": 0.0}, Scene()),
+        ({"tilt": 30.0, "roll": 15.0, "width": 640, "height": 480}, Scene(cloth=CLOTHS["red"], normal=-60.0)),
+        ({"tilt": 45.0, "roll": -10.0, "width": 848, "height": 480}, Scene(cloth=CLOTHS["green"], lift_from=0.05)),
+        ({"tilt": 20.0, "width": 1280, "height": 720}, Scene(cloth=CLOTHS["orange"], normal=80.0)),
+    ],
+    ids=["320x240", "640x480", "848x480", "1280x720"],
+)
+def test_as_with_the_true_pose(place: dict, scene: Scene) -> None:
+    shot = shot_of(scene, missing=0.1, **place)
+    seen = see(shot)
+    up = shot.camera.cam_to_world[2, :3]
+    truth = TablePlane(normal=up, distance_m=float(shot.camera.position[2]), rms_m=0.0, share=1.0, pixels=9)
+    expected = Perceiver(truth.camera(shot.lens), seen.config).perceive(shot.rgb, shot.depth)
+    flat = scene.side**2 / 0.0025**2
+    assert seen.percept.contact_pixels / flat == pytest.approx(expected.contact_pixels / flat, abs=0.02)
+    assert degrees_between(seen.percept.word, expected.word) < 2.0
+    assert seen.percept.cloth_pixels == pytest.approx(expected.cloth_pixels, rel=0.01)
+    assert seen.colour_source == "suggested"
+
+
+@pytest.mark.parametrize("roll", [0.0, 90.0, 180.0])
+def test_directions_turn_with_the_image(roll: float) -> None:
+    # Seen from straight above, a camera rolled by 90 degrees turns the picture, and so the answer, by as much.
+    shot = shot_of(Scene(normal=35.0, amplitude=0.003), tilt=0.0, roll=roll)
+    axis = math.radians(35.0 + roll)
+    seen = see(shot)
+    assert degrees_between(seen.percept.word, np.array([math.cos(axis), math.sin(axis)])) < 4.0
+    assert seen.percept.word[0] >= 0
+
+
+def test_flat_cloth_has_the_area_it_has_at_every_size_and_distance() -> None:
+    for width, height, distance in ((320, 240, 0.7), (640, 480, 1.0), (424, 240, 0.8)):
+        shot = shot_of(Scene(amplitude=0.0), width=width, height=height, distance=distance)
+        assert see(shot).percept.cloth_pixels == pytest.approx((0.35 / 0.0025) ** 2, rel=0.03)
+
+
+def test_the_descriptors_view_shows_the_same_cloth() -> None:
+    seen = see(shot_of(Scene(lift_from=0.0)))
+    assert np.count_nonzero(seen.view.cloth) == seen.percept.cloth_pixels
+    assert np.count_nonzero(seen.view.contact) == seen.percept.contact_pixels
+    assert (seen.view.height[seen.view.contact] < 0.0081).all()
+
+
+def test_other_things_of_the_cloths_colour_are_left_out() -> None:
+    alone, beside = (shot_of(Scene(box=box), distance=0.9) for box in (None, CLOTHS["blue"]))
+    at = (160, 120)
+    one, two = see(alone, colour=BLUE), see(beside, colour=BLUE)
+    assert two.percept.cloth_pixels == pytest.approx(one.percept.cloth_pixels, rel=0.01)
+    assert not one.warnings
+    assert "other things" in two.warnings[0]
+    assert see(beside, cloth_at=at).percept.cloth_pixels == pytest.approx(one.percept.cloth_pixels, rel=0.01)
+
+
+def test_a_bar_across_the_cloth_does_not_halve_it() -> None:
+    shot = shot_of(Scene(amplitude=0.0))
+    rgb = shot.rgb.copy()
+    rgb[:, 155:161] = TABLES["grey"]
+    whole, barred = see(shot, colour=BLUE), see(replace(shot, rgb=rgb), colour=BLUE)
+    assert barred.percept.cloth_pixels > 0.9 * whole.percept.cloth_pixels
+
+
+def test_a_lifted_part_may_leave_the_picture_and_it_is_said() -> None:
+    shot = shot_of(Scene(side=0.4, lift_from=0.05, centre=(0.25, 0.0), yaw=0.0, amplitude=0.0), tilt=20.0)
+    assert shot.cloth[:, -1].any()
+    assert "leaves the picture" in " ".join(see(shot).warnings)
+
+
+def test_holes_and_noise_are_said() -> None:
+    shot = shot_of(Scene(), missing=0.4)
+    assert "has no depth" in " ".join(see(shot).warnings)
+    camera, lens = stand(width=320, height=240)
+    noisy = shoot(Scene(), camera, lens, seed=0, depth_noise=0.012)
+    assert "scatters by" in " ".join(see(noisy).warnings)
+
+
+def test_a_cloth_in_the_air_has_no_contact_and_no_direction() -> None:
+    seen = see(shot_of(Scene(rest=0.1)), flat_pixels=19600)
+    assert seen.percept.contact_portion == 0.0
+    assert not seen.percept.word.any()
+    assert seen.percept.strength == 0.0
+
+
+def test_what_cannot_be_seen_is_refused() -> None:
+    shot = shot_of(Scene())
+    with pytest.raises(PerceptionError, match="no cloth: no piece of the image has a hue of 0 to 20"):
+        see(shot, colour=HsvRange(hue_min=0, hue_max=20))
+    with pytest.raises(PerceptionError, match="cut by the image's border"):
+        see(shot_of(Scene(centre=(0.4, 0.0))))
+    with pytest.raises(PerceptionError, match="no value at all"):
+        see(replace(shot, depth=0 * shot.depth))
+    for factor in (25.0, 0.001):
+        with pytest.raises(PerceptionError, match="depth's unit"):
+            see(replace(shot, depth=shot.depth * np.float32(factor)))
+    with pytest.raises(PerceptionError, match="this camera gives"):
+        see(replace(shot, depth=shot.depth[:-1]))
+    with pytest.raises(PerceptionError, match="of the cloth has a depth, at least 20 %"):
+        see(replace(shot, depth=np.where(shot.cloth, np.float32(0), shot.depth)))
+    sunken = np.where(shot.cloth, shot.depth + np.float32(0.1), shot.depth)
+    with pytest.raises(PerceptionError, match="mm below the table"):
+        see(replace(shot, depth=sunken), colour=BLUE)

@@ -1,0 +1,194 @@
+"""The numbers of docs/realsense.md; `pytest -m slow -s tests/perception/test_frame_numbers.py` prints them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from perception.colour import learn_hsv, suggest_hsv
+from perception.errors import PerceptionError
+from perception.frame import SeenFrame, see_frame
+from perception.lens import Lens
+from perception.percept import Perceiver
+from perception.plane import TablePlane, fit_plane
+from perception.segmentation import HsvRange
+from tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+SIZES = [(640, 480), (848, 480), (1280, 720)]
+FLAT = (0.28 / 0.0025) ** 2
+
+
+def spread(values: list[float]) -> str:
+    size = np.abs(values)
+    return f"median {np.median(size):.3f}, 95 % {np.percentile(size, 95):.3f}, max {size.max():.3f} (n {len(size)})"
+
+
+def see(shot: Shot, lens: Lens) -> SeenFrame:
+    return see_frame(shot.rgb, shot.depth, lens, rng=np.random.default_rng(0))
+
+
+def axis_error(one: np.ndarray, two: np.ndarray) -> float:
+    if one.any() != two.any():
+        return 90.0
+    angle = math.degrees(math.atan2(one[1], one[0]) - math.atan2(two[1], two[0])) % 180
+    return min(angle, 180 - angle)
+
+
+def by_true_pose(seen: SeenFrame, shot: Shot) -> SeenFrame:
+    """The same frame with the camera's true place."""
+    truth = TablePlane(
+        normal=shot.camera.cam_to_world[2, :3].copy(),
+        distance_m=float(shot.camera.position[2]),
+        rms_m=0.0,
+        share=1.0,
+        pixels=1,
+    )
+    perceiver = Perceiver(truth.camera(shot.lens), seen.config)
+    return replace(seen, percept=perceiver.perceive(shot.rgb, shot.depth), plane=truth)
+
+
+def errors(seen: SeenFrame, shot: Shot) -> tuple[float, float, float, float]:
+    """Plane in degrees and in mm under the cloth's corners, word_axial in degrees, contact as a portion."""
+    expected = by_true_pose(seen, shot)
+    corners = np.array([[x, y, 0.0] for x in (-0.14, 0.14) for y in (-0.14, 0.14)])
+    local = (corners - shot.camera.position) @ shot.camera.cam_to_world[:3, :3]
+    return (
+        math.degrees(math.acos(min(1.0, float(seen.plane.normal @ expected.plane.normal)))),
+        1000 * float(np.abs(local @ seen.plane.normal + seen.plane.distance_m).max()),
+        axis_error(seen.percept.word, expected.percept.word),
+        (seen.percept.contact_pixels - expected.percept.contact_pixels) / FLAT,
+    )
+
+
+@pytest.mark.parametrize(("noise", "missing"), [(0.0, 0.0), (0.0026, 0.01), (0.0026, 0.2), (0.0052, 0.2)])
+def test_against_the_true_pose(noise: float, missing: float) -> None:
+    names = list(CLOTHS)
+    found = []
+    poses = itertools.product((0, 20, 40, 55), (-20, 0, 15), (0.6, 0.8, 1.1))
+    for k, (tilt, roll, distance) in enumerate(poses):
+        width, height = SIZES[k % 3]
+        camera, lens = stand(tilt=tilt, roll=roll, distance=distance, width=width, height=height)
+        rng = np.random.default_rng(7000 + k)
+        scene = Scene(
+            cloth=CLOTHS[names[k % 8]],
+            box=CLOTHS[names[(k + 3) % 8]],
+            side=0.28,
+            centre=tuple(rng.uniform(-0.03, 0.03, 2)),
+            yaw=rng.uniform(-40, 40),
+            normal=rng.uniform(-90, 90),
+            lift_from=rng.uniform(0.02, 0.3),
+        )
+        shot = shoot(scene, camera, lens, seed=500 + k, depth_noise=noise, missing=missing)
+        found.append(errors(see(shot, lens), shot))
+    print(f"\nnoise {1000 * noise:g} mm at 1 m, missing {missing:g}")
+    names = ("plane, degrees", "plane, mm", "word_axial, degrees", "contact portion")
+    for name, values in zip(names, zip(*found, strict=True), strict=True):
+        print(f"  {name}: {spread(list(values))}")
+    degrees, millimetres, axis, contact = np.abs(np.array(found)).T
+    assert degrees.max() < 0.3
+    assert millimetres.max() < 1.0
+    assert np.median(axis) < 0.5
+    assert axis.max() < 5.0
+    assert contact.mean() < 0.01
+
+
+@pytest.mark.parametrize(("focal", "centre_px"), [(1.01, 0), (1.03, 0), (1.0, 10), (1.03, 20)])
+def test_wrong_intrinsics(focal: float, centre_px: float) -> None:
+    """What the assumed intrinsics cost where they are not the camera's."""
+    found = []
+    for k in range(18):
+        rng = np.random.default_rng(8000 + k)
+        camera, lens = stand(tilt=rng.uniform(0, 50), roll=rng.uniform(-20, 20), distance=rng.uniform(0.6, 1.0))
+        scene = Scene(side=0.28, normal=rng.uniform(-90, 90), lift_from=rng.uniform(0.02, 0.3))
+        shot = shoot(scene, camera, lens, seed=k, missing=0.05)
+        wrong = replace(lens, fx=focal * lens.fx, fy=focal * lens.fy, cx=lens.cx + centre_px, cy=lens.cy - centre_px)
+        right, other = see(shot, lens), see(shot, wrong)
+        shares = [seen.percept.contact_pixels / seen.percept.cloth_pixels for seen in (right, other)]
+        found.append(
+            (
+                right.plane.tilt_deg - other.plane.tilt_deg,
+                axis_error(right.percept.word, other.percept.word),
+                shares[1] - shares[0],
+            )
+        )
+    print(f"\nfocal length times {focal:g}, centre off by {centre_px:g} px both ways")
+    for name, values in zip(
+        ("tilt, degrees", "word_axial, degrees", "contact share"), zip(*found, strict=True), strict=True
+    ):
+        print(f"  {name}: {spread(list(values))}")
+    assert np.median(np.abs(found), axis=0)[1] < 2.0
+    assert np.abs(found)[:, 2].mean() < 0.03
+
+
+def test_share_of_colours_found() -> None:
+    """IoU above 0.95, under changing exposure, white balance and a light that falls off across the picture."""
+    suggested, learned, tried = Counter[str](), Counter[str](), Counter[str]()
+    for (cloth, rgb), (name, table) in itertools.product(CLOTHS.items(), (TABLES | {"wood": WOOD}).items()):
+        for seed in range(5):
+            shot, rng = _lit(cloth, rgb, table, seed, [seed, len(cloth), len(name), 9])
+            near = np.abs(shot.camera.height_above_table(shot.depth)) < 0.6
+            rows, columns = np.nonzero(cv2.erode(shot.cloth.astype(np.uint8), np.ones((9, 9), np.uint8)))
+            pick = rng.integers(len(rows))
+            at = (int(columns[pick]), int(rows[pick]))
+            tried[name] += 1
+            suggested[name] += _overlap(shot, suggest_hsv(shot.rgb, near), None) > 0.95
+            learned[name] += _overlap(shot, learn_hsv(shot.rgb, at), at) > 0.95
+    for name in tried:
+        print(f"\n{name}: suggested {suggested[name]}, learned {learned[name]} of {tried[name]}", end="")
+    assert sum(suggested[name] for name in TABLES) > 0.95 * sum(tried[name] for name in TABLES)
+    assert sum(learned[name] for name in TABLES) > 0.95 * sum(tried[name] for name in TABLES)
+
+
+def _lit(
+    cloth: str, rgb: tuple[float, float, float], table: tuple[float, float, float], seed: int, entropy: list[int]
+) -> tuple[Shot, np.random.Generator]:
+    rng = np.random.default_rng(entropy)
+    width, height = [(640, 480), (848, 480), (424, 240)][seed % 3]
+    camera, lens = stand(
+        tilt=rng.uniform(0, 55), roll=rng.uniform(-20, 20), distance=rng.uniform(0.65, 1.1), width=width, height=height
+    )
+    others = [name for name in CLOTHS if name != cloth]
+    scene = Scene(
+        cloth=rgb,
+        table=table,
+        normal=rng.uniform(-90, 90),
+        yaw=rng.uniform(-40, 40),
+        amplitude=rng.uniform(0, 0.005),
+        box=CLOTHS[others[rng.integers(7)]],
+        ambient=rng.uniform(0.2, 0.6),
+        lift_from=float(rng.choice([np.inf, 0.1])),
+    )
+    shot = shoot(scene, camera, lens, seed=seed + 900, missing=0.05)
+    gain = rng.uniform(0.6, 1.05) * rng.uniform(0.9, 1.1, 3)
+    fall = np.linspace(1, rng.uniform(0.6, 1), width)[None, :, None]
+    picture = np.clip(shot.rgb * gain * fall + rng.normal(0, 3, shot.rgb.shape), 0, 255).astype(np.uint8)
+    return replace(shot, rgb=picture), rng
+
+
+def _overlap(shot: Shot, colour: HsvRange, at: tuple[int, int] | None) -> float:
+    """Intersection over union of the cloth that is taken and the true one; 0 where the frame is refused."""
+    try:
+        seen = see_frame(shot.rgb, shot.depth, shot.lens, colour=colour, cloth_at=at, rng=np.random.default_rng(0))
+    except PerceptionError:
+        return 0.0
+    return float((seen.cloth & shot.cloth).sum() / (seen.cloth | shot.cloth).sum())
+
+
+def test_a_plane_in_the_whole_image_is_as_good() -> None:
+    """Without the cloth's mask, as when its colour is being looked for."""
+    found = []
+    for k in range(12):
+        camera, lens = stand(tilt=5.0 * k, roll=3.0 * k - 18, width=424, height=240)
+        shot = shoot(Scene(box=CLOTHS["red"]), camera, lens, seed=k, missing=0.1)
+        plane = fit_plane(shot.depth, lens, rng=np.random.default_rng(0))
+        found.append(1000 * (plane.distance_m - float(camera.position[2])))
+    print(f"\nwithout the cloth's mask: distance off by {spread(found)} mm")
+    assert np.abs(found).max() < 4.0

@@ -1,0 +1,96 @@
+"""The camera's contact portion against the mesh's, on rendered cloth with sensor noise; whole placements are slow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from perception.percept import Perceiver
+from sim.camera import Camera
+from sim.cloth import Cloth, ClothSpec, cloth_spec
+from sim.world import World
+
+LAID = (0.15, 0.4, 0.65, 0.9)
+
+
+class Bench:
+    """A cloth that is put where it should be, and a camera that knows its P_flat; nothing is simulated."""
+
+    def __init__(self, name: str) -> None:
+        self.spec: ClothSpec = cloth_spec(name)
+        self.world = World(step_s=1 / self.spec.rate_hz, table_friction=1.0)
+        self.cloth = Cloth(self.world, self.spec)
+        self.camera = Camera(self.world, self.cloth, seed=0)
+        blank = Perceiver(self.camera.pinhole)
+        flat = blank.perceive(*self.camera.capture(self.spec.flat_nodes()))
+        self.perceiver = blank.with_flat_pixels(flat.cloth_pixels)
+
+    def errors(self, nodes: np.ndarray, frames: int = 3) -> np.ndarray:
+        """(frames,) contact portion of the camera minus that of the mesh."""
+        true = self.cloth.contact_portion_true(nodes)
+        seen = [self.perceiver.perceive(*self.camera.capture(nodes)).contact_portion for _ in range(frames)]
+        return np.array(seen) - true
+
+
+@pytest.fixture(scope="module", params=["towel", "napkin"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    bench = Bench(request.param)
+    yield bench
+    bench.world.close()
+
+
+def laid(spec: ClothSpec, share: float, *, stretch: float = 1.0, radius_m: float = 0.06) -> np.ndarray:
+    """Nodes of a cloth that lies up to ``share`` of its length and rises from there on a circle, then straight up."""
+    flat = spec.flat_nodes(z_m=0.002)
+    along = np.maximum(flat[:, 0] - share * spec.length_m, 0.0) * stretch
+    turn = np.minimum(along / radius_m, np.pi / 2)
+    up = np.maximum(along - radius_m * np.pi / 2, 0.0)
+    nodes = flat * [1.0, stretch, 1.0]
+    nodes[:, 0] = np.minimum(flat[:, 0], share * spec.length_m) * stretch + radius_m * np.sin(turn)
+    nodes[:, 2] += radius_m * (1 - np.cos(turn)) + up
+    return nodes
+
+
+@pytest.mark.parametrize("share", LAID)
+def test_contact_of_a_half_laid_cloth(bench: Bench, share: float) -> None:
+    assert np.abs(bench.errors(laid(bench.spec, share))).max() < 0.015
+
+
+@pytest.mark.parametrize("share", LAID)
+def test_stretch_that_is_not_seen_is_all_that_is_wrong(bench: Bench, share: float) -> None:
+    """The limit: while part of the cloth hangs out of sight, how far it is stretched cannot be told."""
+    stretch = 1.025
+    nodes = laid(bench.spec, share, stretch=stretch)
+    most = bench.cloth.contact_portion_true(nodes) * (stretch**2 - 1)
+    errors = bench.errors(nodes)
+    assert errors.min() > -0.015
+    assert errors.max() < most + 0.015
+
+
+@pytest.mark.parametrize("height_m", [0.0005, 0.004])
+@pytest.mark.parametrize("stretch", [(1.0, 1.0), (1.03, 1.02)])
+def test_a_flat_cloth_is_all_contact(bench: Bench, height_m: float, stretch: tuple[float, float]) -> None:
+    """Whatever it is stretched to, and however deep Bullet lets it sink."""
+    nodes = bench.spec.flat_nodes(z_m=height_m) * [*stretch, 1.0]
+    assert np.abs(bench.errors(nodes)).max() < 0.012
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1.02])
+def test_a_wrinkle_of_a_taut_cloth_is_missed_contact(bench: Bench, stretch: float) -> None:
+    """A ridge 25 mm high across the cloth, as a drag that is too short leaves it: stretch does not fill it up."""
+    nodes = bench.spec.flat_nodes(z_m=0.002) * [stretch, stretch, 1.0]
+    nodes[:, 2] += 0.025 * np.exp(-((nodes[:, 0] - 0.6 * bench.spec.length_m) ** 2) / (2 * 0.025**2))
+    assert bench.cloth.contact_portion_true(nodes) < 0.85
+    assert np.abs(bench.errors(nodes)).mean() < 0.02
+
+
+def test_a_part_below_a_fold_is_hidden(bench: Bench) -> None:
+    """The limit: what lies beneath a second layer is in contact, and no camera sees it."""
+    nodes = bench.spec.flat_nodes(z_m=0.004)
+    crease = 0.7 * bench.spec.length_m
+    beyond = nodes[:, 0] > crease
+    nodes[beyond, 0] = 2 * crease - nodes[beyond, 0]
+    nodes[beyond, 2] += 2 * bench.spec.margin_m
+    assert bench.errors(nodes).mean() == pytest.approx(-0.3, abs=0.06)
