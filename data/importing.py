@@ -64,31 +64,35 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     observations = _observations(rows, len(actions))
     truths = _truths(rows, len(actions))
     joints = rows.take(schema.JOINTS, ndim=1) if rows.has(schema.JOINTS) else np.zeros(0)
-    unknown = Episode(
+    unknown = _unknown(task, observations, truths)
+    attributes = attributes_of(unknown, "") | {schema.CLOTH: cloth or ""} | told
+    if not attributes[schema.CLOTH]:
+        raise DataError(f"{group.name} does not say of which cloth it is; name the cloth")
+    nothing = vars(Provenance(command=f"imported from {file.name}"))
+    attributes[schema.PROVENANCE] = json.dumps(
+        nothing | json_object({schema.PROVENANCE: "{}"} | told, schema.PROVENANCE)
+    )
+    if not float(attributes[schema.TICK_S]) > 0:
+        raise DataError(f"attribute {schema.TICK_S} is {attributes[schema.TICK_S]}; it must be above 0")
+    known = without_ticks(attributes, observations[-1], truths[-1])
+    return replace(known, steps=_steps(rows, actions, observations, truths), initial_joints=joints)
+
+
+def _unknown(task: Task, observations: list[Observation], truths: list[Truth]) -> Episode:
+    """What an episode is of which nothing is told."""
+    return Episode(
         task=task,
-        cloth=cloth or "",
+        cloth="",
         seed=UNKNOWN_SEED,
         source=UNKNOWN_SOURCE,
-        steps=_steps(rows, actions, observations, truths),
+        steps=(),
         final_observation=observations[-1],
         final_truth=truths[-1],
         stopped_by="tick_limit",
         # By what the recorder goes by.
         outcome="success" if truths[-1].flat_area > FLAT_AREA else "failure",
         tick_s=_tick_s(observations),
-        initial_joints=joints,
-        provenance=Provenance(command=f"imported from {file.name}"),
     )
-    unknown_attributes = attributes_of(unknown, "")
-    attributes = unknown_attributes | told
-    if not attributes[schema.CLOTH]:
-        raise DataError(f"{group.name} does not say of which cloth it is; name the cloth")
-    provenance = json_object(unknown_attributes, schema.PROVENANCE) | json_object(attributes, schema.PROVENANCE)
-    attributes[schema.PROVENANCE] = json.dumps(provenance)
-    if not float(attributes[schema.TICK_S]) > 0:
-        raise DataError(f"attribute {schema.TICK_S} is {attributes[schema.TICK_S]}; it must be above 0")
-    known = without_ticks(attributes, observations[-1], truths[-1])
-    return replace(known, steps=unknown.steps, initial_joints=joints)
 
 
 def _told(group: h5py.Group) -> dict[str, Attribute]:

@@ -10,6 +10,7 @@ import uuid
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -21,6 +22,7 @@ from data.check import check_hard_links
 from data.durable import PART_SUFFIX, written_aside
 from data.encode import AGREED, LIBVER
 from data.importing import imported_episode
+from data.isolated import Isolated, isolated
 from data.masks import write_masks
 from data.opening import blaming, open_file
 from data.operations import filter_session, new_session
@@ -31,6 +33,8 @@ TRAIN, VALID = "train", "valid"
 """What robomimic calls the two filter keys."""
 VALID_SHARE = 0.1
 """robomimic's own default."""
+PROBE_S = 60.0
+PROBE_BYTES = 1 << 30
 
 
 def train_and_valid(names: Sequence[str], *, valid_share: float, seed: int) -> dict[str, tuple[str, ...]]:
@@ -109,6 +113,7 @@ def _convert(path: Path, target: str | Path, cloth: str | None, *, force: bool) 
     """Number of episodes that were read and written anew."""
     agreed: dict[str, object] = {}
     count = 0
+    _probe(path)
     with ExitStack() as stack:
         file = stack.enter_context(open_file(path))
         with blaming(path):
@@ -123,6 +128,22 @@ def _convert(path: Path, target: str | Path, cloth: str | None, *, force: bool) 
             written.add(schema.demo_name(count), episode, uuid.uuid4().hex)
             count += 1
     return count
+
+
+def _probe(path: Path) -> None:
+    """Other programs' text lies where damage may keep HDF5 in a loop for ever (data.attributes): not here, then."""
+    open_file(path).close()
+    try:
+        isolated(partial(_read_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
+    except Isolated as error:
+        raise DataError(f"{path} cannot be used: reading its attributes {error}") from None
+
+
+def _read_attributes(path: Path) -> None:
+    with h5py.File(path, "r") as file:
+        for group in (file[schema.DATA], *_demos(file)):
+            for key in group.attrs:
+                group.attrs[key]
 
 
 def _demos(file: h5py.File) -> list[h5py.Group]:
