@@ -251,10 +251,15 @@ def print_divergence(recorded: Episode, again: Episode, divergence: Divergence) 
     if len(recorded.steps) != len(again.steps):
         print(f"the recording has {len(recorded.steps)} ticks; the replay ended after {len(again.steps)}")
     if divergence.first_tick is not None:
-        print(
-            f"diverges at tick {divergence.first_tick}: nodes by up to {1000 * divergence.node_error_m.max():.3g} mm,"
-            f" corners by up to {1000 * divergence.corner_error_m.max():.3g} mm,"
-            f" contact by up to {np.abs(divergence.contact_error).max():.3g}"
-        )
+        print(f"diverges at tick {divergence.first_tick}: {', '.join(differences(divergence))}")
     for name, (then, now) in changed_versions(recorded).items():
         print(f"{name} was {then}, now it is {now}")
+
+
+def differences(divergence: Divergence) -> list[str]:
+    """How far apart nodes, corners and contact get, each in a few words."""
+    told = []
+    for name, errors in (("nodes", divergence.node_error_m), ("corners", divergence.corner_error_m)):
+        told.append(f"{name} by up to {1000 * errors.max():.3g} mm" if errors.any() else f"{name} identical")
+    contact = np.abs(divergence.contact_error).max()
+    return [*told, f"contact by up to {contact:.3g}" if contact else "contact identical"]

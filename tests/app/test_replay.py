@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.errors import WrongCall
-from app.replay import compare, rerun, settings_of, state_report
+from app.replay import compare, differences, rerun, settings_of, state_report
 from app.video import count_frames
 from data import SessionRecorder
 from data.types import TASKS, Truth
@@ -138,6 +138,7 @@ def test_the_divergence_is_the_largest_distance_of_its_tick(make_episode):
     assert np.flatnonzero(divergence.node_error_m).tolist() == [7]
     assert divergence.corner_error_m[9] == pytest.approx(0.002)
     assert divergence.contact_error[9] == pytest.approx(-0.25)
+    assert differences(divergence) == ["nodes by up to 5 mm", "corners by up to 2 mm", "contact by up to 0.25"]
 
 
 def test_one_bit_is_a_difference(make_episode):
@@ -147,6 +148,7 @@ def test_one_bit_is_a_difference(make_episode):
     divergence = compare(episode, replace(episode, final_observation=other))
     assert not divergence.identical
     assert divergence.first_tick == len(episode.steps)
+    assert differences(divergence)[:2] == ["nodes identical", "corners identical"]
 
 
 def test_a_shorter_run_is_not_identical_even_where_it_agrees(make_episode):
