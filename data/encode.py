@@ -106,10 +106,25 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
         rows = np.ascontiguousarray(arrays[field.key], dtype=field.dtype)
         chunked = {"chunks": _chunks(rows), "fletcher32": True} if rows.size else {}
         packed = PACKING if field.packed and rows.size else {}
-        dataset = group.create_dataset(field.key, data=rows, **chunked, **packed)
+        dataset = group.create_dataset(field.key, rows.shape, rows.dtype, **chunked, **packed)
+        earlier = field.key.replace(f"{schema.NEXT_OBS}/", f"{schema.OBS}/")
+        follows = packed and earlier != field.key and np.array_equal(arrays[earlier][1:], rows[:-1])
+        _fill(dataset, rows, group[earlier] if follows else None)
         set_attribute(dataset.attrs, schema.UNIT, field.unit)
         set_attribute(dataset.attrs, schema.FRAME, field.frame)
         set_attribute(dataset.attrs, schema.COLUMNS, json.dumps(schema.columns_of(field, task)))
+
+
+def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None) -> None:
+    """Write all rows; where ``before`` has them one tick later, its packed bytes are taken: half the work."""
+    ready = 0
+    if before is not None:
+        ready, rest = len(rows) - 1, (0,) * (rows.ndim - 1)
+        for tick in range(ready):
+            mask, chunk = before.id.read_direct_chunk((tick + 1, *rest))
+            dataset.id.write_direct_chunk((tick, *rest), chunk, mask)
+    if rows.size:
+        dataset[ready:] = rows[ready:]
 
 
 def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *, total: int) -> None:

@@ -53,10 +53,8 @@ class DemoInfo:
 
 
 _PLAIN = {str: str, int: int, float: float, bool: bool}
-_TYPES: Mapping[str, type] = {
-    name: _PLAIN.get(hint, str) for name, hint in get_type_hints(DemoInfo).items() if not name.startswith("_")
-}
 FIELD_NAMES = tuple(field.name for field in fields(DemoInfo))
+_TYPES = [_PLAIN.get(get_type_hints(DemoInfo)[name], str) for name in FIELD_NAMES]
 
 
 def info_of(attributes: Mapping[str, Attribute], *, images: bool, version: int) -> DemoInfo:
@@ -79,7 +77,7 @@ def info_to_row(info: DemoInfo) -> dict[str, Attribute]:
 
 def info_from_row(row: Mapping[str, Any]) -> DemoInfo:
     """The reverse of info_to_row for a row that cannot be trusted; DataError where a value is of the wrong type."""
-    for name, wanted in _TYPES.items():
-        if type(row.get(name)) is not wanted:
-            raise DataError(f"{name} is {json.dumps(row.get(name))[:40]}; it must be {wanted.__name__}")
-    return DemoInfo(**{name: row[name] for name in FIELD_NAMES})
+    values = {name: row.get(name) for name in FIELD_NAMES}
+    if [type(value) for value in values.values()] != _TYPES:
+        raise DataError(f"{json.dumps(values)[:80]} is no line of an index")
+    return DemoInfo(**values)  # type: ignore[arg-type]

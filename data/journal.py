@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from data import schema
 from data.durable import fsync_path, lock_for_life, os_reason, unlock
 from data.encode import attributes_of
-from data.types import ACTION_LIMIT_M, DataError, Episode, Observation, Step, Truth, action_size
+from data.types import ACTION_LIMIT_M, DataError, Episode, Observation, Step, Truth, WriteError, action_size
 
 MAGIC = b"LAYFLAT journal 1\n"
 FRAME = struct.Struct("<IIc")
@@ -183,7 +183,7 @@ class JournalWriter:
         return frame(TICK, record.tobytes())
 
     def _failed(self, error: OSError) -> DataError:
-        return DataError(
+        return WriteError(
             f"{self.ticket.path} cannot be written: {os_reason(error)}; the ticks before, and all episodes that were"
             " kept, are safe"
         )

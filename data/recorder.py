@@ -31,7 +31,7 @@ from data.opening import part_files, parts_folder
 from data.recovery import abandoned, journal_path, journals, read_journal, remove
 from data.running import Running
 from data.store import Session, open_session
-from data.types import DESCRIPTORS, TASKS, DataError, Episode, Outcome, StoppedBy, Task
+from data.types import DESCRIPTORS, TASKS, DataError, Episode, Outcome, StoppedBy, Task, WriteError
 
 PARTS_MAX = 200
 """Parts that are let lie at most: each costs a reader an open file, of which a process may have 256 on some systems."""
@@ -292,6 +292,6 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError) as error:  # RuntimeError: HDF5, closing a file that it could not write in full.
-        raise DataError(
+        raise WriteError(
             f"{path} cannot be written: {os_reason(error)}; episodes that were kept before are safe"
         ) from error

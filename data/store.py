@@ -168,6 +168,9 @@ class Session(Sequence[Episode]):
     def __iter__(self) -> Iterator[Episode]:
         return self.episodes()
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._demos
+
     @overload
     def __getitem__(self, which: int | str) -> Episode: ...
     @overload
@@ -205,7 +208,8 @@ class Session(Sequence[Episode]):
         taken = {demo.line.info.uid for demo in self._demos.values()}
         for file, opened in parts:
             self._add_all(opened, file, skip=taken)
-        self._demos = dict(sorted(self._demos.items(), key=lambda item: schema.demo_number(item[0])))
+        if parts:
+            self._demos = dict(sorted(self._demos.items(), key=lambda item: schema.demo_number(item[0])))
 
     def _open_parts(self, files: list[Path]) -> list[tuple[Path, h5py.File]]:
         opened = []

@@ -47,6 +47,13 @@ class DataError(ValueError):
     """Base of what the data package raises: says what is wrong, with which value, and what would be right."""
 
 
+class WriteError(DataError):
+    """The disk or its system did not take what was to be written."""
+
+    exit_status = 1
+    """Of a program that ends with it: the work failed, the call was right."""
+
+
 def frozen_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, dtype: DTypeLike = np.float64) -> NDArray:
     """A read-only copy of ``value`` with the given shape (None: any length) or a DataError that names it."""
     array = np.array(value, dtype=dtype)

@@ -18,6 +18,7 @@ from app.measure import random_model
 from data import repair, validate
 from data.recorder import SessionRecorder
 from data.store import open_session
+from perception.descriptors import DEFAULT
 from policy import model as model_files
 
 LONG = 20
@@ -83,7 +84,7 @@ def _sources(path: Path) -> list[str]:
 def _may_be_recorded_again(path: Path, make_episode) -> bool:
     count = len(_sources(path))
     with SessionRecorder(path, task="pickers", cloth="napkin") as recorder:
-        recorder.keep(make_episode(task="pickers", cloth="napkin", disturbed=False))
+        recorder.keep(make_episode(task="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT))
     return len(_sources(path)) == count + 1 and [p.name for p in path.parent.iterdir()] == [path.name]
 
 

@@ -34,7 +34,7 @@ def _same(found, wanted, differences):
     share=st.floats(0.2, 0.8),
     seed=st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
 def test_merge_and_split_conserve(make_episode, differences, counts, share, seed):
     with tempfile.TemporaryDirectory() as name:
         folder, number, wanted = Path(name), 0, {}

@@ -40,6 +40,8 @@ def test_it_is_a_sequence_that_reads_what_is_asked_for(path, made, differences):
         for which in (slice(1, 4), slice(None, None, -2), slice(9, 12)):
             view = session[which]
             assert [differences(a, b) for a, b in zip(view, made[which], strict=True)] == [[]] * len(made[which])
+        assert "demo_5" in session
+        assert "demo_6" not in session
         assert session[1:5][1:3].names == ("demo_2", "demo_3")
         assert differences(session[1:5][-1], made[4]) == []
         view = session.view(["demo_1", "demo_0"], images=False)
