@@ -32,6 +32,7 @@ from app.train import successful_demonstrations
 from data.recorder import SessionRecorder
 from data.store import open_session
 from data.types import Episode, Task
+from perception.descriptors import DEFAULT
 from policy import model as model_files
 from policy import registry
 from policy.gp_model import GpModel
@@ -122,7 +123,7 @@ def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, pro
     missing = [s for s in wanted if s not in there]
     progress.phase(f"{task}: demonstrations", items=DEMONSTRATIONS)
     progress.advance(len(wanted) - len(missing))
-    with SessionRecorder(path, task=task, cloth=cloth) as recorder:
+    with SessionRecorder(path, task=task, cloth=cloth, descriptor=DEFAULT) as recorder:
         jobs = [EpisodeJob(task=task, cloth=cloth, seed=s) for s in missing]
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
     if lost:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -16,7 +16,7 @@ from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from sim.crumple import crumple
 from sim.disturbance import Disturbance
-from sim.disturbances import disturbance_spec
+from sim.disturbances import Plan, disturbance_spec
 from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
@@ -30,6 +30,8 @@ START_STEP_M: Mapping[Task, float] = {"hanger": 0.006, "pickers": 0.004}
 the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
 
 
+DISTURBANCE_STREAM = 0xD157
+"""Tells the chance of a disturbance from that of the start of the same seed."""
 Start: TypeAlias = Literal["hanging", "crumpled"]
 STARTS: tuple[Start, ...] = ("hanging", "crumpled")
 
@@ -66,6 +68,11 @@ class BenchSettings:
         if not 0.01 <= self.tick_s <= 1.0:
             raise SimError(f"tick_s is {self.tick_s}; it must be between 0.01 and 1")
         object.__setattr__(self, "spec", cloth_spec(self.cloth))
+
+    def described(self) -> dict[str, str | float | bool]:
+        """All but task, cloth and tick_s, by name: ``BenchSettings(task=..., cloth=..., tick_s=..., **described)``."""
+        names = [item.name for item in fields(self) if item.init]
+        return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "tick_s")}
 
     @property
     def substeps(self) -> int:
@@ -188,8 +195,13 @@ class Placing:
 
     def disturb(self, name: str, seed: int) -> None:
         """Begin a disturbance by name; it acts in the following ticks until ``disturbed`` is false."""
-        rng = np.random.default_rng([seed, 0xD157])
+        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
         self.disturbance = Disturbance(self._running(), self.cloth, disturbance_spec(name), rng)
+
+    def disturbance_plan(self, name: str, seed: int) -> Plan:
+        """What ``disturb`` would do."""
+        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
+        return disturbance_spec(name).schedule(rng, self.settings.spec)
 
     @property
     def disturbed(self) -> bool:
