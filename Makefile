@@ -8,13 +8,14 @@ EPISODES ?= 5
 PYTHON ?=
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test check lint slow clean
+.PHONY: help demo test check lint slow word-study clean
 
 help:
 	@echo "make demo    the whole story once, into $(OUT)/report.html (OUT=dir, EPISODES=5)"
 	@echo "make test    the test suite without the long runs"
 	@echo "make check   format, lint, types, the import rule, fast tests"
 	@echo "make slow    the long simulation tests"
+	@echo "make word-study  the tables and plots of docs/word.md, into runs/word-study"
 	@echo "make clean   removes the virtual environment and caches; runs/ stays"
 
 demo: $(VENV)/.installed
@@ -25,6 +26,9 @@ test: $(VENV)/.installed-dev
 
 slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 1800
+
+word-study: $(VENV)/.installed
+	$(BIN)/python -m app.wordstudy --out runs/word-study
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

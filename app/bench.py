@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app import checks, measure, measure_sight
+from app import checks, measure, measure_data, measure_sight
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -24,7 +24,14 @@ RTF = "sim s / wall s"
 PER_TICK = "ms / tick"
 PERCEPT_GOAL_S = 0.004
 """Of one core for one frame: masks, contact and word-axial."""
-SECONDS = {"physics": 10.0, "fine physics": 18.0, "seeing": 12.0, "sight": 6.0, "predicting": 1.0}
+SECONDS = {
+    "physics": 10.0,
+    "fine physics": 18.0,
+    "seeing": 12.0,
+    "sight": 6.0,
+    "predicting": 1.0,
+    **measure_data.SECONDS,
+}
 """Expected wall time of each kind of measurement."""
 
 
@@ -96,11 +103,16 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
     yield Measurement(kind="sight", task=TASKS[0], cloth=CLOTH, work=measure_sight.sight, arguments=())
     for task in TASKS:
         yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
+    for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
+        yield Measurement(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
 
 
 def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]) -> list[Row]:
     """The lines that a measurement makes; ``before`` holds those of the default cloth."""
     prefix = f"{item.task} {item.cloth}"
+    if item.kind in measure_data.SECONDS:
+        lines = measure_data.lines_of(item.kind, samples)
+        return [Row(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
     if item.kind == "predicting":
         return [_plain(f"{item.task} GP, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
     if item.kind == "sight":

@@ -12,15 +12,15 @@ from concurrent.futures import Future
 from contextlib import closing
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pandas as pd
 
 from app import checks
-from app.atomic import replacing, write_text
+from app.atomic import write_text
 from app.draw import Drawer
 from app.errors import LayflatError, WrongCall
 from app.jobs import EpisodeJob, JobFailure, fresh_processes, run_jobs
+from app.picture import write_png
 from app.progress import Progress
 from app.provenance import provenance_now
 from app.record import keep_all
@@ -32,6 +32,7 @@ from app.train import successful_demonstrations
 from data.recorder import SessionRecorder
 from data.store import open_session
 from data.types import Episode, Task
+from perception.descriptors import DEFAULT
 from policy import model as model_files
 from policy import registry
 from policy.gp_model import GpModel
@@ -122,7 +123,7 @@ def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, pro
     missing = [s for s in wanted if s not in there]
     progress.phase(f"{task}: demonstrations", items=DEMONSTRATIONS)
     progress.advance(len(wanted) - len(missing))
-    with SessionRecorder(path, task=task, cloth=cloth) as recorder:
+    with SessionRecorder(path, task=task, cloth=cloth, descriptor=DEFAULT) as recorder:
         jobs = [EpisodeJob(task=task, cloth=cloth, seed=s) for s in missing]
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
     if lost:
@@ -196,10 +197,7 @@ def _draw_frames(path: Path, results: TaskResults) -> None:
         return
     placing, repair = placing_ticks(run), disturbance_ticks(run)
     rows = [[placing[k] for k in (0, 3, 5, 7, 9)], [repair[k] for k in (2, 3, 4, 6, 9)] if repair else []]
-    picture = sheet([strip(run, ticks, results.draw, FRAME_WIDTH) for ticks in rows if ticks])
-    with replacing(path) as part:
-        if not cv2.imwrite(str(part), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)):
-            raise LayflatError(f"{path} could not be written as a PNG file; check the disk")
+    write_png(path, sheet([strip(run, ticks, results.draw, FRAME_WIDTH) for ticks in rows if ticks]))
 
 
 def _words(episode: Episode) -> str:

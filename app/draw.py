@@ -16,7 +16,7 @@ SCALE = 2
 
 
 class Drawer:
-    """Perceives an observation's own images again and draws the result, with the contact portion that was recorded."""
+    """Perceives an observation's own images again and draws them, with the WORD and contact that were recorded."""
 
     def __init__(self) -> None:
         self._camera = default_pinhole()
@@ -27,5 +27,10 @@ class Drawer:
         if observation.rgb is None or observation.depth is None:
             raise ValueError("the observation has no images; record it with images")
         percept = self._perceiver.perceive(observation.rgb, observation.depth)
-        shown = replace(percept, contact_portion=observation.contact_portion)
+        shown = replace(
+            percept,
+            contact_portion=observation.contact_portion,
+            word=observation.word,
+            strength=observation.word_strength,
+        )
         return draw_percept(observation.rgb, shown, self._camera, scale=SCALE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -12,6 +12,8 @@ import numpy as np
 from app.provenance import provenance_now
 from data.types import Episode, Observation, Outcome, Phase, Step, StoppedBy, action_size
 from policy.base import Policy
+from policy.recorded import Recorded
+from sim.disturbances import Plan
 from sim.placing import Placing
 
 PLACE_TICKS = 160
@@ -81,14 +83,19 @@ def run_episode(
     images: bool = False,
     max_ticks: int = PLACE_TICKS,
     hooks: Sequence[Hook] = (),
+    begin: Callable[[Episode], Hook] | None = None,
 ) -> Episode:
     """Place the cloth from the start of ``seed`` until the policy stops; then disturb it, and let the policy go on.
 
     The bench must have been reset to ``seed``. With ``images`` each step keeps the camera's frame (about 0.5 MB).
+    ``begin`` is told the episode before its first tick, and makes a hook of it: a journal (``SessionRecorder.begin``).
     """
     began = time.monotonic()
     policy.reset(seed)
     run = _Run(bench, policy, images, hooks)
+    beginning = _beginning(run, seed, disturbance)
+    if begin is not None:
+        run.hooks = (*hooks, begin(beginning))
     stopped_by = run.phase("place", max_ticks)
     if disturbance != "none" and stopped_by != "unstable":
         bench.disturb(disturbance, seed)
@@ -97,19 +104,63 @@ def run_episode(
             policy.resume()
             stopped_by = run.phase("repair", REPAIR_TICKS)
     outcome: Outcome = "success" if stopped_by != "unstable" and bench.success() else "failure"
-    return Episode(
-        task=bench.settings.task,
-        cloth=bench.settings.cloth,
-        seed=seed,
-        source=policy.name,
+    return replace(
+        beginning,
         steps=tuple(run.steps),
         final_observation=run.kept(run.seen),
         final_truth=run.truth,
         stopped_by=stopped_by,
         outcome=outcome,
-        tick_s=bench.settings.tick_s,
-        disturbance=disturbance,
         wall_s=time.monotonic() - began,
+    )
+
+
+def _beginning(run: _Run, seed: int, disturbance: str) -> Episode:
+    """The episode as far as it is known before its first tick."""
+    bench, settings = run.bench, run.bench.settings
+    return Episode(
+        task=settings.task,
+        cloth=settings.cloth,
+        seed=seed,
+        source=run.policy.name,
+        steps=(),
+        final_observation=run.kept(run.seen),
+        final_truth=run.truth,
+        stopped_by="interrupted",
+        outcome="partial",
+        tick_s=settings.tick_s,
+        descriptor=settings.descriptor,
+        disturbance=disturbance,
+        disturbance_plan={} if disturbance == "none" else bench.disturbance_plan(disturbance, seed).described(),
         start=bench.start,
+        bench=settings.described(),
+        initial_joints=bench.holder.joint_angles(),
+        provenance=provenance_now(),
+    )
+
+
+def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
+    """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
+
+    The bench must have been reset to the episode's seed. A disturbance begins where it began, and ends when it ends.
+    """
+    began = time.monotonic()
+    run = _Run(bench, Recorded(recorded), images=False, hooks=())
+    phase: Phase = "place"
+    for step in recorded.steps:
+        if step.phase == "disturb" != phase:
+            bench.disturb(recorded.disturbance, recorded.seed)
+            if recorded.disturbance_plan and bench.disturbance is not None:
+                # As it was: what a name stands for may have changed since.
+                bench.disturbance.plan = Plan.recorded(recorded.disturbance_plan, bench.settings.spec)
+        phase = step.phase
+        if run.tick(phase) is not None:
+            break
+    return replace(
+        recorded,
+        steps=tuple(run.steps),
+        final_observation=run.kept(run.seen),
+        final_truth=run.truth,
+        wall_s=time.monotonic() - began,
         provenance=provenance_now(),
     )

@@ -10,22 +10,25 @@ import ctypes
 import signal
 import sys
 import threading
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
+from data.journal import JournalTicket, JournalWriter
 from data.types import Episode, Task
-from policy import registry
+from perception.descriptors import DEFAULT
+from policy import flatten, registry
 from policy.base import Policy
 from policy.expert import ScriptedExpert
 from policy.gp_model import GpModel
 from policy.handover import Handover
 from sim.cloth import HELD_STRETCH
-from sim.placing import BenchSettings, Placing
+from sim.placing import BenchSettings, Placing, Start
 from sim.world import SimError
 
 JOB_LIMIT_S = 900.0
@@ -45,9 +48,17 @@ class EpisodeJob:
     """With a model: who takes over after the disturbance."""
     disturbance: str = "none"
     images: bool = False
+    flatten: str | None = None
+    """A controller of wrinkle removal: from a crumpled start, instead of placing."""
+    descriptor: str = DEFAULT
+    """What the observations' ``word`` comes from."""
+    ticket: JournalTicket | None = None
+    """Leave to write a journal while the episode runs, beside the session that it is for."""
 
     @property
     def source(self) -> str:
+        if self.flatten is not None:
+            return self.flatten
         if self.model is not None and self.made is not None:
             return f"{self.model.policy}+{self.made}"
         return self.model.policy if self.model is not None else self.made or ScriptedExpert.name
@@ -63,18 +74,47 @@ class JobFailure:
 
 def run_job(job: EpisodeJob) -> Episode:
     """Run one episode here and now; call it once in a process."""
-    from app.episode import run_episode
+    from app.episode import PLACE_TICKS, run_episode
 
-    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth))
+    start: Start = "hanging" if job.flatten is None else "crumpled"
+    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth, start=start, descriptor=job.descriptor))
     try:
         bench.reset(job.seed)
-        return run_episode(bench, policy_of(job, bench), seed=job.seed, disturbance=job.disturbance, images=job.images)
+        run = partial(
+            run_episode,
+            bench,
+            policy_of(job, bench),
+            seed=job.seed,
+            disturbance=job.disturbance,
+            images=job.images,
+            max_ticks=PLACE_TICKS if job.flatten is None else flatten.TICKS,
+        )
+        return run() if job.ticket is None else _with_journal(run, job.ticket)
     finally:
         bench.close()
 
 
+def _with_journal(run: Callable[..., Episode], ticket: JournalTicket) -> Episode:
+    """``run`` beside a journal, which in the end holds the whole episode, until the session does."""
+    with ExitStack() as stack:
+
+        def begin(beginning: Episode) -> JournalWriter:
+            journal = ticket.begin(beginning)
+            stack.callback(journal.close)
+            finish.append(journal.finish)
+            return journal
+
+        finish: list[Callable[[Episode], None]] = []
+        episode = run(begin=begin)
+        for end in finish:
+            end(episode)
+        return episode
+
+
 def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
     """Who decides in this job."""
+    if job.flatten is not None:
+        return flatten.controller(job.flatten)
     if job.model is not None:
         placer = registry.from_model(job.model)
         return placer if job.made is None else Handover(placer, registry.make(job.made, job.task), name=job.source)
@@ -97,18 +137,28 @@ def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Generator[Episode |
     iterator ends the workers. Ctrl-C becomes a KeyboardInterrupt only when the result at hand has been dealt with and
     whatever else is finished has come, too.
     """
+    with closing(run_numbered(jobs, workers=workers)) as results:
+        for _, result in results:
+            yield result
+
+
+def run_numbered(
+    jobs: Sequence[EpisodeJob], *, workers: int
+) -> Generator[tuple[int, Episode | JobFailure], None, None]:
+    """As run_jobs, each result with its job's position: after Ctrl-C some are missing in between."""
     with fresh_processes(min(workers, max(len(jobs), 1))) as pool:
         futures = [pool.schedule(run_job, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
-        waiting = list(zip(jobs, futures, strict=True))
+        waiting = list(enumerate(zip(jobs, futures, strict=True)))
         try:
             while waiting:
-                result = _result(*waiting[0])
+                number, (job, future) = waiting[0]
+                result = _result(job, future)
                 waiting.pop(0)
                 with _interrupts_wait():
-                    yield result
+                    yield number, result
         except KeyboardInterrupt:
             with _interrupts_wait():
-                yield from [_result(job, future) for job, future in waiting if future.done()]
+                yield from [(number, _result(job, future)) for number, (job, future) in waiting if future.done()]
             raise
 
 

@@ -88,7 +88,7 @@ def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, 
             began = time.perf_counter()
             episode = run_episode(bench, policy, seed=SEED, max_ticks=ticks)
             walls.setdefault(name, []).append((time.perf_counter() - began) / ticks)
-    kept = _lengthened(episode)
+    kept = lengthened(episode)
     keep = _repeat(lambda: recorder.keep(kept), 5)
     frames = [bench.camera.capture() for _ in range(3)]
     perceiver = Perceiver(bench.camera.pinhole, flat_pixels=1000)
@@ -203,7 +203,7 @@ def _moves(task: Task, dx: float, dz: float) -> FloatArray:
     return np.array([dx, dz] if task == "hanger" else [dx, 0.0, dz] * 2)
 
 
-def _lengthened(episode: Episode) -> Episode:
+def lengthened(episode: Episode) -> Episode:
     """With its ticks repeated up to EPISODE_TICKS."""
     times = -(-EPISODE_TICKS // len(episode.steps))
     return replace(episode, steps=(episode.steps * times)[:EPISODE_TICKS])

@@ -21,6 +21,7 @@ from app.strips import film_frames
 from app.video import write_video
 from data.recorder import SessionRecorder
 from data.types import Episode
+from perception.descriptors import DEFAULT
 from policy import model as model_files
 from policy.gp_model import GpModel
 from sim.cloth import CLOTHS
@@ -99,7 +100,9 @@ def _run(
     with ExitStack() as stack:
         recorder = None
         if record is not None:
-            recorder = stack.enter_context(SessionRecorder(record, task=learned.layout.task, cloth=cloth))
+            recorder = stack.enter_context(
+                SessionRecorder(record, task=learned.layout.task, cloth=cloth, descriptor=DEFAULT)
+            )
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
         results = stack.enter_context(closing(run_jobs(jobs, workers=workers)))
         progress.phase("placing", items=len(jobs))
@@ -110,7 +113,7 @@ def _run(
                 continue
             done.append(result)
             if recorder is not None:
-                progress.note(kept_line(recorder, result))
+                progress.note(kept_line(recorder.keep(result)))
             row = row_of(result)
             progress.advance(status=f"seed {result.seed}: contact {row['contact_final']:.2f}, {row['stopped_by']}")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import getpass
+import os
 import platform
 import shlex
 import sys
@@ -13,6 +15,8 @@ from data.types import Provenance
 
 PACKAGES = ("layflat", "pybullet", "numpy", "scipy", "opencv-python-headless", "gymnasium", "GPy", "h5py")
 """Whose version can change a number."""
+OPERATOR = "LAYFLAT_OPERATOR"
+"""Environment variable that names the person in records; the login name by default."""
 
 
 def provenance_now() -> Provenance:
@@ -28,4 +32,12 @@ def provenance_now() -> Provenance:
         platform=platform.platform(),
         created_utc=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        operator=os.environ.get(OPERATOR) or _login(),
     )
+
+
+def _login() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # A container may run under a number that has no name.
+        return ""

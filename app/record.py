@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from app import checks
 from app.errors import LayflatError, WrongCall
-from app.jobs import EpisodeJob, JobFailure, run_jobs
+from app.jobs import EpisodeJob, JobFailure, run_numbered
 from app.progress import Progress
-from data.recorder import SessionRecorder
-from data.types import Episode, Task
+from data.journal import JournalTicket
+from data.recorder import KeptEpisode, SessionRecorder
+from data.types import Task
+from perception.descriptors import DEFAULT
 from sim.cloth import CLOTHS
 
 EPISODE_S = 15.0
@@ -38,9 +41,11 @@ def record(
     checks.writable_file(path, force=False, append=True)
     jobs = [EpisodeJob(task=task, cloth=cloth, seed=seed + k, images=images) for k in range(episodes)]
     with (
-        SessionRecorder(path, task=task, cloth=cloth, keep_images=images) as recorder,
+        SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=DEFAULT) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):
+        for kept in recorder.recovered:
+            print(kept_line(kept), flush=True)
         progress.phase("demonstrations", items=episodes)
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=True)
     if lost:
@@ -50,28 +55,49 @@ def record(
 def keep_all(
     jobs: Sequence[EpisodeJob], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool
 ) -> list[JobFailure]:
-    """Run the jobs and keep each episode as it comes; returns those that did not come back."""
+    """Run the jobs and keep each episode as it comes; returns those that did not come back.
+
+    Of those the recorder keeps what there is, as partial. After Ctrl-C nobody wants what was still running.
+    """
+    journaled = [replace(job, ticket=recorder.ticket()) for job in jobs]
+    try:
+        return _keep_all(journaled, recorder, progress, workers=workers, echo=echo)
+    except KeyboardInterrupt:
+        for job in journaled:
+            recorder.discard(ticket_of(job))
+        raise
+
+
+def _keep_all(
+    jobs: Sequence[EpisodeJob], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool
+) -> list[JobFailure]:
     lost = []
-    with closing(run_jobs(jobs, workers=workers)) as results:
-        for result in results:
+    with closing(run_numbered(jobs, workers=workers)) as results:
+        for number, result in results:
+            ticket = ticket_of(jobs[number])
             if isinstance(result, JobFailure):
                 lost.append(result)
-                progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
-                continue
-            line = kept_line(recorder, result)
-            if echo:
-                print(line, flush=True)
-            progress.advance(status=f"seed {result.seed}: {result.outcome}, contact {end_contact(result):.2f}")
+                kept = recorder.recover(ticket)
+                status = f"seed {result.job.seed}: lost, {result.reason}"
+            else:
+                kept = recorder.keep(result, ticket=ticket)
+                status = f"seed {result.seed}: {result.outcome}, contact {end_contact(kept):.2f}"
+            if echo and kept is not None:
+                print(kept_line(kept), flush=True)
+            progress.advance(status=status)
     return lost
 
 
-def kept_line(recorder: SessionRecorder, episode: Episode) -> str:
-    """Keep an episode and say so, in the words of the contract; only once it is durable."""
-    kept = recorder.keep(episode)
-    return (
-        f"kept {kept.name} {episode.outcome} {len(episode.steps)} ticks contact {end_contact(episode):.2f} {kept.path}"
-    )
+def ticket_of(job: EpisodeJob) -> JournalTicket:
+    if job.ticket is None:
+        raise ValueError(f"the job of seed {job.seed} has no ticket")
+    return job.ticket
 
 
-def end_contact(episode: Episode) -> float:
-    return min(1.0, episode.final_observation.contact_portion)
+def kept_line(kept: KeptEpisode) -> str:
+    """What was kept, in the words of the contract; it is durable by then."""
+    return f"kept {kept.name} {kept.outcome} {kept.ticks} ticks contact {end_contact(kept):.2f} {kept.path}"
+
+
+def end_contact(kept: KeptEpisode) -> float:
+    return min(1.0, kept.contact_final)

@@ -67,6 +67,20 @@ _HELD: set[int] = set()
 """Descriptors of this process's locks."""
 
 
+def lock_for_life(descriptor: int) -> None:
+    """Lock an open file until ``unlock``, or until this process ends, however it ends; BlockingIOError where another
+    process has it locked. Children that are forked meanwhile do not share the lock."""
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    _HELD.add(descriptor)
+
+
+def unlock(descriptor: int) -> None:
+    """Close what lock_for_life has locked; nothing in a child that was forked since."""
+    if descriptor in _HELD:
+        _HELD.discard(descriptor)
+        os.close(descriptor)
+
+
 def _leave_to_parent() -> None:
     """A forked child shares the lock's open file, and would keep it locked when the writer itself is killed."""
     for descriptor in _HELD:
@@ -108,8 +122,9 @@ class WriterLock:
                 _HELD.add(descriptor)
             else:
                 os.close(descriptor)
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, str(os.getpid()).encode("ascii"), 0)
+        with contextlib.suppress(OSError):  # A full disk has no room even for this, which is only said to others.
+            os.ftruncate(self._descriptor, 0)
+            os.pwrite(self._descriptor, str(os.getpid()).encode("ascii"), 0)
 
     def release(self) -> None:
         """Give the lock back, and remove the folder if nothing else is in it."""

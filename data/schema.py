@@ -1,11 +1,12 @@
-"""Every key, type and unit of a session file, spelled once.
+"""Every key, type, unit and frame of a session file, spelled once.
 
 A session file is a robomimic data set. ``N`` is the number of ticks of an episode, ``A`` the size of an action,
-``D`` three times the number of cloth nodes, ``H`` and ``W`` an image's height and width::
+``D`` three times the number of cloth nodes, ``J`` the number of joints, ``H`` and ``W`` an image's height and width::
 
     /data                 attributes: SESSION_ATTRIBUTES
     /data/demo_<int>      attributes: DEMO_ATTRIBUTES; data sets: FIELDS
     /mask/<key>           names of demos as bytes: all, success, failure, partial
+    /index                what is known of each demo without opening it (data.index); may be missing
 
 Whatever a policy may see lies under ``obs`` and ``next_obs``; what only the simulator knows is ``states`` and
 ``truth/``. The observation after the last tick is the last row of ``next_obs``.
@@ -14,16 +15,18 @@ Whatever a policy may see lies under ``obs`` and ``next_obs``; what only the sim
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
-from data.types import Task
+from data.types import ACTION_NAMES, Task
 
 SCHEMA = "layflat-session"
-SCHEMA_VERSION = 1
-"""Raised by one whenever a reader of the old form would misread the new one."""
+SCHEMA_VERSION = 2
+"""Raised by one whenever a reader of the old form would misread the new one; data.migrate reads the older ones."""
 
 DATA = "data"
 MASK = "mask"
+INDEX = "index"
 OBS = "obs"
 NEXT_OBS = "next_obs"
 TRUTH = "truth"
@@ -38,13 +41,17 @@ ENV_TYPE_GYM = 2
 TOTAL = "total"
 """Sum of num_samples."""
 ENV_ARGS = "env_args"
-"""JSON: type, env_name, env_version, env_kwargs, as robomimic reads them."""
+"""JSON for robomimic: type, env_name, env_version, env_kwargs. For others only; never read here."""
 SCHEMA_NAME = "schema"
 TASK = "task"
 CLOTH = "cloth"
 TICK_S = "tick_s"
+DESCRIPTOR = "descriptor"
+"""What obs/word was computed by."""
 VERSION = "schema_version"
 ACTION_LIMIT = "action_limit_m"
+FRAMES = "frames"
+"""JSON object: what each frame that a data set names is."""
 
 # Further attributes of each demo.
 NUM_SAMPLES = "num_samples"
@@ -54,17 +61,37 @@ OUTCOME = "outcome"
 SUCCESS = "success"
 STOPPED_BY = "stopped_by"
 DISTURBANCE = "disturbance"
+PLAN = "disturbance_plan"
+"""JSON object: what chance made of the disturbance."""
 WALL_S = "wall_s"
 START = "start"
 """JSON object: name -> number."""
+BENCH = "bench"
+"""JSON object: settings of the bench."""
+FIRST_TICK = "first_tick"
+CONTACT_START = "contact_start"
+CONTACT_FINAL = "contact_final"
+CONTACT_TRUE_FINAL = "contact_true_final"
+FLAT_AREA_FINAL = "flat_area_final"
+"""Copies from the arrays, so that a table of episodes needs none of them; checked when the arrays are read."""
 PROVENANCE = "provenance"
-"""JSON object: versions, platform, created_utc, command."""
+"""JSON object: versions, platform, created_utc, command, operator."""
 UID = "uid"
 """Hexadecimal identity of the recording; tells the same episode in two files from two episodes with one number."""
 DIGEST = "attributes_sha256"
 """Over the canonical JSON of all other attributes: HDF5 itself does not check the strings among them."""
 UNIT = "unit"
-"""Attribute of every data set."""
+FRAME = "frame"
+COLUMNS = "columns"
+"""Attributes of every data set: its unit, its frame of reference, and the names of its columns."""
+
+FRAME_TEXTS: Mapping[str, str] = {
+    "world": "right-handed, z up, table top at z = 0, x to the robot's front, y to its left",
+    "table": "x and y of world",
+    "image": "rows from the top, columns from the left",
+    "camera": "along the optical axis, per pixel of the image; 0 where the sensor has no value",
+    "none": "a quantity without a frame",
+}
 
 SESSION_ATTRIBUTES: dict[str, type] = {
     SCHEMA_NAME: str,
@@ -72,9 +99,10 @@ SESSION_ATTRIBUTES: dict[str, type] = {
     TASK: str,
     CLOTH: str,
     TICK_S: float,
+    DESCRIPTOR: str,
     ACTION_LIMIT: float,
     TOTAL: int,
-    ENV_ARGS: str,
+    FRAMES: str,
 }
 DEMO_ATTRIBUTES: dict[str, type] = {
     UID: str,
@@ -83,15 +111,23 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     TASK: str,
     CLOTH: str,
     TICK_S: float,
+    DESCRIPTOR: str,
     ACTION_LIMIT: float,
     SEED: int,
     SOURCE: str,
     DISTURBANCE: str,
+    PLAN: str,
     OUTCOME: str,
     SUCCESS: bool,
     STOPPED_BY: str,
     WALL_S: float,
     START: str,
+    BENCH: str,
+    FIRST_TICK: int,
+    CONTACT_START: float,
+    CONTACT_FINAL: float,
+    CONTACT_TRUE_FINAL: float,
+    FLAT_AREA_FINAL: float,
     PROVENANCE: str,
 }
 
@@ -107,9 +143,13 @@ class Field:
     shape: tuple[int | str, ...]
     """Lengths; a letter is bound where it first occurs and must then agree within the demo."""
     unit: str
+    frame: str = "none"
+    """Key of FRAME_TEXTS."""
+    columns: tuple[str, ...] = ()
+    """Names of the columns; empty where the task, the cloth or the image decides on them."""
     optional: bool = False
     packed: bool = False
-    """Compressed without loss (lzf): worth its time for images only."""
+    """Compressed without loss: worth its time for images only."""
 
 
 ACTIONS = "actions"
@@ -129,43 +169,67 @@ STATES = "states"
 FINAL_STATE = f"{TRUTH}/final_state"
 CONTACT_TRUE = f"{TRUTH}/contact_portion_true"
 FLAT_AREA = f"{TRUTH}/flat_area"
+JOINTS = f"{TRUTH}/initial_joints"
 RGB = "rgb"
 DEPTH = "depth"
 
+_CORNERS = ("x1", "y1", "z1", "x2", "y2", "z2")
+
 OBSERVATION_FIELDS: tuple[Field, ...] = (
-    Field(key="time_s", dtype="<f8", shape=("N", 1), unit="s"),
-    Field(key="corner_positions", dtype="<f8", shape=("N", 6), unit="m"),
-    Field(key="holder_position", dtype="<f8", shape=("N", 3), unit="m"),
-    Field(key="word", dtype="<f8", shape=("N", 2), unit="1"),
-    Field(key="word_strength", dtype="<f8", shape=("N", 1), unit="1"),
-    Field(key="contact_portion", dtype="<f8", shape=("N", 1), unit="1"),
-    Field(key=RGB, dtype="|u1", shape=("N", "H", "W", 3), unit="1", optional=True, packed=True),
-    Field(key=DEPTH, dtype="<f4", shape=("N", "H of depth", "W of depth", 1), unit="m", optional=True, packed=True),
+    Field(key="time_s", dtype="<f8", shape=("N", 1), unit="s", columns=("time",)),
+    Field(key="corner_positions", dtype="<f8", shape=("N", 6), unit="m", frame="world", columns=_CORNERS),
+    Field(key="holder_position", dtype="<f8", shape=("N", 3), unit="m", frame="world", columns=("x", "y", "z")),
+    Field(key="word", dtype="<f8", shape=("N", 2), unit="1", frame="table", columns=("x", "y")),
+    Field(key="word_strength", dtype="<f8", shape=("N", 1), unit="1", columns=("strength",)),
+    Field(key="contact_portion", dtype="<f8", shape=("N", 1), unit="1", columns=("portion",)),
+    Field(
+        key=RGB,
+        dtype="|u1",
+        shape=("N", "H", "W", 3),
+        unit="1",
+        frame="image",
+        columns=("red", "green", "blue"),
+        optional=True,
+        packed=True,
+    ),
+    Field(
+        key=DEPTH,
+        dtype="<f4",
+        shape=("N", "H of depth", "W of depth", 1),
+        unit="m",
+        frame="camera",
+        columns=("depth",),
+        optional=True,
+        packed=True,
+    ),
 )
 """Under ``obs`` as it was before a tick, under ``next_obs`` after it; keys are the names in data.types.Observation."""
 
 
 def _under(group: str) -> tuple[Field, ...]:
-    return tuple(
-        Field(key=f"{group}/{f.key}", dtype=f.dtype, shape=f.shape, unit=f.unit, optional=f.optional, packed=f.packed)
-        for f in OBSERVATION_FIELDS
-    )
+    return tuple(replace(field, key=f"{group}/{field.key}") for field in OBSERVATION_FIELDS)
 
 
 FIELDS: tuple[Field, ...] = (
-    Field(key=ACTIONS, dtype="<f8", shape=("N", "A"), unit="1"),
-    Field(key=ACTION_M, dtype="<f8", shape=("N", "A"), unit="m"),
-    Field(key=ACTION_STD, dtype="<f8", shape=("N", "A"), unit="m"),
+    Field(key=ACTIONS, dtype="<f8", shape=("N", "A"), unit="1", frame="world"),
+    Field(key=ACTION_M, dtype="<f8", shape=("N", "A"), unit="m", frame="world"),
+    Field(key=ACTION_STD, dtype="<f8", shape=("N", "A"), unit="m", frame="world"),
     Field(key=PHASE, dtype="|S8", shape=("N",), unit="1"),
     Field(key=REWARDS, dtype="<f8", shape=("N",), unit="1"),
     Field(key=DONES, dtype="|u1", shape=("N",), unit="1"),
-    Field(key=STATES, dtype="<f8", shape=("N", "D"), unit="m"),
-    Field(key=FINAL_STATE, dtype="<f8", shape=("D",), unit="m"),
-    Field(key=CONTACT_TRUE, dtype="<f8", shape=("N+1", 1), unit="1"),
-    Field(key=FLAT_AREA, dtype="<f8", shape=("N+1", 1), unit="1"),
+    Field(key=STATES, dtype="<f8", shape=("N", "D"), unit="m", frame="world"),
+    Field(key=FINAL_STATE, dtype="<f8", shape=("D",), unit="m", frame="world"),
+    Field(key=CONTACT_TRUE, dtype="<f8", shape=("N+1", 1), unit="1", columns=("portion",)),
+    Field(key=FLAT_AREA, dtype="<f8", shape=("N+1", 1), unit="1", columns=("area",)),
+    Field(key=JOINTS, dtype="<f8", shape=("J",), unit="rad", optional=True),
     *_under(OBS),
     *_under(NEXT_OBS),
 )
+
+
+def columns_of(field: Field, task: Task) -> tuple[str, ...]:
+    """Names of the columns of a data set in this task; empty where they have none."""
+    return ACTION_NAMES[task] if field.shape[-1] == "A" else field.columns
 
 
 def demo_name(number: int) -> str:

@@ -7,63 +7,66 @@ moves them into ``FILE.h5``. A reader merges both in view and writes nothing, so
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import isclose
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import cast
+from typing import Any, cast, overload
 
 import h5py
+from numpy.typing import NDArray
 
 from data import schema
-from data.decode import DemoInfo, check_demo, check_hard_links, read_demo, typed_attributes
-from data.durable import os_reason
-from data.types import ACTION_LIMIT_M, TASKS, DataError, Episode, Outcome, Task
-
-_DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, MemoryError)
-"""What h5py and numpy raise on bytes that make no sense."""
-
-
-def parts_folder(path: Path) -> Path:
-    """Where the episodes of the session at ``path`` lie until they are moved into it."""
-    return path.with_name(path.name + ".parts")
-
-
-def part_files(path: Path) -> list[Path]:
-    """Finished single-episode files of the session at ``path``, in their numbers' order."""
-    folder = parts_folder(path)
-    if not folder.is_dir():
-        return []
-    files = [file for file in folder.glob("demo_*.h5") if schema.DEMO_NAME.fullmatch(file.stem)]
-    return sorted(files, key=lambda file: schema.demo_number(file.stem))
+from data.attributes import Attribute
+from data.check import check_demo, check_hard_link, stored_digest
+from data.decode import read_demo
+from data.encode import AGREED
+from data.index import IndexLine, read_index
+from data.info import DemoInfo
+from data.opening import Vanished, blaming, check_session, open_file, part_files
+from data.rows import read_rows, stacked
+from data.types import DataError, Episode, Outcome, Task
 
 
 def open_session(path: str | Path) -> Session:
-    """The session at ``path``, checked against the schema; DataError in one sentence where it is none."""
+    """The session at ``path``, to be closed or used with ``with``; DataError in one sentence where it is none.
+
+    What is wrong with a single episode is said at the latest when that episode is read.
+    """
     return Session(Path(path))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class _Demo:
-    group: h5py.Group
+    opened: h5py.File
+    key: str
+    """Its name in that file."""
     file: Path
-    info: DemoInfo
+    line: IndexLine
+    checked: bool
 
 
-class Session:
-    """Recorded episodes of one task with one cloth, oldest first. Holds the file open until ``close``."""
+class Session(Sequence[Episode]):
+    """Recorded episodes of one task with one cloth, oldest first: a sequence that reads each when it is asked for.
+
+    ``session[3]``, ``session[-1]`` and ``session["demo_3"]`` are episodes, ``session[2:5]`` and ``session.view(names)``
+    sequences of episodes that are read as late. Holds the file open until ``close``.
+    """
 
     task: Task
     cloth: str
     tick_s: float
     """Simulated seconds of one tick."""
+    descriptor: str
+    """What Observation.word was computed by."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._open = contextlib.ExitStack()
         self._demos: dict[str, _Demo] = {}
         self._main: h5py.File | None = None
+        self._indexed = False
         try:
             self._load()
         except BaseException:
@@ -77,34 +80,84 @@ class Session:
 
     def info(self, name: str) -> DemoInfo:
         """Everything about an episode that needs no array."""
-        return self._demo(name).info
+        return self._demo(name).line.info
+
+    def infos(self) -> dict[str, DemoInfo]:
+        """Of all episodes, by name."""
+        return {name: demo.line.info for name, demo in self._demos.items()}
 
     def episode(self, name: str, *, images: bool = True) -> Episode:
         """One episode, read now; without images also where they were kept, if so asked."""
-        demo = self._demo(name)
-        with _blaming(demo.file):
-            return read_demo(demo.group, images=images)
+        with blaming(self._demo(name).file):
+            return read_demo(self.group(name), images=images)
 
     def episodes(self, *, images: bool = True) -> Iterator[Episode]:
         """All in order, one in memory at a time."""
         return (self.episode(name, images=images) for name in self._demos)
 
+    def view(self, names: Sequence[str], *, images: bool = True) -> EpisodeView:
+        """These episodes as a sequence; each is read when it is asked for."""
+        for name in names:
+            self._demo(name)
+        return EpisodeView(self, tuple(names), images=images)
+
+    def array(self, name: str, key: str, ticks: slice = slice(None)) -> NDArray[Any]:
+        """Rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only those ticks are read."""
+        with blaming(self._demo(name).file):
+            return read_rows(self.group(name), key, ticks)
+
+    def arrays(self, keys: Sequence[str], names: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
+        """For learning: ``{key: (T, ...)}``, the ticks of these episodes (all by default) one after another.
+
+        Keys are data sets with one row per tick (``obs/word``, ``next_obs/contact_portion``, ``action_m``, ``states``).
+        Always there: ``episode`` (T,), position in ``names``, and ``tick`` (T,) within the episode.
+        """
+        chosen = self.names if names is None else tuple(names)
+        lengths = [self.info(name).ticks for name in chosen]
+        return stacked(keys, lengths, (partial(self.array, name) for name in chosen))
+
     def select(self, *, outcome: Outcome | None = None, source: str | None = None) -> tuple[str, ...]:
         """Names of the episodes with this outcome and source; None takes any."""
         return tuple(
             name
-            for name, demo in self._demos.items()
-            if outcome in (None, demo.info.outcome) and source in (None, demo.info.source)
+            for name, info in self.infos().items()
+            if outcome in (None, info.outcome) and source in (None, info.source)
         )
+
+    def group(self, name: str) -> h5py.Group:
+        """The HDF5 group of an episode, checked against the schema."""
+        demo = self._demo(name)
+        with blaming(demo.file):
+            data = demo.opened[schema.DATA]
+            if not demo.checked:
+                check_hard_link(data, demo.key)
+                if check_demo(data[demo.key], file_bytes=demo.opened.id.get_filesize()) != demo.line.info:
+                    raise DataError(f"{data.name}/{demo.key} does not agree with the file's index")
+                demo.checked = True
+            return data[demo.key]
 
     def groups(self) -> Iterator[tuple[str, h5py.Group]]:
         """Names and HDF5 groups, for whoever copies episodes without decoding them."""
-        return ((name, demo.group) for name, demo in self._demos.items())
+        return ((name, self.group(name)) for name in self._demos)
+
+    def lines(self) -> dict[str, IndexLine]:
+        """What the index says, or would say, of each episode."""
+        return {name: demo.line for name, demo in self._demos.items()}
 
     @property
     def main_file(self) -> h5py.File | None:
         """The session's own HDF5 file; None where all episodes still lie in parts."""
         return self._main
+
+    @property
+    def main_names(self) -> tuple[str, ...]:
+        """Episodes that lie in the session's own file."""
+        return tuple(name for name, demo in self._demos.items() if demo.opened is self._main)
+
+    @property
+    def indexed(self) -> bool:
+        """Whether the session's own file has an index that fits."""
+        return self._indexed
 
     def close(self) -> None:
         self._open.close()
@@ -114,6 +167,18 @@ class Session:
 
     def __iter__(self) -> Iterator[Episode]:
         return self.episodes()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._demos
+
+    @overload
+    def __getitem__(self, which: int | str) -> Episode: ...
+    @overload
+    def __getitem__(self, which: slice) -> EpisodeView: ...
+    def __getitem__(self, which: int | str | slice) -> Episode | EpisodeView:
+        if isinstance(which, str):
+            return self.episode(which)
+        return EpisodeView(self, self.names)[which]
 
     def __enter__(self) -> Session:
         return self
@@ -130,50 +195,69 @@ class Session:
         return self._demos[name]
 
     def _load(self) -> None:
-        with _blaming(self.path):
+        with blaming(self.path):
             real = self.path.resolve()
             files = part_files(real)
         # Parts before the file: a recorder removes a part only once the file holds it, so none can slip through.
         parts = self._open_parts(files)
         if real.exists():
-            self._main = self._open.enter_context(_open_file(self.path))
-            self._add_all(self._main, self.path)
+            self._main = self._open.enter_context(open_file(self.path))
+            self._indexed = self._add_all(self._main, self.path)
         elif not parts:
             raise DataError(f"{self.path} does not exist; record a session first or correct the path")
-        taken = {demo.info.uid for demo in self._demos.values()}
+        taken = {demo.line.info.uid for demo in self._demos.values()}
         for file, opened in parts:
             self._add_all(opened, file, skip=taken)
-        self._demos = dict(sorted(self._demos.items(), key=lambda item: schema.demo_number(item[0])))
+        if parts:
+            self._demos = dict(sorted(self._demos.items(), key=lambda item: schema.demo_number(item[0])))
 
     def _open_parts(self, files: list[Path]) -> list[tuple[Path, h5py.File]]:
         opened = []
         for file in files:
-            with contextlib.suppress(_Vanished):
-                opened.append((file, self._open.enter_context(_open_file(file))))
+            with contextlib.suppress(Vanished):
+                opened.append((file, self._open.enter_context(open_file(file))))
         return opened
 
-    def _add_all(self, opened: h5py.File, file: Path, *, skip: set[str] | frozenset[str] = frozenset()) -> None:
-        """Take over the demos of one file; a number that is taken by another episode gives way to the next free one."""
-        with _blaming(file):
-            session = _check_session(opened)
-            agreed = (session[schema.TASK], session[schema.CLOTH], session[schema.TICK_S])
-            if not hasattr(self, "task"):
-                self.task, self.cloth, self.tick_s = cast(Task, agreed[0]), str(agreed[1]), float(agreed[2])
-            elif agreed != (self.task, self.cloth, self.tick_s):
-                raise DataError(
-                    f"belongs to another session ({_described(*agreed)}, not"
-                    f" {_described(self.task, self.cloth, self.tick_s)}); move it elsewhere"
-                )
-            size, data, ticks = opened.id.get_filesize(), opened[schema.DATA], 0
-            for name in sorted(data, key=schema.demo_number):
-                info = check_demo(data[name], file_bytes=size)
-                ticks += info.ticks
-                if (info.task, info.cloth, info.tick_s) != agreed:
-                    raise DataError(f"{data[name].name} is not of the session's task, cloth and tick")
+    def _add_all(self, opened: h5py.File, file: Path, *, skip: set[str] | frozenset[str] = frozenset()) -> bool:
+        """Take over the demos of one file, and say whether its index was of use.
+
+        A number that is taken by another episode gives way to the next free one.
+        """
+        with blaming(file):
+            session = check_session(opened)
+            self._agree(session)
+            size, data = opened.id.get_filesize(), opened[schema.DATA]
+            names = sorted(data, key=_number)
+            lines = read_index(opened, names, file_bytes=size)
+            indexed = lines is not None
+            if lines is None:
+                lines = {name: _checked_line(data, name, size) for name in names}
+            for name, line in lines.items():
+                info = line.info
+                if (info.task, info.cloth, info.tick_s, info.descriptor) != self._agreed:
+                    raise DataError(f"/{schema.DATA}/{name} is not of the session's task, cloth, tick and descriptor")
                 if info.uid not in skip:
-                    self._demos[self._free(name)] = _Demo(group=data[name], file=file, info=info)
+                    demo = _Demo(opened=opened, key=name, file=file, line=line, checked=not indexed)
+                    self._demos[self._free(name)] = demo
+            ticks = sum(line.info.ticks for line in lines.values())
             if ticks != session[schema.TOTAL]:
                 raise DataError(f"attribute {schema.TOTAL} is {session[schema.TOTAL]}; its demos have {ticks} ticks")
+            return indexed
+
+    def _agree(self, session: dict[str, Attribute]) -> None:
+        agreed = tuple(session[key] for key in AGREED)
+        if not hasattr(self, "task"):
+            self.task, self.cloth = cast(Task, agreed[0]), str(agreed[1])
+            self.tick_s, self.descriptor = float(agreed[2]), str(agreed[3])
+        elif agreed != self._agreed:
+            raise DataError(
+                f"belongs to another session ({_described(agreed)}, not {_described(self._agreed)}); move it elsewhere"
+            )
+
+    @property
+    def _agreed(self) -> tuple[Attribute, ...]:
+        """In the order of AGREED."""
+        return self.task, self.cloth, self.tick_s, self.descriptor
 
     def _free(self, name: str) -> str:
         if name not in self._demos:
@@ -181,69 +265,49 @@ class Session:
         return schema.demo_name(1 + max(schema.demo_number(taken) for taken in self._demos))
 
 
-class _Vanished(DataError):
-    """A file was there a moment ago."""
+class EpisodeView(Sequence[Episode]):
+    """Some episodes of a session, each read when it is asked for; usable while the session is open."""
+
+    def __init__(self, session: Session, names: tuple[str, ...], *, images: bool = True) -> None:
+        self.names = names
+        self._session = session
+        self._images = images
+
+    def infos(self) -> dict[str, DemoInfo]:
+        """Of these episodes, by name."""
+        return {name: self._session.info(name) for name in self.names}
+
+    def arrays(self, keys: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """As Session.arrays, of these episodes."""
+        return self._session.arrays(keys, self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, which: int) -> Episode: ...
+    @overload
+    def __getitem__(self, which: slice) -> EpisodeView: ...
+    def __getitem__(self, which: int | slice) -> Episode | EpisodeView:
+        if isinstance(which, slice):
+            return EpisodeView(self._session, self.names[which], images=self._images)
+        return self._session.episode(self.names[which], images=self._images)
 
 
-def _open_file(path: Path) -> h5py.File:
-    if not path.is_file():
-        if path.exists():
-            raise DataError(f"{path} is not a file; name the session's .h5 file")
-        raise _Vanished(f"{path} does not exist")
-    with _blaming(path):
-        with path.open("rb") as file:
-            head = file.read(8)
-        if head != b"\x89HDF\r\n\x1a\n":
-            raise DataError("is not an HDF5 file; name a session that was recorded by layflat")
-        return h5py.File(path, "r")
+def _number(name: str) -> int:
+    if not schema.DEMO_NAME.fullmatch(name):
+        raise DataError(f"/{schema.DATA}/{name} is no demo; all members of /{schema.DATA} must be demo_<number>")
+    return schema.demo_number(name)
 
 
-def _check_session(file: h5py.File) -> dict[str, str | int | float | bool]:
-    """Attributes of /data, once they say that the file is one of ours and of this schema."""
-    check_hard_links(file)
-    data = file.get(schema.DATA)
-    if not isinstance(data, h5py.Group) or data.attrs.get(schema.SCHEMA_NAME) != schema.SCHEMA:
-        raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
-    version = typed_attributes(data, {schema.VERSION: int})[schema.VERSION]
-    if version != schema.SCHEMA_VERSION:
-        raise DataError(
-            f"is written in version {version} of the format; this layflat reads version {schema.SCHEMA_VERSION}"
-        )
-    attributes = typed_attributes(data, schema.SESSION_ATTRIBUTES)
-    if attributes[schema.TASK] not in TASKS:
-        raise DataError(f"attribute task is {attributes[schema.TASK]!r}; it must be one of {', '.join(TASKS)}")
-    if not isclose(float(attributes[schema.ACTION_LIMIT]), ACTION_LIMIT_M):
-        raise DataError(
-            f"attribute {schema.ACTION_LIMIT} is {attributes[schema.ACTION_LIMIT]}; it must be {ACTION_LIMIT_M}"
-        )
-    check_hard_links(data)
-    for name in data:
-        if not schema.DEMO_NAME.fullmatch(name) or not isinstance(data[name], h5py.Group):
-            raise DataError(f"/{schema.DATA}/{name} is no demo; all members of /{schema.DATA} must be demo_<number>")
-    return attributes
+def _checked_line(data: h5py.Group, name: str, file_bytes: int) -> IndexLine:
+    check_hard_link(data, name)
+    if not isinstance(data[name], h5py.Group):
+        raise DataError(f"/{schema.DATA}/{name} is no demo; all members of /{schema.DATA} must be demo_<number>")
+    info = check_demo(data[name], file_bytes=file_bytes)
+    return IndexLine(info=info, digest=stored_digest(data[name]))
 
 
-def _described(task: object, cloth: object, tick_s: object) -> str:
-    return f"task {task}, cloth {cloth}, tick {tick_s} s"
-
-
-@contextlib.contextmanager
-def _blaming(path: Path) -> Iterator[None]:
-    """Every error of reading as one sentence that names the file."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(f"{path} {_joined(error)}") from error
-    except FileNotFoundError as error:
-        raise _Vanished(f"{path} does not exist") from error
-    except _DAMAGE as error:
-        if isinstance(error, OSError) and error.errno:
-            raise DataError(f"{path} cannot be read: {os_reason(error)}") from error
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DataError(f"{path} is damaged or cut short ({reason}); use a copy or record again") from error
-
-
-def _joined(error: DataError) -> str:
-    """'FILE is ...' reads on; any other sentence stands after a colon."""
-    text = str(error)
-    return text if text.startswith(("is ", "belongs ")) else f"cannot be used: {text}"
+def _described(agreed: Sequence[object]) -> str:
+    task, cloth, tick_s, descriptor = agreed
+    return f"task {task}, cloth {cloth}, tick {tick_s} s, descriptor {descriptor}"

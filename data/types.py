@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -36,12 +36,22 @@ ACTION_LIMIT_M = 0.02
 FLAT_AREA = 0.97
 """A demonstration or placement is a success when its flat area ends above this."""
 
+DESCRIPTORS = ("word", "word-axial", "how", "hog")
+"""What Observation.word may have been computed by."""
+
 TICK_S = 0.1
 """Simulated time of one control step."""
 
 
 class DataError(ValueError):
     """Base of what the data package raises: says what is wrong, with which value, and what would be right."""
+
+
+class WriteError(DataError):
+    """The disk or its system did not take what was to be written."""
+
+    exit_status = 1
+    """Of a program that ends with it: the work failed, the call was right."""
 
 
 def frozen_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, dtype: DTypeLike = np.float64) -> NDArray:
@@ -133,7 +143,10 @@ class Provenance:
     """Package name -> version (layflat, pybullet, numpy, python, ...)."""
     platform: str = ""
     created_utc: str = ""
+    """By the machine's clock, which may jump: for people only, nothing is ordered by it."""
     command: str = ""
+    operator: str = ""
+    """The person who demonstrated, or who ran the program."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +170,16 @@ class Episode:
     start: Mapping[str, float] = field(default_factory=dict)
     """What was random about the start, by name (friction, mass, hem side, ...)."""
     provenance: Provenance = field(default_factory=Provenance)
+    descriptor: str = "word"
+    """What Observation.word was computed by: one of DESCRIPTORS."""
+    bench: Mapping[str, str | float | bool] = field(default_factory=dict)
+    """Settings of the bench, by name: with task, cloth, seed and tick_s they make the same start again."""
+    initial_joints: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(J,) rad: joints of the arm before the first tick; none where no arm holds the cloth."""
+    disturbance_plan: Mapping[str, Any] = field(default_factory=dict)
+    """JSON values by name: what chance made of ``disturbance`` (where, along which path, how strong)."""
+    first_tick: int = 0
+    """Ticks of the recorded episode that were cut off before these; action replay needs 0."""
 
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
@@ -166,6 +189,11 @@ class Episode:
             raise DataError(f"stopped_by is {self.stopped_by!r}; it must be one of {', '.join(STOPS)}")
         if self.outcome not in OUTCOMES:
             raise DataError(f"outcome is {self.outcome!r}; it must be one of {', '.join(OUTCOMES)}")
+        if self.descriptor not in DESCRIPTORS:
+            raise DataError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
+        if self.first_tick < 0:
+            raise DataError(f"first_tick is {self.first_tick}; it must be at least 0")
+        _set(self, "initial_joints", frozen_array(self.initial_joints, (None,), "initial_joints"))
         size = len(ACTION_NAMES[self.task])
         for tick, step in enumerate(self.steps):
             if step.action.shape != (size,):

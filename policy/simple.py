@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.types import ACTION_LIMIT_M, TASKS, FloatArray, Observation, Task, action_size
+from data.types import ACTION_LIMIT_M, ACTION_NAMES, TASKS, FloatArray, Observation, Task, action_size
 from policy.base import Decision, PolicyError
 from policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, XLimit
 
@@ -35,15 +35,16 @@ class Hold:
 
 
 class RandomMoves:
-    """Each axis uniform in +-``limit_m``, drawn anew in each tick; never stops."""
+    """Each axis uniform in +-``limit_m``, drawn anew in each tick; never stops. ``planar``: nothing moves along z."""
 
     name = "random"
 
-    def __init__(self, task: Task, *, limit_m: float = ACTION_LIMIT_M) -> None:
+    def __init__(self, task: Task, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
         if not 0 < limit_m <= ACTION_LIMIT_M:
             raise PolicyError(f"limit_m is {limit_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
         self.task = _checked(task)
         self._limit_m = limit_m
+        self._free = [not (planar and name.startswith("dz")) for name in ACTION_NAMES[task]]
         self._rng = np.random.default_rng(0)
 
     def reset(self, seed: int) -> None:
@@ -54,7 +55,7 @@ class RandomMoves:
 
     def act(self, observation: Observation) -> Decision:
         action = self._rng.uniform(-self._limit_m, self._limit_m, action_size(self.task))
-        return Decision(action=action, reason="random move")
+        return Decision(action=action * self._free, reason="random move")
 
 
 class Drag:

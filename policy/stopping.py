@@ -106,16 +106,19 @@ class NoContactGain:
 
 
 class ContactReached:
-    """The contact portion is at least ``contact``."""
+    """The contact portion has been at least ``contact`` for ``ticks`` ticks in a row."""
 
-    def __init__(self, contact: float) -> None:
+    def __init__(self, contact: float, *, ticks: int = 1) -> None:
         self._contact = _positive("contact", contact)
+        self._ticks = _at_least_one("ticks", ticks)
+        self._count = 0
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        self._count = 0
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        if observation.contact_portion < self._contact:
+        self._count = self._count + 1 if observation.contact_portion >= self._contact else 0
+        if self._count < self._ticks:
             return None
         return Stop(by="converged", reason=f"contact portion has reached {self._contact:g}")
 

@@ -85,6 +85,10 @@ class Hanger:
     def position(self) -> FloatArray:
         return hanger_pose(self._client, self.arm)[0]
 
+    def joint_angles(self) -> FloatArray:
+        states = bullet.getJointStates(self.arm, range(JOINTS), physicsClientId=self._client)
+        return np.array([state[0] for state in states])
+
     def set_point(self) -> FloatArray:
         """(3,) m, world: where the springs pull the corners' midpoint now."""
         return self._set_point.copy()
@@ -136,8 +140,7 @@ class Hanger:
 
     def rest(self) -> None:
         # Torques last for one substep, motors until they are told otherwise.
-        states = bullet.getJointStates(self.arm, range(JOINTS), physicsClientId=self._client)
-        self._drive_joints(np.array([state[0] for state in states]), np.zeros(JOINTS), TORQUE_LIMIT_N_M)
+        self._drive_joints(self.joint_angles(), np.zeros(JOINTS), TORQUE_LIMIT_N_M)
         self._resting = True
 
     def spring_force_n(self) -> FloatArray:

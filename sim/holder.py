@@ -22,6 +22,9 @@ class Holder(Protocol):
     def position(self) -> FloatArray:
         """(3,) m, world: the hanger's centre between the clips, or the midpoint of the pickers."""
 
+    def joint_angles(self) -> FloatArray:
+        """(J,) rad: the arm's joints now; none where no arm holds the cloth."""
+
     def grip(self) -> None:
         """Anchor the cloth's corners; they must already be at ``corner_positions()``."""
 

@@ -40,6 +40,9 @@ class Pickers:
     def position(self) -> FloatArray:
         return self._at.mean(axis=0)
 
+    def joint_angles(self) -> FloatArray:
+        return np.zeros(0)
+
     def grip(self) -> None:
         for node, body in zip(self._cloth.spec.corners, self._bodies, strict=True):
             self._cloth.anchor(node, body)

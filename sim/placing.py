@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, fields
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
-from perception.percept import Perceiver
+from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
+from perception.percept import Perceiver, PerceptionConfig
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from sim.crumple import crumple
 from sim.disturbance import Disturbance
-from sim.disturbances import disturbance_spec
+from sim.disturbances import Plan, disturbance_spec
 from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
@@ -28,11 +30,21 @@ START_STEP_M: Mapping[Task, float] = {"hanger": 0.006, "pickers": 0.004}
 the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
 
 
+DISTURBANCE_STREAM = 0xD157
+"""Tells the chance of a disturbance from that of the start of the same seed."""
+Start: TypeAlias = Literal["hanging", "crumpled"]
+STARTS: tuple[Start, ...] = ("hanging", "crumpled")
+
+
 @dataclass(frozen=True, kw_only=True)
 class BenchSettings:
     """What a bench is made of; with a seed it determines a start."""
 
     task: Task
+    start: Start = "hanging"
+    """Hanging in the air after random moves, or crumpled on the table (pickers only), as chapter 3-2-2 begins."""
+    descriptor: str = DEFAULT
+    """Which direction an observation's ``word`` holds, by its name in perception.descriptors."""
     cloth: str = "towel"
     table_friction: float = 1.0
     """Multiplied with the cloth's own 0.5; the product worked best at 0.5 of 0.3, 0.5 and 0.8."""
@@ -47,9 +59,20 @@ class BenchSettings:
     def __post_init__(self) -> None:
         if self.task not in TASKS:
             raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(TASKS)}")
+        if self.start not in STARTS:
+            raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
+        if self.start == "crumpled" and self.task != "pickers":
+            raise SimError(f"a crumpled start needs the pickers task, and this is {self.task!r}")
+        if self.descriptor not in DESCRIPTORS:
+            raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
         if not 0.01 <= self.tick_s <= 1.0:
             raise SimError(f"tick_s is {self.tick_s}; it must be between 0.01 and 1")
         object.__setattr__(self, "spec", cloth_spec(self.cloth))
+
+    def described(self) -> dict[str, str | float | bool]:
+        """All but task, cloth and tick_s, by name: ``BenchSettings(task=..., cloth=..., tick_s=..., **described)``."""
+        names = [item.name for item in fields(self) if item.init]
+        return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "tick_s")}
 
     @property
     def substeps(self) -> int:
@@ -69,7 +92,7 @@ class Placing:
         self.settings = settings
         self.world: World | None = None
         self._pinhole = default_pinhole()
-        self._perceiver = Perceiver(self._pinhole)
+        self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
 
     def reset(self, seed: int) -> None:
         """Hang the cloth and make the start's random moves; the same seed in a fresh process gives the same bits."""
@@ -92,10 +115,14 @@ class Placing:
         if settings.camera:
             self._start_camera(seed)
         self.holder.grip()
-        for _ in range(START_MOVES):
-            self.step(rng.uniform(-1.0, 1.0, action_size(settings.task)) * START_STEP_M[settings.task])
+        if settings.start == "crumpled":
+            crumpled = crumple(self.cloth, self.holder.corner_positions, self.step, rng)
+        else:
+            crumpled = {}
+            for _ in range(START_MOVES):
+                self.step(rng.uniform(-1.0, 1.0, action_size(settings.task)) * START_STEP_M[settings.task])
         self._ticks_before = self.world.substeps_done
-        self.start = self._describe_start()
+        self.start = self._describe_start() | crumpled
 
     def _start_camera(self, seed: int) -> None:
         """P_flat of Eq. 4-7 is measured through the same camera: the cloth as it would lie flat."""
@@ -168,8 +195,13 @@ class Placing:
 
     def disturb(self, name: str, seed: int) -> None:
         """Begin a disturbance by name; it acts in the following ticks until ``disturbed`` is false."""
-        rng = np.random.default_rng([seed, 0xD157])
+        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
         self.disturbance = Disturbance(self._running(), self.cloth, disturbance_spec(name), rng)
+
+    def disturbance_plan(self, name: str, seed: int) -> Plan:
+        """What ``disturb`` would do."""
+        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
+        return disturbance_spec(name).schedule(rng, self.settings.spec)
 
     @property
     def disturbed(self) -> bool:

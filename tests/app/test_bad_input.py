@@ -102,6 +102,9 @@ def test_train_does_not_replace_a_model_unasked(refused):
         ("place", "hanger.npz", "--json", "{}.json"),
         ("place", "hanger.npz", "--record", "{}.h5"),
         ("place", "hanger.npz", "--video", "{}.webm"),
+        ("flatten", "--json", "{}.json"),
+        ("flatten", "--strip", "{}.png"),
+        ("flatten", "--video", "{}.webm"),
         ("bench", "--json", "{}.json"),
     ],
     ids=lambda command: " ".join(command),
@@ -146,7 +149,7 @@ def test_record_never_replaces(refused):
     assert "appends" in refused("record", "hanger.h5", "--force")
 
 
-@pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz")], ids=" ".join)
+@pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz"), ("flatten",)], ids=" ".join)
 def test_an_unknown_cloth_gets_the_list(command, refused):
     sentence = refused(*command, "--cloth", "silk")
     assert "'silk'" in sentence
@@ -162,7 +165,21 @@ def test_an_unknown_disturbance_gets_the_list(refused):
 def test_what_exists_stays_without_force(refused):
     assert "--force" in refused("place", "hanger.npz", "--json", "taken.json")
     assert "--force" in refused("bench", "--json", "taken.json")
+    assert "--force" in refused("flatten", "--json", "taken.json")
     assert ".webm" in refused("place", "hanger.npz", "--video", "film.mp4")
+
+
+@pytest.mark.parametrize("name", ["missing.h5", "short-hanger.h5", "text-hanger.h5", "other.h5", "."])
+@pytest.mark.parametrize("mode", ["state", "action"])
+def test_replay_wants_a_whole_session(mode, name, refused):
+    assert name in refused("replay", name, "--episode", "0", "--mode", mode)
+
+
+def test_replay_says_what_it_cannot_show(refused):
+    assert "demo_3" in refused("replay", "hanger.h5", "--episode", "3")
+    assert "--force" in refused("replay", "hanger.h5", "--episode", "0", "--json", "taken.json")
+    assert ".webm" in refused("replay", "hanger.h5", "--episode", "0", "--video", "film.mp4")
+    assert "nodes of shape (4, 3)" in refused("replay", "hanger.h5", "--episode", "0", "--video", "film.webm")
 
 
 @pytest.mark.parametrize("count", ["0", "-3"])

@@ -9,12 +9,14 @@ from typing import get_args
 
 import pytest
 
-from app import checks, cli
+from app import checks, cli, cli_options
 from app.errors import LayflatError, WrongCall
 from data.types import TASKS
+from perception.descriptors import DESCRIPTORS
+from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "word", "bench", "doctor")
+COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -45,7 +47,20 @@ WRONG = [
     ("word", "rgb.png", "depth.png", "--flat-pixels", "many"),
     ("word", "rgb.png", "depth.png", "--depth-scale", "metres"),
     ("word", "rgb.png", "depth.png"),
+    ("flatten", "--controller", "iron"),
+    ("flatten", "--descriptor", "sift"),
+    ("flatten", "--episodes", "0"),
+    ("flatten", "--cloth", "silk"),
+    ("flatten", "--video", "x.mp4"),
+    ("flatten", "--strip", "x.jpg"),
+    ("flatten", "extra"),
     ("doctor", "extra"),
+    ("data",),
+    ("data", "nonsense"),
+    ("data", "info"),
+    ("replay", "x.h5"),
+    ("replay", "x.h5", "--episode", "-1"),
+    ("replay", "x.h5", "--episode", "0", "--mode", "dream"),
 ]
 
 
@@ -77,6 +92,8 @@ def test_help_of_every_command(command, capsys):
 def test_choices_are_those_of_the_packages():
     assert set(get_args(cli.TaskName)) == set(TASKS)
     assert set(get_args(cli.PolicyName)) <= set(TRAINABLE)
+    assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
+    assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)
 
 
 def test_help_imports_nothing_heavy():

@@ -15,8 +15,10 @@ import psutil
 import pytest
 
 from app.measure import random_model
+from data import repair, validate
 from data.recorder import SessionRecorder
 from data.store import open_session
+from perception.descriptors import DEFAULT
 from policy import model as model_files
 
 LONG = 20
@@ -82,7 +84,7 @@ def _sources(path: Path) -> list[str]:
 def _may_be_recorded_again(path: Path, make_episode) -> bool:
     count = len(_sources(path))
     with SessionRecorder(path, task="pickers", cloth="napkin") as recorder:
-        recorder.keep(make_episode(task="pickers", cloth="napkin", disturbed=False))
+        recorder.keep(make_episode(task="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT))
     return len(_sources(path)) == count + 1 and [p.name for p in path.parent.iterdir()] == [path.name]
 
 
@@ -102,14 +104,47 @@ def test_ctrl_c_keeps_what_was_kept(start, tmp_path, make_episode):
 
 @pytest.mark.slow
 def test_kill_9_keeps_what_was_kept_and_leaves_no_worker(start, tmp_path, make_episode):
-    child = _record(start, tmp_path / "s.h5")
+    path = tmp_path / "s.h5"
+    child = _record(start, path)
     _until(child.stdout, "kept")
+    time.sleep(4.0)  # So that something is running.
     child.kill()
     child.wait()
     assert _none_left(child.pid)
     out = child.stdout.read()
-    assert len(_sources(tmp_path / "s.h5")) >= 1 + out.count("kept ")
-    assert _may_be_recorded_again(tmp_path / "s.h5", make_episode)
+    count = len(_sources(path))
+    assert count >= 1 + out.count("kept ")
+    report = repair(path)
+    assert report.lost == ()
+    assert len(report.recovered) >= 1
+    with open_session(path) as session:
+        assert len(session) == count + len(report.recovered)
+        running = [session.info(name) for name in report.recovered]
+    # Two workers: what they had finished but not handed over comes back whole, what they were at as partial.
+    assert sum(info.outcome == "partial" for info in running) <= 2
+    assert {info.source for info in running} == {"scripted"}
+    assert validate(path) == ()
+    assert _may_be_recorded_again(path, make_episode)
+
+
+@pytest.mark.slow
+def test_the_next_recording_tells_what_a_killed_one_left(start, tmp_path):
+    path = tmp_path / "s.h5"
+    child = _record(start, path)
+    while not list(path.parent.glob("*.parts/running-*.journal")):
+        time.sleep(0.1)
+    time.sleep(4.0)
+    child.kill()
+    child.wait()
+    assert _none_left(child.pid)
+    child = start("record", path, "--task", "pickers", "--cloth", "napkin", "--episodes", 1, "--seed", 50)
+    out, _ = child.communicate(timeout=120)
+    assert child.returncode == 0
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines] == ["kept"] * len(lines)
+    assert any(" partial " in line for line in lines[:-1])
+    assert len(_sources(path)) == len(lines)
+    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
 
 @pytest.mark.slow

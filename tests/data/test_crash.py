@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from data import SessionRecorder, open_session
-from data.store import parts_folder
+from data.opening import parts_folder
 from data.types import DataError, Episode
 
 

@@ -17,6 +17,7 @@ from data import SessionRecorder, open_session
 from data.types import (
     ACTION_LIMIT_M,
     ACTION_NAMES,
+    DESCRIPTORS,
     OUTCOMES,
     PHASES,
     STOPS,
@@ -90,8 +91,14 @@ def episodes(draw):
                 platform=any_text,
                 created_utc=any_text,
                 command=any_text,
+                operator=any_text,
             )
         ),
+        descriptor=draw(st.sampled_from(DESCRIPTORS)),
+        bench=draw(st.dictionaries(any_text, text | finite | st.booleans(), max_size=3)),
+        initial_joints=draw(arrays(np.float64, st.integers(0, 3), elements=finite)),
+        disturbance_plan=draw(st.dictionaries(text, st.lists(finite | st.integers(), max_size=2), max_size=2)),
+        first_tick=draw(st.integers(0, 2**40)),
     )
 
 
@@ -100,7 +107,9 @@ def episodes(draw):
 def test_any_valid_episode_survives_the_file(episode, differences):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "session.h5"
-        with SessionRecorder(path, task=episode.task, cloth=episode.cloth, keep_images=True) as recorder:
+        with SessionRecorder(
+            path, task=episode.task, cloth=episode.cloth, keep_images=True, descriptor=episode.descriptor
+        ) as recorder:
             kept = recorder.keep(episode)
         with open_session(path) as session:
             assert differences(session.episode(kept.name), episode) == []
@@ -225,6 +234,8 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
         (make_episode(start={"mass": float("inf")}), "start"),
         (make_episode(tick_s=0.05), "tick_s is 0.05"),
         (make_episode(cloth="napkin"), "cloth is napkin"),
+        (make_episode(descriptor="how"), "descriptor is how"),
+        (make_episode(bench={"camera": object()}), "bench is"),
         (make_episode("pickers"), "task is pickers"),
     ]
     with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:

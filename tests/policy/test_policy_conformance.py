@@ -11,21 +11,28 @@ from data.types import ACTION_LIMIT_M, STOPS, TASKS, Observation, Truth, action_
 from policy import registry
 from policy.base import Policy
 from policy.expert import ScriptedExpert
+from policy.flatten import CONTROLLERS, controller
 from policy.gp_policy import GpPolicy
 from policy.handover import Handover
+from policy.recorded import Recorded
 
 LEARNED = {"gp-word": "all", "gp-baseline": "position"}
 
 
 HANDOVER = "handover"
 EXPERT = "scripted"
+RECORDED = "recorded"
+FLATTEN = "flatten-"
+PLACERS = [(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT, RECORDED) for task in TASKS]
 
 
-@pytest.fixture(
-    params=[(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT) for task in TASKS], ids="-".join
-)
-def policy(request, model_of) -> Policy:
+@pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
+def policy(request, model_of, make_episode) -> Policy:
     name, task = request.param
+    if name == RECORDED:
+        return Recorded(make_episode(task, ticks=50))
+    if name.startswith(FLATTEN):
+        return controller(name.removeprefix(FLATTEN))
     if name == HANDOVER:
         first = GpPolicy(model_of(task, "position"))
         return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")

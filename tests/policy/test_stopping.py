@@ -78,6 +78,14 @@ def test_contact_reached_and_x_limit(observe):
     assert fires(XLimit(0.5), [observe(x) for x in (0.49, 0.5, 0.6)], np.ones(3)) == [False, True, True]
 
 
+def test_contact_may_have_to_last(observe):
+    rule = ContactReached(0.9, ticks=2)
+    seen = [observe(contact=c) for c in (0.95, 0.8, 0.95, 0.95, 0.95, 0.8, 0.95)]
+    assert fires(rule, seen, np.ones(7)) == [False, False, False, True, True, False, False]
+    rule.reset()
+    assert fires(rule, seen[2:4], np.ones(2)) == [False, True]
+
+
 def test_any_tells_every_rule_of_every_tick(observe):
     """Also the rules behind the one that fires: else their counts would lag."""
     rule = AnyOf(ContactReached(0.9), TickLimit(3))

@@ -1,0 +1,183 @@
+"""`layflat flatten`: wrinkle removal from a crumpled start (chapter 3-2-2), by Algorithm 2 or a comparator."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from app import checks, strips
+from app.draw import Drawer
+from app.errors import LayflatError, WrongCall
+from app.jobs import EpisodeJob, JobFailure, run_jobs
+from app.picture import write_png
+from app.progress import Progress
+from app.provenance import provenance_now
+from app.rows import row_of, write_json
+from app.summary import statistics
+from app.video import write_video
+from data.types import Episode
+from perception.descriptors import DESCRIPTORS
+from policy.flatten import CONTROLLERS
+from sim.cloth import CLOTHS
+
+EPISODE_S = 14.0
+FILM_WIDTH = 640
+STRIP_WIDTH = 320
+STRIP_COLUMNS = 5
+
+
+def flatten(
+    *,
+    controller: str,
+    descriptor: str,
+    episodes: int,
+    seed: int,
+    cloth: str,
+    video: Path | None,
+    strip: Path | None,
+    json: Path | None,
+    workers: int,
+    force: bool,
+) -> list[Episode]:
+    """Flatten the crumpled starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for.
+
+    ``video`` and ``strip`` show the first seed; what is shown and stored is what the controller saw.
+    """
+    checks.known_name("controller", controller, CONTROLLERS)
+    checks.known_name("descriptor", descriptor, DESCRIPTORS)
+    checks.known_name("cloth", cloth, CLOTHS)
+    for file, suffix in ((video, ".webm"), (strip, ".png"), (json, None)):
+        if file is not None:
+            if suffix is not None and file.suffix != suffix:
+                raise WrongCall(f"{file} is not a {suffix} file; choose a name that ends in {suffix}")
+            checks.writable_file(file, force=force)
+    jobs = [
+        EpisodeJob(
+            task="pickers",
+            cloth=cloth,
+            seed=seed + k,
+            flatten=controller,
+            descriptor=descriptor,
+            images=k == 0 and (video is not None or strip is not None),
+        )
+        for k in range(episodes)
+    ]
+    done: list[Episode] = []
+    lost: list[JobFailure] = []
+    interrupted: KeyboardInterrupt | None = None
+    try:
+        _run(jobs, workers, done, lost)
+    except KeyboardInterrupt as error:
+        interrupted = error  # what is finished is written before the command ends
+    if interrupted is None:
+        pictured = next((episode for episode in done if episode.seed == seed), None)
+        if pictured is not None:
+            _write_pictures(pictured, video, strip)
+    if json is not None and (done or interrupted is None):
+        write_json(json, _content(controller, descriptor, done, lost))
+    if done:
+        show(done)
+    if interrupted is not None:
+        raise interrupted
+    if lost:
+        raise LayflatError(f"{len(lost)} of {episodes} episodes were lost: {lost[0].reason}; the others are written")
+    return done
+
+
+def _run(jobs: Sequence[EpisodeJob], workers: int, done: list[Episode], lost: list[JobFailure]) -> None:
+    """Run the jobs and add each to ``done`` or ``lost`` as it comes."""
+    with (
+        Progress({"flattening": EPISODE_S * len(jobs) / workers}) as progress,
+        closing(run_jobs(jobs, workers=workers)) as results,
+    ):
+        progress.phase("flattening", items=len(jobs))
+        for result in results:
+            if isinstance(result, JobFailure):
+                lost.append(result)
+                progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
+                continue
+            done.append(result)
+            row = row_of(result)
+            progress.advance(
+                status=f"seed {result.seed}: contact {row['contact_start']:.2f} to {row['contact_final']:.2f}, "
+                f"{row['stopped_by']}"
+            )
+
+
+def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | None) -> None:
+    drawer = Drawer()
+    if video is not None:
+        write_video(video, strips.film_frames(episode, drawer, FILM_WIDTH))
+    if strip_file is not None:
+        frames = strip_frames(episode, drawer, STRIP_WIDTH)
+        write_png(strip_file, strips.sheet([frames[:STRIP_COLUMNS], frames[STRIP_COLUMNS:]]))
+
+
+def strip_frames(episode: Episode, drawer: Drawer, width: int) -> list[strips.Frame]:
+    """Ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their tick."""
+    frames = strips.strip(episode, strips.placing_ticks(episode), drawer, width)
+    return [replace(frame, word=f"tick {frame.tick}:") for frame in frames]
+
+
+def _content(controller: str, descriptor: str, done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
+    """What ``--json`` holds besides the schema: the shared rows, each start's history, the mean."""
+    rows = [row_of(episode) for episode in done]
+    return {
+        "controller": controller,
+        "descriptor": descriptor,
+        "episodes": rows,
+        "starts": [{"seed": episode.seed, **episode.start} for episode in done],
+        "summary": _summary(rows),
+        "provenance": vars(provenance_now()),
+        "lost": [{"seed": failure.job.seed, "reason": failure.reason} for failure in lost],
+    }
+
+
+def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """n, and mean, min, max and ci95 (None where there is none) of contact at the start, the end, and in the mesh."""
+    summary: dict[str, Any] = {"n": len(rows)}
+    for column in ("contact_start", "contact_final", "contact_final_true", "flat_area_final", "ticks"):
+        values = statistics(np.array([row[column] for row in rows], dtype=float))
+        known = {name: None if np.isnan(value) else value for name, value in values.items()}
+        summary[column] = {name: known[name] for name in ("mean", "min", "max")} | {
+            "ci95": [known["low"], known["high"]]
+        }
+    return summary
+
+
+def show(episodes: Sequence[Episode]) -> None:
+    """Print one line per episode and their mean on stdout."""
+    table = Table(title=None)
+    for name in ("seed", "start", "mesh start", "final", "mesh final", "flat area", "ticks", "stopped by"):
+        table.add_column(name, justify="right")
+    lines = []
+    for episode in episodes:
+        row = row_of(episode)
+        line = (
+            row["contact_start"],
+            episode.truths()[0].contact_portion_true,
+            row["contact_final"],
+            row["contact_final_true"],
+            row["flat_area_final"],
+            row["ticks"],
+        )
+        lines.append(line)
+        table.add_row(str(episode.seed), *_cells(line, "d"), episode.stopped_by)
+    if len(episodes) > 1:
+        table.add_section()
+        table.add_row("mean", *_cells(tuple(np.mean(lines, axis=0)), ".1f"), "")
+    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def _cells(line: Sequence[Any], ticks_form: str) -> list[str]:
+    *contacts, area, ticks = line
+    return [*(f"{100 * c:.1f} %" for c in contacts), f"{area:.3f}", format(ticks, ticks_form)]

@@ -1,0 +1,88 @@
+"""`layflat flatten`: files, rows, and (slow) that WORD flattens what stretching and chance do not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app import flatten
+from app.jobs import EpisodeJob, run_jobs
+from app.rows import COLUMNS
+from app.video import count_frames
+from data.types import Episode
+from policy.flatten import CONTROLLERS
+
+
+@pytest.fixture
+def faked(monkeypatch, make_episode) -> list[EpisodeJob]:
+    """The command without physics: made-up episodes of the jobs' seeds; the jobs are kept."""
+    kept: list[EpisodeJob] = []
+
+    def run(jobs, *, workers):
+        kept.extend(jobs)
+        for job in jobs:
+            yield make_episode(task=job.task, source=job.source, seed=job.seed, disturbed=False)
+
+    monkeypatch.setattr(flatten, "run_jobs", run)
+    return kept
+
+
+def _call(**changes) -> list[Episode]:
+    call = {"controller": "word", "descriptor": "word-axial", "episodes": 3, "seed": 4, "cloth": "napkin"}
+    call |= {"video": None, "strip": None, "json": None, "workers": 1, "force": False}
+    return flatten.flatten(**(call | changes))
+
+
+def test_json_holds_the_shared_rows_and_their_mean(faked, tmp_path, capsys):
+    path = tmp_path / "out.json"
+    _call(controller="stretch-right", json=path)
+    content = json.loads(path.read_text())
+    rows = content["episodes"]
+    assert content["schema"] == 1
+    assert [row["seed"] for row in rows] == [4, 5, 6] == [start["seed"] for start in content["starts"]]
+    assert all(tuple(row) == COLUMNS and row["policy"] == "stretch-right" for row in rows)
+    finals = [row["contact_final"] for row in rows]
+    assert content["summary"]["n"] == 3
+    assert content["summary"]["contact_final"]["mean"] == pytest.approx(np.mean(finals))
+    assert content["provenance"]["versions"]
+    assert [job.cloth for job in faked] == ["napkin"] * 3
+    out = capsys.readouterr().out
+    assert "mean" in out
+    assert "mesh final" in out
+
+
+def test_one_episode_has_no_interval_and_keeps_no_images_unasked(faked, tmp_path):
+    path = tmp_path / "out.json"
+    _call(episodes=1, json=path)
+    assert json.loads(path.read_text())["summary"]["contact_final"]["ci95"] == [None, None]
+    assert not any(job.images for job in faked)
+
+
+@pytest.mark.slow
+def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None:
+    """Seeds that nothing was tuned on."""
+    final: dict[str, float] = {}
+    for name in CONTROLLERS:
+        jobs = [
+            EpisodeJob(task="pickers", cloth="towel", seed=s, flatten=name, descriptor="word-axial") for s in (300, 301)
+        ]
+        runs = [run for run in run_jobs(jobs, workers=2) if isinstance(run, Episode)]
+        assert len(runs) == len(jobs)
+        final[name] = float(np.mean([run.contact()[-1] for run in runs]))
+    assert final["word"] >= 0.98
+    assert final["stretch-right"] < 0.95
+    assert final["random"] < 0.85
+
+
+@pytest.mark.slow
+def test_film_and_strip_show_the_first_seed(tmp_path: Path) -> None:
+    video, strip = tmp_path / "run.webm", tmp_path / "run.png"
+    (episode,) = _call(episodes=1, cloth="towel", video=video, strip=strip)
+    assert count_frames(video) == len(episode.steps) + 1
+    picture = cv2.imread(str(strip))
+    assert picture.shape[1] > 5 * flatten.STRIP_WIDTH
+    assert {path.name for path in tmp_path.iterdir()} == {"run.webm", "run.png"}

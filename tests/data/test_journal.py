@@ -1,0 +1,313 @@
+"""The running episode's journal: what was handed over comes back, whatever ends it."""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import subprocess
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from data import SessionRecorder, open_session, repair, validate
+from data.journal import SYNC_S, JournalTicket
+from data.opening import parts_folder
+from data.recovery import journals, read_journal
+from data.types import ACTION_LIMIT_M, DataError, Step
+
+
+@pytest.fixture
+def ticket(tmp_path) -> JournalTicket:
+    return JournalTicket(path=tmp_path / "running-a.journal", uid="a", keep_images=True)
+
+
+@pytest.fixture
+def written(ticket, make_episode, beginning_of):
+    """A finished episode and the bytes of its journal, without the frame of its end and with it."""
+    episode = make_episode(
+        ticks=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance_plan={"at": [1, 2]}
+    )
+    journal = ticket.begin(beginning_of(episode))
+    for step in episode.steps:
+        journal.step(step)
+    deadline = time.monotonic() + 10
+    size = -1
+    while size != ticket.path.stat().st_size and time.monotonic() < deadline:
+        size = ticket.path.stat().st_size
+        time.sleep(0.05)
+    running = ticket.path.read_bytes()
+    journal.finish(episode)
+    return episode, running, ticket.path.read_bytes()
+
+
+def _read(path: Path, content: bytes):
+    path.write_bytes(content)
+    return read_journal(path)
+
+
+def test_a_finished_journal_holds_the_whole_episode(written, ticket, differences):
+    episode, _, whole = written
+    found = _read(ticket.path, whole)
+    assert (found.uid, found.whole) == ("a", True)
+    assert differences(found.episode, episode) == []
+
+
+def test_a_journal_cut_anywhere_holds_the_ticks_before(written, ticket, prefix_of, differences):
+    episode, running, _ = written
+    lengths = []
+    for end in [*range(0, len(running), 13), len(running)]:
+        found = _read(ticket.path, running[:end])
+        ticks = 0 if found is None else len(found.episode.steps)
+        lengths.append(ticks)
+        if found is not None:
+            assert not found.whole
+            assert differences(found.episode, prefix_of(episode, ticks, wall_s=found.episode.wall_s)) == []
+    assert lengths == sorted(lengths)
+    # The observation that the last tick began with stands for the end.
+    assert set(lengths) == set(range(len(episode.steps)))
+
+
+def test_a_wrong_bit_ends_the_journal_and_is_never_read_as_something_else(written, ticket, prefix_of, differences):
+    episode, running, _ = written
+    rng = random.Random(0)
+    for _ in range(150):
+        damaged = bytearray(running)
+        damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
+        found = _read(ticket.path, bytes(damaged))
+        if found is not None:
+            ticks = len(found.episode.steps)
+            assert differences(found.episode, prefix_of(episode, ticks, wall_s=found.episode.wall_s)) == []
+
+
+@pytest.mark.parametrize("content", [b"", b"x", b"LAYFLAT journal 1\n", bytes(4096)])
+def test_what_is_no_journal_holds_nothing(ticket, content):
+    assert _read(ticket.path, content) is None
+
+
+def test_what_does_not_fit_is_refused_and_the_rest_stays(ticket, make_episode, beginning_of):
+    episode = make_episode(ticks=3, nodes=5)
+    journal = ticket.begin(beginning_of(episode))
+    journal.step(episode.steps[0])
+    first = episode.steps[0]
+    for step, message in (
+        (make_episode(nodes=6).steps[0], "nodes"),
+        (make_episode(nodes=5, images=True).steps[0], "began with"),
+        (replace(first, action=[0.0, ACTION_LIMIT_M * 1.01]), "within"),
+        (make_episode("pickers", nodes=5).steps[0], "2 numbers"),
+    ):
+        with pytest.raises(DataError, match=message):
+            journal.step(step)
+    journal.step(episode.steps[1])
+    journal.close()
+    assert len(read_journal(ticket.path).episode.steps) == 1
+    with pytest.raises(DataError, match="File exists"):
+        ticket.begin(beginning_of(episode))
+
+
+def test_no_tick_waits_longer_than_a_second_for_the_disk(ticket, make_episode, beginning_of, monkeypatch):
+    """What a power cut would take: every tick must be covered by a flush that ends within a second of it."""
+    episode = make_episode(ticks=1, nodes=50)
+    real, flushed = os.fsync, []
+
+    def watched(descriptor):
+        size = os.fstat(descriptor).st_size
+        real(descriptor)
+        flushed.append((time.monotonic(), size))
+
+    monkeypatch.setattr(os, "fsync", watched)
+    journal = ticket.begin(beginning_of(episode))
+    header = ticket.path.stat().st_size
+    handed = []
+    for _ in range(120):
+        journal.step(episode.steps[0])
+        handed.append(time.monotonic())
+        time.sleep(0.01)
+    time.sleep(SYNC_S + 0.4)  # Without a further tick, too, the last ones are flushed.
+    on_disk = [(when, size) for when, size in flushed if size > header]
+    per_tick = (ticket.path.stat().st_size - header) / len(handed)
+    for number, when in enumerate(handed, start=1):
+        assert min(t for t, size in on_disk if size >= header + number * per_tick) - when < 1.0
+    assert len(on_disk) < 20, "a flush for every tick would wear the disk"
+    journal.close()
+
+
+def _until_refused(running, step: Step, most: int = 400) -> str:
+    for _ in range(most):
+        try:
+            running.step(step)
+        except DataError as error:
+            return str(error)
+        time.sleep(0.002)
+    raise AssertionError("nothing was refused")
+
+
+def test_a_full_disk_is_said_at_the_next_tick_and_costs_no_tick_before(
+    tmp_path, make_episode, beginning_of, differences, prefix_of
+):
+    path, episode = tmp_path / "s.h5", make_episode(ticks=60, nodes=50, images=True)
+    with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+        recorder.keep(episode)
+        running = recorder.begin(beginning_of(episode))
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))
+        try:
+            for step in episode.steps[:5]:
+                running.step(step)
+            sentence = _until_refused(running, episode.steps[5])
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert "cannot be written: File too large" in sentence
+        assert "\n" not in sentence
+    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
+    with open_session(path) as session:
+        whole, partial = session
+        assert differences(whole, episode) == []
+        assert len(partial.steps) >= 5
+        assert differences(partial.steps[:5], prefix_of(episode, 5).steps) == []
+
+
+def test_an_error_of_the_disk_is_said(tmp_path, make_episode, beginning_of, monkeypatch, differences):
+    path, episode = tmp_path / "s.h5", make_episode(ticks=4)
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        recorder.keep(episode)
+        running = recorder.begin(beginning_of(episode))
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", _broken)
+            running.step(episode.steps[0])
+            time.sleep(SYNC_S + 0.2)
+            with pytest.raises(DataError, match="Input/output error"):
+                running.step(episode.steps[1])
+            with pytest.raises(DataError, match="Input/output error"):
+                recorder.keep(episode)
+    with open_session(path) as session:
+        assert differences(session["demo_0"], episode) == []
+
+
+def _broken(descriptor):
+    raise OSError(5, "Input/output error")
+
+
+def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beginning_of, differences, prefix_of):
+    path = tmp_path / "s.h5"
+    made = [make_episode(ticks=4, seed=seed, outcome="failure") for seed in range(3)]
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        runs = [recorder.begin(beginning_of(episode)) for episode in made]
+        for number, (running, episode) in enumerate(zip(runs, made, strict=True)):
+            for tick, step in enumerate(episode.steps):
+                running.on_tick(step, tick + 1)
+            if number == 0:
+                assert running.keep(episode).name == "demo_0"
+            elif number == 1:
+                running.discard()
+        assert len(journals(parts_folder(path))) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
+    with open_session(path) as session:
+        assert len(session) == 2
+        assert differences(session[0], made[0]) == []
+        left = prefix_of(made[2], 3, stopped_by="interrupted", wall_s=session[1].wall_s)
+        assert differences(session[1], left) == []
+
+
+def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode, beginning_of, differences):
+    """The journal holds the whole episode before it is kept: whichever of the two steps was reached, it is there."""
+    path, episode = tmp_path / "s.h5", make_episode(ticks=4)
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        ticket = recorder.ticket()
+        journal = ticket.begin(beginning_of(episode))
+        for step in episode.steps:
+            journal.step(step)
+        journal.finish(episode)
+        content = ticket.path.read_bytes()
+        recorder.keep(episode, ticket=ticket)
+    parts_folder(path).mkdir()
+    ticket.path.write_bytes(content)
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        assert recorder.recovered == ()
+    path.unlink()
+    parts_folder(path).mkdir()
+    ticket.path.write_bytes(content)
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        assert [(kept.name, kept.outcome) for kept in recorder.recovered] == [("demo_0", "success")]
+    with open_session(path) as session:
+        assert [differences(e, episode) for e in session] == [[]]
+
+
+def test_the_clock_of_the_wall_may_jump(tmp_path, make_episode, beginning_of, monkeypatch, differences):
+    path, made = tmp_path / "s.h5", [make_episode(seed=i) for i in range(4)]
+    clock = iter([4e9, 0.0, 1e9, 2.5e9] * 1000)
+    monkeypatch.setattr(time, "time", lambda: next(clock))
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        for number, episode in enumerate(made):
+            running = recorder.begin(beginning_of(episode))
+            for step in episode.steps:
+                running.step(step)
+            running.keep(episode)
+            for part in parts_folder(path).glob("*.h5"):
+                os.utime(part, (4e9 - number * 1e9, 4e9 - number * 1e9))
+    with open_session(path) as session:
+        assert [differences(a, b) for a, b in zip(session, made, strict=True)] == [[]] * 4
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of one megabyte."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("only root may mount a small disk")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_a_disk_that_fills_up_at_any_moment(small_disk, make_episode, beginning_of, differences, prefix_of):
+    """Room for less and less, so that begin, ticks, keep and assembly fail in turn; each time all is there that was."""
+    episode = make_episode(ticks=12, nodes=60, images=True)
+    refused, partial, sentences = 0, 0, []
+    for free in (4_000, 10_000, 16_000, 22_000, 28_000, 60_000, 110_000, 220_000):
+        path = small_disk / f"{free}.h5"
+        kept = _fill_and_record(path, small_disk / "ballast", free, episode, beginning_of, sentences)
+        refused += kept < 4
+        if path.exists() or parts_folder(path).exists():
+            report = repair(path)
+            assert report.lost == ()
+            assert validate(path) == ()
+            with open_session(path) as session:
+                whole = [e for e in session if e.outcome == "success"]
+                # One that could not be kept may have had room in its journal for all of it.
+                assert kept <= len(whole) <= kept + 1
+                assert all(differences(e, episode) == [] for e in whole)
+                for e in [e for e in session if e.outcome == "partial"]:
+                    same = prefix_of(episode, len(e.steps), stopped_by=e.stopped_by, wall_s=e.wall_s)
+                    assert differences(e, same) == []
+                    partial += 1
+            path.unlink()
+        assert list(small_disk.iterdir()) == []
+    assert len(sentences) >= refused >= 5
+    assert all("No space left on device" in sentence and "\n" not in sentence for sentence in sentences)
+    assert partial >= 2
+
+
+def _fill_and_record(path, ballast, free, episode, beginning_of, sentences) -> int:
+    """How many episodes were kept before the disk was full; leaves the disk with room again."""
+    room = os.statvfs(path.parent)
+    ballast.write_bytes(bytes(max(0, room.f_bavail * room.f_frsize - free)))
+    kept = 0
+    try:
+        with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+            for _ in range(4):
+                running = recorder.begin(beginning_of(episode))
+                for step in episode.steps:
+                    running.step(step)
+                running.keep(episode)
+                kept += 1
+    except DataError as error:
+        sentences.append(str(error))
+    finally:
+        ballast.unlink()
+    return kept

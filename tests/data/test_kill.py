@@ -1,0 +1,123 @@
+"""A recording process is killed at random moments: nothing kept is lost, nothing is half, repair brings back the rest.
+
+The child runs episodes tick by tick with a journal and keeps them, and tells through a pipe what it has handed over
+and what was kept. Each kill is of the same growing session, so that what one leaves is there for the next.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import random
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from data import SessionRecorder, open_session, repair, validate
+from data.types import Episode
+
+TICKS = 12
+
+
+@pytest.fixture
+def numbered(make_episode) -> Callable[[int], Episode]:
+    """The same number always gives the same episode, here and in a child."""
+    return lambda number: make_episode(seed=number, ticks=TICKS, nodes=10, images=True)
+
+
+def _record(path: Path, report: int, first: int, tick_s: float, numbered, beginning_of) -> None:
+    with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+        for number in itertools.count(first):
+            episode = numbered(number)
+            running = recorder.begin(beginning_of(episode))
+            for tick, step in enumerate(episode.steps):
+                running.step(step)
+                os.write(report, f"tick {number} {tick} {time.monotonic()}\n".encode())
+                time.sleep(tick_s)
+            kept = running.keep(episode)
+            os.write(report, f"kept {number} {kept.name} {time.monotonic()}\n".encode())
+
+
+def _killed(work: Callable[[int], None], after_s: float) -> tuple[list[list[str]], float]:
+    """What a child reported before it was killed ``after_s`` after its first report, and when it was."""
+    reading, writing = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            work(writing)
+        finally:
+            os._exit(1)  # Nothing of pytest may run twice.
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        lines = [pipe.readline().split()]
+        time.sleep(after_s)
+        killed_at = time.monotonic()
+        os.kill(pid, signal.SIGKILL)
+        lines += [line.split() for line in pipe if line.endswith("\n")]
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
+    return lines, killed_at
+
+
+def _check_whole(path: Path, kept: dict[int, str], numbered, prefix_of, differences) -> dict[int, int]:
+    """All that was kept is equal, and whatever else is there is a true beginning; ticks by number."""
+    lengths = {}
+    with open_session(path) as session:
+        by_seed = {info.seed: name for name, info in session.infos().items()}
+        assert kept.items() <= by_seed.items()
+        for seed, name in by_seed.items():
+            found, episode = session.episode(name), numbered(seed)
+            lengths[seed] = len(found.steps)
+            if seed not in kept and found.outcome == "partial":
+                episode = prefix_of(episode, len(found.steps), wall_s=found.wall_s)
+            assert differences(found, episode) == []
+    return lengths
+
+
+def _kill_again_and_again(
+    path, kills, longest_s, tick_s, numbered, beginning_of, prefix_of, differences
+) -> list[float]:
+    """Seconds of the running episode that each kill cost."""
+    rng, kept, costs = random.Random(kills), {}, []
+    for kill in range(kills):
+        first = 1000 * kill
+
+        def work(report, first=first):
+            _record(path, report, first, tick_s, numbered, beginning_of)
+
+        lines, killed_at = _killed(work, rng.uniform(0.0, longest_s))
+        kept |= {int(line[1]): line[2] for line in lines if line[0] == "kept"}
+        if path.exists():
+            _check_whole(path, kept, numbered, prefix_of, differences)
+        if kill % 2 and path.exists():
+            assert repair(path).lost == ()
+        else:
+            SessionRecorder(path, task="hanger", cloth="towel", keep_images=True).close()
+        assert [p.name for p in path.parent.iterdir() if p != path] == []
+        lengths = _check_whole(path, kept, numbered, prefix_of, differences) if path.exists() else {}
+        handed = [(int(n), int(tick), float(when)) for kind, n, tick, when in lines if kind == "tick"]
+        # The tick whose outcome nobody has seen yet is not over.
+        missing = [when for n, tick, when in handed if n not in kept and tick > lengths.get(n, 0)]
+        costs.append(killed_at - min(missing, default=killed_at))
+        if kill % 10 == 0:
+            assert validate(path) == ()
+            path.unlink()
+            kept = {}
+    return costs
+
+
+def test_twenty_kills(tmp_path, numbered, beginning_of, prefix_of, differences):
+    path = tmp_path / "s.h5"
+    costs = _kill_again_and_again(path, 20, 0.12, 0.002, numbered, beginning_of, prefix_of, differences)
+    assert max(costs) < 1.0
+
+
+@pytest.mark.slow
+def test_two_hundred_kills(tmp_path, numbered, beginning_of, prefix_of, differences):
+    """With ticks as long as real ones (scaled by half), so that a second of the running episode could be lost."""
+    path = tmp_path / "s.h5"
+    costs = _kill_again_and_again(path, 200, 1.5, 0.05, numbered, beginning_of, prefix_of, differences)
+    print(f"seconds lost: mean {sum(costs) / len(costs):.4f}, most {max(costs):.4f} of {len(costs)} kills")
+    assert max(costs) < 1.0

@@ -1,0 +1,293 @@
+"""merge, split, filter, trim, repair: they conserve episodes, never overwrite, and leave nothing half."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
+from data.opening import parts_folder
+from data.types import DataError
+
+VERSION_1 = Path(__file__).parent / "files" / "version-1.h5"
+"""Written by layflat 0.1.0 from ``make_episode(ticks=3, seed=s, nodes=4, images=True, with_std=s == 1)``, s = 0, 1."""
+
+
+def _by_uid(path):
+    with open_session(path) as session:
+        return {session.info(name).uid: session.episode(name) for name in session.names}
+
+
+def _same(found, wanted, differences):
+    assert found.keys() == wanted.keys()
+    assert [differences(found[uid], wanted[uid]) for uid in wanted] == [[]] * len(wanted)
+
+
+@given(
+    counts=st.lists(st.integers(1, 4), min_size=1, max_size=3),
+    share=st.floats(0.2, 0.8),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
+def test_merge_and_split_conserve(make_episode, differences, counts, share, seed):
+    with tempfile.TemporaryDirectory() as name:
+        folder, number, wanted = Path(name), 0, {}
+        files = [folder / f"{i}.h5" for i in range(len(counts))]
+        for file, count in zip(files, counts, strict=True):
+            with SessionRecorder(file, task="hanger", cloth="towel", keep_images=True) as recorder:
+                for _ in range(count):
+                    recorder.keep(make_episode(ticks=2, seed=number, nodes=3, images=number % 2 == 0))
+                    number += 1
+            wanted |= _by_uid(file)
+        names = merge([*files, files[0]], folder / "all.h5")
+        assert len(names) == number, "an episode that is there twice is taken once"
+        _same(_by_uid(folder / "all.h5"), wanted, differences)
+        assert validate(folder / "all.h5") == ()
+        if number < 2:
+            return
+        targets = {"train": folder / "train.h5", "valid": folder / "valid.h5"}
+        shares = {"train": share, "valid": 1 - share}
+        if min(share, 1 - share) * number < 1:
+            return
+        chosen = split(folder / "all.h5", targets, shares, seed)
+        assert sorted(chosen["train"] + chosen["valid"]) == sorted(names)
+        assert abs(len(chosen["train"]) - share * number) < 1
+        _same(_by_uid(targets["train"]) | _by_uid(targets["valid"]), wanted, differences)
+
+
+def test_a_split_depends_on_the_seed_and_on_nothing_else(make_session, make_episode, tmp_path):
+    path = make_session("s.h5", [make_episode(seed=seed) for seed in range(12)])
+    shares = {"a": 2, "b": 1}
+    chosen = [
+        split(path, {key: tmp_path / f"{key}{run}.h5" for key in shares}, shares, seed)
+        for run, seed in enumerate([0, 0, 1])
+    ]
+    assert chosen[0] == chosen[1] != chosen[2]
+    assert [len(chosen[0][key]) for key in "ab"] == [8, 4]
+
+
+@pytest.fixture
+def mixed(make_session, make_episode):
+    outcomes, sources = ["success", "failure", "partial"], ["scripted", "gamepad"]
+    made = [
+        make_episode(ticks=2 + i, seed=i, outcome=outcomes[i % 3], source=sources[i % 2], images=True) for i in range(7)
+    ]
+    return make_session("mixed.h5", made), made
+
+
+@pytest.mark.parametrize(
+    ("conditions", "chosen"),
+    [
+        ({}, range(7)),
+        ({"success": True}, [0, 3, 6]),
+        ({"success": False}, [1, 2, 4, 5]),
+        ({"source": "gamepad"}, [1, 3, 5]),
+        ({"length": (4, 6)}, [2, 3, 4]),
+        ({"names": ["demo_5", "demo_1"]}, [1, 5]),
+        ({"success": True, "source": "scripted", "length": (0, 7)}, [0]),
+        ({"cloth": "towel", "final_contact": (0.97, 0.97)}, range(7)),
+    ],
+)
+def test_filter_keeps_what_meets_all_conditions(mixed, tmp_path, differences, conditions, chosen):
+    path, made = mixed
+    names = filter_session(path, tmp_path / "f.h5", **conditions)
+    assert names == tuple(f"demo_{i}" for i in chosen)
+    with open_session(tmp_path / "f.h5") as session:
+        assert session.names == names
+        assert [differences(e, made[i]) for e, i in zip(session, chosen, strict=True)] == [[]] * len(names)
+    assert validate(tmp_path / "f.h5") == ()
+
+
+@pytest.mark.parametrize("conditions", [{"cloth": "silk"}, {"source": "x"}, {"length": (100, 200)}])
+def test_a_filter_that_nothing_passes_writes_nothing(mixed, tmp_path, conditions):
+    with pytest.raises(DataError, match="none of the 7 episodes"):
+        filter_session(mixed[0], tmp_path / "f.h5", **conditions)
+    assert [p.name for p in tmp_path.iterdir()] == ["mixed.h5"]
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 3), (1, 4), (2, 6), (0, 6)])
+def test_trim(mixed, tmp_path, differences, prefix_of, start, stop):
+    path, made = mixed
+    info = trim(path, tmp_path / "t.h5", name="demo_4", start=start, stop=stop)
+    assert (info.ticks, info.first_tick) == (stop - start, start)
+    with open_session(path) as before, open_session(tmp_path / "t.h5") as after:
+        assert after.names == before.names
+        assert [before.info(n).uid == after.info(n).uid for n in before.names].count(False) == 1
+        ends = {} if stop < 6 else {"outcome": made[4].outcome, "stopped_by": made[4].stopped_by}
+        cut = prefix_of(made[4], stop, **({"stopped_by": "interrupted"} | ends), first_tick=start)
+        found = after.episode("demo_4")
+        assert differences(found.steps, cut.steps[start:]) == []
+        assert differences(found.final_observation, cut.final_observation) == []
+        assert (found.outcome, found.stopped_by, found.first_tick) == (cut.outcome, cut.stopped_by, start)
+        assert differences(after[0], made[0]) == []
+    assert validate(tmp_path / "t.h5") == ()
+
+
+@pytest.mark.parametrize(("start", "stop"), [(-1, 2), (2, 2), (3, 1), (0, 99)])
+def test_a_trim_that_makes_no_sense(mixed, tmp_path, start, stop):
+    with pytest.raises(DataError, match="cannot be kept; the episode has ticks 0 to 6"):
+        trim(mixed[0], tmp_path / "t.h5", name="demo_4", start=start, stop=stop)
+    assert not (tmp_path / "t.h5").exists()
+
+
+OPERATIONS = {
+    "merge": lambda path, target, **how: merge([path], target, **how),
+    "split": lambda path, target, **how: split(path, {"a": target}, {"a": 1}, 0, **how),
+    "filter": lambda path, target, **how: filter_session(path, target, **how),
+    "trim": lambda path, target, **how: trim(path, target, name="demo_0", start=0, stop=1, **how),
+    "repair": lambda path, target, **how: repair(path, target, **how),
+}
+
+
+@pytest.mark.parametrize("operation", OPERATIONS.values(), ids=OPERATIONS.keys())
+def test_no_operation_replaces_a_file_without_force_or_leaves_one_half(mixed, tmp_path, operation, monkeypatch):
+    path, target = mixed[0], tmp_path / "t.h5"
+    before = path.read_bytes()
+    target.write_bytes(b"precious")
+    with pytest.raises(DataError, match=r"t\.h5 exists"):
+        operation(path, target)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", _full)
+        with pytest.raises(DataError, match="cannot be written: No space left"):
+            operation(path, target, force=True)
+    assert target.read_bytes() == b"precious"
+    operation(path, target, force=True)
+    assert len(_by_uid(target)) == len(_by_uid(path))
+    with pytest.raises(DataError, match="does not exist"):
+        operation(tmp_path / "none.h5", tmp_path / "n.h5")
+    with pytest.raises(DataError, match="missing does not exist"):
+        operation(path, tmp_path / "missing" / "n.h5")
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed.h5", "t.h5"]
+
+
+def _full(descriptor):
+    raise OSError(28, "No space left on device")
+
+
+def test_only_sessions_that_agree_are_merged(make_session, make_episode, tmp_path):
+    path = make_session("a.h5", [make_episode()])
+    for key, episode, options in (
+        ("task", make_episode("pickers"), {}),
+        ("cloth", make_episode(cloth="napkin"), {}),
+        ("tick_s", make_episode(tick_s=0.05), {}),
+        ("descriptor", make_episode(descriptor="how"), {"descriptor": "how"}),
+    ):
+        other = make_session(f"{key}.h5", [episode], **options)
+        with pytest.raises(DataError, match=f"has {key} .* only sessions that agree"):
+            merge([path, other], tmp_path / "m.h5")
+    assert not (tmp_path / "m.h5").exists()
+
+
+def test_what_users_have_added_goes_along(mixed, tmp_path):
+    with h5py.File(mixed[0], "r+") as f:
+        f["mask/train"] = np.array([b"demo_0", b"demo_3", b"demo_4"])
+        f["notes/text"] = "first take"
+        f["data"].attrs["author"] = "a person"
+    filter_session(mixed[0], tmp_path / "f.h5", success=True)
+    merge([tmp_path / "f.h5", mixed[0]], tmp_path / "m.h5")
+    with h5py.File(tmp_path / "f.h5") as f:
+        assert f["mask/train"][()].tolist() == [b"demo_0", b"demo_3"]
+        assert f["notes/text"][()] == b"first take"
+        assert f["data"].attrs["author"] == "a person"
+    with h5py.File(tmp_path / "m.h5") as f:
+        # demo_3 and demo_6 became 1 and 2, then 1, 2, 4 and 5 of the other file 3 to 6.
+        assert set(f["mask/train"][()].tolist()) == {b"demo_0", b"demo_1", b"demo_5"}
+
+
+def _expected_version_1(make_episode):
+    return [make_episode(ticks=3, seed=seed, nodes=4, images=True, with_std=bool(seed)) for seed in range(2)]
+
+
+def test_version_1_is_read_as_it_was_and_written_anew(tmp_path, make_episode, differences):
+    path, wanted = tmp_path / "old.h5", _expected_version_1(make_episode)
+    path.write_bytes(VERSION_1.read_bytes())
+    with open_session(path) as session:
+        assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[], []]
+        assert {info.version for info in session.infos().values()} == {1}
+        uids = [info.uid for info in session.infos().values()]
+        assert session.info("demo_0").contact_final == wanted[0].final_observation.contact_portion
+    assert validate(path) == ()
+    for number, operation in enumerate(OPERATIONS.values()):
+        target = tmp_path / f"{number}.h5"
+        operation(path, target)
+        assert validate(target) == ()
+        with open_session(target) as session:
+            assert {info.version for info in session.infos().values()} == {2}
+            assert differences(session["demo_1"], wanted[1]) == []
+            assert session.info("demo_1").uid == uids[1]
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        assert recorder.keep(make_episode(seed=9)).name == "demo_2"
+    with open_session(path) as session:
+        assert [differences(a, b) for a, b in zip(session, wanted, strict=False)] == [[], []]
+        assert [info.uid for info in session.infos().values()][:2] == uids
+        assert {info.version for info in session.infos().values()} == {2}
+    assert validate(path) == ()
+
+
+def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path, differences):
+    path, made = mixed
+    with h5py.File(path, "r+") as f:
+        del f["data/demo_1/actions"]
+        f["data/demo_2"].attrs["seed"] = 77
+        f["data"].attrs["total"] = 1
+        del f["mask/all"], f["index"]
+        offset = f["data/demo_3/obs/rgb"].id.get_chunk_info(0).byte_offset
+    with path.open("r+b") as file:
+        file.seek(offset)
+        file.write(b"\xff" * 8)
+    with pytest.raises(DataError):
+        open_session(path)
+    report = repair(path, tmp_path / "r.h5")
+    assert {loss.path for loss in report.lost} == {f"/data/demo_{i}" for i in (1, 2, 3)}
+    assert report.kept == ("demo_0", "demo_4", "demo_5", "demo_6")
+    assert validate(tmp_path / "r.h5") == ()
+    with open_session(tmp_path / "r.h5") as session:
+        assert [differences(session[f"demo_{i}"], made[i]) for i in (0, 4, 5, 6)] == [[]] * 4
+    before = path.read_bytes()
+    report = repair(path)
+    assert report.original is not None
+    assert report.original.read_bytes() == before
+    assert validate(path) == ()
+    again = repair(path)
+    assert (again.lost, again.original) == ((), None)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed.h5", "mixed.h5.damaged", "r.h5"]
+
+
+def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path, make_episode):
+    path = tmp_path / "s.h5"
+    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        recorder.keep(make_episode())
+        with pytest.raises(DataError, match="being written by another program"):
+            repair(path)
+        with pytest.raises(DataError, match="being written by another program"):
+            filter_session(path, path, force=True)
+        with pytest.raises(DataError, match="being written by another program"):
+            repair(path, tmp_path / "r.h5")
+
+
+def test_repair_leaves_nothing_of_a_killed_writer_behind(mixed, tmp_path, make_session, make_episode):
+    path, folder = mixed[0], parts_folder(mixed[0])
+    other = make_session("other.h5", [make_episode(seed=50)])
+    folder.mkdir()
+    other.rename(folder / "demo_7.h5")
+    (folder / "demo_8.h5.part").write_bytes(b"half an episode")
+    (folder / "session.h5.part").write_bytes(b"half a session")
+    report = repair(path)
+    assert report.kept == tuple(f"demo_{i}" for i in range(8))
+    assert [p.name for p in tmp_path.iterdir()] == ["mixed.h5"]
+
+
+def test_nothing_to_repair(tmp_path):
+    (tmp_path / "s.h5").write_bytes(b"no session")
+    with pytest.raises(DataError, match="holds no episode that can be read"):
+        repair(tmp_path / "s.h5")
+    assert (tmp_path / "s.h5").read_bytes() == b"no session"
+    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]

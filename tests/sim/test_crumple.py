@@ -1,0 +1,73 @@
+"""The crumpled start: about 74 % of the cloth lies, nothing is unstable, and a seed is a start."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from sim.placing import BenchSettings, Placing
+from sim.world import SimError
+
+_SCRIPT = """
+import sys, hashlib
+from sim.placing import BenchSettings, Placing
+bench = Placing(BenchSettings(task="pickers", start="crumpled", camera=False))
+bench.reset(int(sys.argv[1]))
+print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
+"""
+
+
+@pytest.fixture(scope="module")
+def crumpled() -> Placing:
+    bench = Placing(BenchSettings(task="pickers", start="crumpled"))
+    bench.reset(200)
+    return bench
+
+
+def test_about_three_quarters_lie_and_the_rest_is_wrinkles(crumpled: Placing) -> None:
+    truth, spec = crumpled.truth(), crumpled.settings.spec
+    assert 0.68 <= truth.contact_portion_true <= 0.82
+    assert truth.flat_area > truth.contact_portion_true - 0.05  # a fold would take twice its area away
+    assert truth.nodes[:, 2].max() > 4 * spec.margin_m
+    assert crumpled.instability() is None
+    assert np.percentile(crumpled.cloth.stretch(truth.nodes), 95) < 1.12
+
+
+def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wide(crumpled: Placing) -> None:
+    seen, spec = crumpled.observe(images=False), crumpled.settings.spec
+    np.testing.assert_allclose(crumpled.truth().nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
+    assert np.abs(seen.corner_positions[:, 2] - spec.margin_m).max() < 0.002
+    assert np.linalg.norm(np.diff(seen.corner_positions, axis=0)) < 0.9 * spec.width_m
+    assert crumpled.time_s == 0.0
+    assert seen.word.any()
+
+
+def test_what_was_drawn_is_in_the_record(crumpled: Placing) -> None:
+    assert {"push_back_1_m", "push_inward_2_m", "push_ticks"} <= set(crumpled.start)
+    assert crumpled.start["contact_portion_true"] == crumpled.truth().contact_portion_true
+
+
+@pytest.mark.slow
+def test_the_same_seed_in_fresh_processes_gives_the_same_bits() -> None:
+    running = [
+        subprocess.Popen([sys.executable, "-c", _SCRIPT, seed], stdout=subprocess.PIPE, text=True)
+        for seed in ("201", "201", "202")
+    ]
+    digests = [process.communicate(timeout=110)[0].split()[-1] for process in running]
+    assert digests[0] == digests[1] != digests[2]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [
+        ({"start": "folded"}, "crumpled"),
+        ({"start": "crumpled", "task": "hanger"}, "pickers"),
+        ({"descriptor": "sift"}, "word-axial"),
+    ],
+)
+def test_settings_that_do_not_go_together_are_refused(wrong: dict, hint: str) -> None:
+    with pytest.raises(SimError, match=hint):
+        BenchSettings(**({"task": "pickers"} | wrong))
