@@ -141,9 +141,9 @@ def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
     """Lines of the table."""
     middle = {key: float(np.median(values)) for key, values in samples.items()}
     if kind == "opening":
-        count = int(middle["episodes"])
+        count = middle["episodes"]
         return [
-            (f"open {count} episodes", 1e3 * middle["open"], "ms", OPEN_GOAL_S * 1e3 * count / 1e4, REPEATS),
+            (f"open {count:.0f} episodes", 1e3 * middle["open"], "ms", OPEN_GOAL_S * 1e3 * count / 1e4, REPEATS),
             ("read an episode without images", 1e3 * middle["read"], "ms", None, READ),
             ("memory while reading", middle["growth"], "MB", None, 1),
         ]

@@ -86,6 +86,9 @@ class _Repair:
             raise DataError(f"{self.source} does not exist; correct the path")
         aside = parts_folder(self.aim.resolve()) / f"session.h5{PART_SUFFIX}"
         original = None
+        if in_place:
+            for half in folder.glob(f"*{PART_SUFFIX}"):
+                remove(half)  # Of a writer that was killed: nothing in it was kept.
         with written_aside(self.aim.resolve(), aside):
             recovered = self._write(aside, real, folder)
             if not self.names:

@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from app import bench, measure, measure_sight
+from app import bench, measure, measure_data, measure_sight
 from data.types import TASKS, TICK_S
 from perception.word import AXIAL, LETTER
 
+PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
 
 
@@ -21,6 +22,8 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "seeing": ("flat", "drag", "capture", "perceive", "keep"),
         "sight": ("percept", "plain", "how", "word", "hog"),
         "predicting": ("predict",),
+        "recording": ("tick", "hand over", "journal", "keep", "raw", "size", *PACKED),
+        "opening": ("open", "read", "arrays", "growth", "episodes"),
     }[kind]
     return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in names}
 
@@ -95,4 +98,16 @@ def test_a_short_real_run(task, tmp_path):
     assert all((walls > 0).all() for walls in (*physics.values(), *seeing.values()))
     assert np.median(physics["flat"]) > np.median(physics["air"])  # contact costs
     assert np.median(seeing["flat"]) > np.median(seeing["capture"])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_keeping_and_opening_are_really_measured(tmp_path):
+    with bench.fresh_processes(1) as pool:
+        recording = pool.schedule(measure_data.recording, args=(tmp_path, 3)).result()
+        opening = pool.schedule(measure_data.opening, args=(tmp_path, 30)).result()
+    assert len(recording["hand over"]) == 3
+    assert np.median(recording["hand over"]) < np.median(recording["tick"])
+    assert recording["size gzip 4"] < recording["size gzip 1"] < recording["size lzf"] < recording["size none"]
+    assert np.median(opening["open"]) < np.median(opening["read"]) * 30
     assert not list(tmp_path.iterdir())

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
+from data.opening import parts_folder
 from data.types import DataError
 
 VERSION_1 = Path(__file__).parent / "files" / "version-1.h5"
@@ -270,6 +271,18 @@ def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path, make_episode
             filter_session(path, path, force=True)
         with pytest.raises(DataError, match="being written by another program"):
             repair(path, tmp_path / "r.h5")
+
+
+def test_repair_leaves_nothing_of_a_killed_writer_behind(mixed, tmp_path, make_session, make_episode):
+    path, folder = mixed[0], parts_folder(mixed[0])
+    other = make_session("other.h5", [make_episode(seed=50)])
+    folder.mkdir()
+    other.rename(folder / "demo_7.h5")
+    (folder / "demo_8.h5.part").write_bytes(b"half an episode")
+    (folder / "session.h5.part").write_bytes(b"half a session")
+    report = repair(path)
+    assert report.kept == tuple(f"demo_{i}" for i in range(8))
+    assert [p.name for p in tmp_path.iterdir()] == ["mixed.h5"]
 
 
 def test_nothing_to_repair(tmp_path):
