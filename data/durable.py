@@ -22,7 +22,7 @@ LOCK_NAME = "lock"
 _ERRNO = re.compile(r"errno = (\d+)")
 
 
-def os_reason(error: OSError | RuntimeError) -> str:
+def os_reason(error: Exception) -> str:
     """The operating system's words for an error, also where HDF5 has wrapped it in its own."""
     number = getattr(error, "errno", None) or next((int(found) for found in _ERRNO.findall(str(error))), None)
     return os.strerror(number) if number else (str(error).splitlines() or ["unknown error"])[0]

@@ -164,7 +164,7 @@ class JournalWriter:
                 if unsynced_since is not None and (ended or due):
                     unsynced_since = None
                     os.fsync(self._descriptor)
-            except OSError as error:
+            except Exception as error:  # Whatever it is, the loop must hear of it instead of waiting for this thread.
                 self._problem, unsynced_since = self._failed(error), None
             if ended:
                 return
@@ -182,7 +182,7 @@ class JournalWriter:
         _fill(record, step.observation, step.truth)
         return frame(TICK, record.tobytes())
 
-    def _failed(self, error: OSError) -> DataError:
+    def _failed(self, error: Exception) -> DataError:
         return WriteError(
             f"{self.ticket.path} cannot be written: {os_reason(error)}; the ticks before, and all episodes that were"
             " kept, are safe"

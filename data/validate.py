@@ -16,7 +16,8 @@ from data.index import IndexLine, read_index
 from data.info import DemoInfo
 from data.isolated import Isolated, isolated
 from data.masks import OURS, masks_of, read_masks
-from data.opening import DAMAGE, blaming, check_session, open_file, part_files
+from data.opening import DAMAGE, blaming, check_session, open_file, part_files, parts_folder
+from data.recovery import abandoned, journals
 from data.types import DataError
 
 __all__ = ["Violation", "validate"]
@@ -53,6 +54,9 @@ def violations(path: Path) -> tuple[Violation, ...]:
         of_part = Violations()
         _inspect_file(part, of_part)
         found += [Violation(path=f"{part.name}:{v.path}", sentence=v.sentence) for v in of_part]
+    for journal in journals(parts_folder(path.resolve())):
+        if abandoned(journal):
+            found.append(Violation(path=journal.name, sentence="a recording was cut short here; repair brings it back"))
     return tuple(found)
 
 

@@ -235,6 +235,17 @@ def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode,
         assert [differences(e, episode) for e in session] == [[]]
 
 
+def test_validate_tells_of_a_recording_that_was_cut_short(tmp_path, make_session, make_episode, written, ticket):
+    path = make_session("s.h5", [make_episode()])
+    assert validate(path) == ()
+    parts_folder(path).mkdir()
+    journal = parts_folder(path) / ticket.path.name
+    journal.write_bytes(written[1])
+    assert [violation.path for violation in validate(path)] == [journal.name]
+    assert len(repair(path).recovered) == 1
+    assert validate(path) == ()
+
+
 def test_the_clock_of_the_wall_may_jump(tmp_path, make_episode, beginning_of, monkeypatch, differences):
     path, made = tmp_path / "s.h5", [make_episode(seed=i) for i in range(4)]
     clock = iter([4e9, 0.0, 1e9, 2.5e9] * 1000)

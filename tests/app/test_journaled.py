@@ -1,0 +1,69 @@
+"""What a recorded episode says of its bench, and its journal beside the loop."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.episode import run_episode
+from data import open_session, validate
+from data.opening import parts_folder
+from data.recorder import SessionRecorder
+from data.recovery import journals, read_journal
+from data.types import TASKS
+from policy.simple import Hold
+from sim.disturbances import DISTURBANCES
+from sim.placing import BenchSettings, Placing
+
+
+@pytest.fixture(params=TASKS)
+def bench(request):
+    placing = Placing(BenchSettings(task=request.param, cloth="napkin", table_friction=0.9))
+    placing.reset(3)
+    yield placing
+    placing.close()
+
+
+def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differences):
+    task, path = bench.settings.task, Path(tmp_path / "s.h5")
+    joints = bench.holder.joint_angles()
+    with SessionRecorder(path, task=task, cloth="napkin") as recorder:
+        running: list = []
+        episode = run_episode(
+            bench,
+            Hold(task),
+            seed=3,
+            max_ticks=3,
+            begin=lambda beginning: running.append(recorder.begin(beginning)) or running[0],
+        )
+        running[0].close()
+        (journal,) = journals(parts_folder(path))
+        left = read_journal(journal).episode
+        assert differences(left.steps, episode.steps[:2]) == []
+        assert left.bench == episode.bench
+        running[0].keep(episode)
+    with open_session(path) as session:
+        found = session[0]
+    assert differences(found, episode) == []
+    assert validate(path) == ()
+    again = BenchSettings(task=found.task, cloth=found.cloth, tick_s=found.tick_s, **found.bench)
+    assert again == bench.settings
+    assert found.descriptor == bench.settings.descriptor
+    np.testing.assert_array_equal(found.initial_joints, joints)
+    assert found.initial_joints.shape == ((7,) if task == "hanger" else (0,))
+    assert found.provenance.operator
+
+
+@pytest.mark.parametrize("name", [name for name in DISTURBANCES if name != "none"])
+def test_the_plan_in_the_record_is_the_one_that_is_carried_out(name):
+    placing = Placing(BenchSettings(task="pickers", cloth="napkin", camera=False))
+    planned = placing.disturbance_plan(name, 5).described()
+    assert json.loads(json.dumps(planned)) == planned
+    if name == next(reversed(DISTURBANCES)):  # One world is enough to see that both draw the same.
+        placing.reset(0)
+        placing.disturb(name, 5)
+        assert placing.disturbance.plan.described() == planned
+        placing.close()
