@@ -38,6 +38,13 @@ def seed_in_range(value: int) -> int:
     return value
 
 
+def episode_number(value: int) -> int:
+    """The number of a demo as it was given, or WrongCall."""
+    if not 0 <= value < 10**9:
+        raise WrongCall(f"--episode is {value}; it must be the number of a demo, such as 3 for demo_3")
+    return value
+
+
 def known_name(kind: str, name: str, known: Iterable[str]) -> str:
     """``name`` if it is among ``known``, else WrongCall that lists them: "cloth 'silk' is unknown; ..."."""
     names = sorted(known)

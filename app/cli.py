@@ -16,13 +16,26 @@ from typing import Annotated, Literal
 import typer
 
 from app import checks
+from app.cli_data import data_cli, replay
+from app.cli_options import (
+    Cloth,
+    DataFile,
+    Debug,
+    Descriptor,
+    Episodes,
+    Force,
+    Json,
+    ModelFile,
+    Seed,
+    Workers,
+    maybe_count,
+)
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
 PolicyName = Literal["gp-word", "gp-baseline"]
 ControllerName = Literal["word", "stretch-right", "random"]
-DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 cli = typer.Typer(
     name="layflat",
@@ -32,42 +45,10 @@ cli = typer.Typer(
 )
 
 
-def _count(param: typer.CallbackParam, value: int) -> int:
-    return checks.at_least_one(f"--{str(param.name).replace('_', '-')}", value)
-
-
-def _maybe_count(param: typer.CallbackParam, value: int | None) -> int | None:
-    return None if value is None else _count(param, value)
-
-
-def _seed(value: int) -> int:
-    return checks.seed_in_range(value)
-
-
 def _version(wanted: bool) -> None:
     if wanted:
         print(f"layflat {version('layflat')}")
         raise typer.Exit
-
-
-Episodes = Annotated[int, typer.Option(callback=_count, help="How many; at least 1.", show_default=True)]
-Seed = Annotated[int, typer.Option(callback=_seed, help="Seed of everything that chance decides.")]
-Cloth = Annotated[str, typer.Option(help="Which cloth: towel or napkin.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")]
-Workers = Annotated[
-    int,
-    typer.Option(
-        callback=_count,
-        default_factory=checks.available_cores,
-        show_default="one per core",
-        help="Processes to share the episodes among; results do not depend on it.",
-    ),
-]
-Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the results there too.")]
-Descriptor = Annotated[DescriptorName, typer.Option(help="Which descriptor gives the wrinkles' direction.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="A trained model.")]
-DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Demonstrations.")]
 
 
 @cli.callback()
@@ -110,6 +91,7 @@ def record(
     source: Annotated[SourceName, typer.Option(help="Who demonstrates.")] = "scripted",
     episodes: Episodes = 1,
     seed: Seed = 0,
+    descriptor: Descriptor = "word-axial",
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
     force: Force = False,
     debug: Debug = False,
@@ -128,6 +110,7 @@ def record(
         source=source,
         episodes=episodes,
         seed=seed,
+        descriptor=descriptor,
         images=images,
         force=force,
         workers=workers,
@@ -191,7 +174,7 @@ def word(
     json: Json = None,
     overlay: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there.")] = None,
     flat_pixels: Annotated[
-        int | None, typer.Option(callback=_maybe_count, metavar="N", help="Cloth pixels of the cloth laid flat.")
+        int | None, typer.Option(callback=maybe_count, metavar="N", help="Cloth pixels of the cloth laid flat.")
     ] = None,
     intrinsics: Annotated[
         str | None, typer.Option(metavar="FX,FY,CX,CY", help="Of the colour camera, px; a D435's by default.")
@@ -288,6 +271,10 @@ def doctor(debug: Debug = False) -> None:
     from app.doctor import doctor as run
 
     run()
+
+
+cli.command()(replay)
+cli.add_typer(data_cli)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 from app.provenance import provenance_now
 from data.types import Episode, Observation, Outcome, Phase, Step, StoppedBy, action_size
 from policy.base import Policy
+from policy.recorded import Recorded
+from sim.disturbances import Plan
 from sim.placing import Placing
 
 PLACE_TICKS = 160
@@ -133,5 +135,32 @@ def _beginning(run: _Run, seed: int, disturbance: str) -> Episode:
         start=bench.start,
         bench=settings.described(),
         initial_joints=bench.holder.joint_angles(),
+        provenance=provenance_now(),
+    )
+
+
+def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
+    """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
+
+    The bench must have been reset to the episode's seed. A disturbance begins where it began, and ends when it ends.
+    """
+    began = time.monotonic()
+    run = _Run(bench, Recorded(recorded), images=False, hooks=())
+    phase: Phase = "place"
+    for step in recorded.steps:
+        if step.phase == "disturb" != phase:
+            bench.disturb(recorded.disturbance, recorded.seed)
+            if recorded.disturbance_plan and bench.disturbance is not None:
+                # As it was: what a name stands for may have changed since.
+                bench.disturbance.plan = Plan.recorded(recorded.disturbance_plan, bench.settings.spec)
+        phase = step.phase
+        if run.tick(phase) is not None:
+            break
+    return replace(
+        recorded,
+        steps=tuple(run.steps),
+        final_observation=run.kept(run.seen),
+        final_truth=run.truth,
+        wall_s=time.monotonic() - began,
         provenance=provenance_now(),
     )

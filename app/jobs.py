@@ -51,7 +51,7 @@ class EpisodeJob:
     flatten: str | None = None
     """A controller of wrinkle removal: from a crumpled start, instead of placing."""
     descriptor: str = DEFAULT
-    """What the observations' ``word`` comes from."""
+    """What the observations' ``word`` comes from; a model has its own."""
     ticket: JournalTicket | None = None
     """Leave to write a journal while the episode runs, beside the session that it is for."""
 
@@ -77,7 +77,8 @@ def run_job(job: EpisodeJob) -> Episode:
     from app.episode import PLACE_TICKS, run_episode
 
     start: Start = "hanging" if job.flatten is None else "crumpled"
-    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth, start=start, descriptor=job.descriptor))
+    descriptor = job.descriptor if job.model is None else job.model.descriptor
+    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth, start=start, descriptor=descriptor))
     try:
         bench.reset(job.seed)
         run = partial(

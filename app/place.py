@@ -21,7 +21,6 @@ from app.strips import film_frames
 from app.video import write_video
 from data.recorder import SessionRecorder
 from data.types import Episode
-from perception.descriptors import DEFAULT
 from policy import model as model_files
 from policy.gp_model import GpModel
 from sim.cloth import CLOTHS
@@ -101,7 +100,7 @@ def _run(
         recorder = None
         if record is not None:
             recorder = stack.enter_context(
-                SessionRecorder(record, task=learned.layout.task, cloth=cloth, descriptor=DEFAULT)
+                SessionRecorder(record, task=learned.layout.task, cloth=cloth, descriptor=learned.descriptor)
             )
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
         results = stack.enter_context(closing(run_jobs(jobs, workers=workers)))

@@ -14,7 +14,7 @@ from app.progress import Progress
 from data.journal import JournalTicket
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Task
-from perception.descriptors import DEFAULT
+from perception.descriptors import DESCRIPTORS
 from sim.cloth import CLOTHS
 
 EPISODE_S = 15.0
@@ -29,19 +29,23 @@ def record(
     source: str,
     episodes: int,
     seed: int,
+    descriptor: str,
     images: bool,
     force: bool,
     workers: int,
 ) -> None:
     """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each."""
     checks.known_name("cloth", cloth, CLOTHS)
+    checks.known_name("descriptor", descriptor, DESCRIPTORS)
     checks.known_name("source", source, ("scripted",))
     if force and path.exists() and path.is_file():
         raise WrongCall(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     checks.writable_file(path, force=False, append=True)
-    jobs = [EpisodeJob(task=task, cloth=cloth, seed=seed + k, images=images) for k in range(episodes)]
+    jobs = [
+        EpisodeJob(task=task, cloth=cloth, seed=seed + k, descriptor=descriptor, images=images) for k in range(episodes)
+    ]
     with (
-        SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=DEFAULT) as recorder,
+        SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=descriptor) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):
         for kept in recorder.recovered:

@@ -92,7 +92,12 @@ def film_frames(episode: Episode, draw: Draw, width: int) -> Iterator[NDArray[np
     """Every observation with an image, ``width`` pixels wide, with the phase written on it."""
     for tick, observation in enumerate(episode.observations()):
         if observation.rgb is not None:
-            yield _titled(_resized(draw(observation), width), moment(episode, tick))
+            yield film_frame(draw(observation), width, moment(episode, tick))
+
+
+def film_frame(image: NDArray[np.uint8], width: int, text: str) -> NDArray[np.uint8]:
+    """The picture ``width`` pixels wide, as a film wants it, with a text in its corner."""
+    return _titled(_resized(image, width), text)
 
 
 def has_images(episode: Episode) -> bool:

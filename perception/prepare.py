@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from perception.errors import PerceptionError
 from perception.tableview import BoolArray, ClothView
 
+DARKEST = np.float32(0.05)
+"""Local mean of the relative brightness below which a ratio to it would be noise."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PrepareConfig:
@@ -99,6 +102,19 @@ def filled(image: NDArray[np.float32], inside: BoolArray, reach_px: float, beyon
     mean = cv2.boxFilter(np.where(inside, less, np.float32(0)), -1, box, borderType=cv2.BORDER_CONSTANT)
     outside = np.float32(beyond) + mean / np.maximum(share, np.float32(1e-3))
     return np.where(inside, image, outside).astype(np.float32)
+
+
+def local_contrast(image: NDArray[np.float32], inside: BoolArray, reach_px: float, most: float) -> NDArray[np.float32]:
+    """The image over its mean within about ``reach_px``, cut at 1 +- ``most``; 1 outside, so that no outline is seen.
+
+    The edge of a shadow then is no more than the wrinkles are, and neither is a glare.
+    """
+    box = (2 * round(reach_px / 2) + 1,) * 2
+    share = cv2.boxFilter(inside.astype(np.float32), -1, box, borderType=cv2.BORDER_CONSTANT)
+    total = cv2.boxFilter(np.where(inside, image, np.float32(0)), -1, box, borderType=cv2.BORDER_CONSTANT)
+    # Image / mean = image * share / total; a black cloth has no contrast.
+    ratio = image * share / np.maximum(total, DARKEST * share + np.float32(1e-6))
+    return np.where(inside, np.clip(ratio, 1 - most, 1 + most), np.float32(1)).astype(np.float32)
 
 
 def eroded(mask: BoolArray, radius_px: float) -> BoolArray:

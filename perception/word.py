@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from perception.descriptor import Direction, axial_mean, wrinkle_normals
 from perception.errors import PerceptionError
 from perception.gabor import GaborParams, responses
-from perception.prepare import dilated, eroded, filled, relative_brightness
+from perception.prepare import dilated, eroded, filled, local_contrast, relative_brightness
 from perception.tableview import BoolArray, ClothView, bounding_window
 
 THESIS_WAVELENGTH_PX = 8.0
@@ -51,6 +51,8 @@ class WordConfig:
     """Count positive responses only, as an image's pixels are; False counts their size."""
     fill: bool = False
     """Put the cloth's local mean outside its silhouette, so that its outline is not a wrinkle."""
+    most_contrast: float = math.inf
+    """Where finite, and with ``fill``: brightness relative to its local mean, and no more than so far from it."""
     relief: bool = False
     """Filter the height above the table, too, and add its responses as slopes."""
     erosion_mm: float = 0.0
@@ -71,7 +73,7 @@ class WordConfig:
     def __post_init__(self) -> None:
         if self.orientations < 2:
             raise PerceptionError(f"orientations is {self.orientations}; at least 2 are needed")
-        distances = (self.erosion_mm, self.near_contact_mm, self.least_response, self.min_area_mm2)
+        distances = (self.erosion_mm, self.near_contact_mm, self.least_response, self.min_area_mm2, self.most_contrast)
         if min(distances) < 0:
             raise PerceptionError(f"{self}: distances, areas and responses must not be negative")
         self.gabor(1.0)
@@ -108,6 +110,7 @@ AXIAL = WordConfig(
     window=4 / 3,
     half_wave=False,
     fill=True,
+    most_contrast=0.08,
     relief=True,
     erosion_mm=14.0,
     near_contact_mm=25.0,
@@ -116,7 +119,7 @@ AXIAL = WordConfig(
 )
 """Chosen from the tables of docs/word.md. An even kernel is blind to a slow gradient of the light; a round envelope
 answers to neighbouring orientations so evenly that eight of them interpolate without bias (a long one errs by 5 degrees
-between them); the relief sees what the light does not."""
+between them); the relief sees what the light does not; cut contrast keeps a shadow's edge from being a wrinkle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -221,7 +224,10 @@ def light_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     image = relative_brightness(view.rgb, view.cloth)
     if not config.fill:
         return image
-    return filled(image, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=1.0)
+    inside, reach_px = eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px
+    if config.most_contrast < math.inf:
+        return local_contrast(image, inside, reach_px, config.most_contrast)
+    return filled(image, inside, reach_px, beyond=1.0)
 
 
 def relief_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:

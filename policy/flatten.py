@@ -19,7 +19,7 @@ STEP_M = 0.010
 FLAT_CONTACT = 0.99
 FLAT_TICKS = 6
 """Algorithm 2 goes on while contact is below 100 %. Here it ends when the camera has said 99 % for six ticks: a taut
-cloth covers 4 % more than P_flat, so that Eq. 4-7 reaches 100 % while 2 to 4 % of the cloth are still wrinkled."""
+cloth covers 4 % more than P_flat, so that Eq. 4-7 reaches 100 % while 2 to 5 % of the nodes are still in a wrinkle."""
 TICKS = 60
 """Ticks after which an episode of any controller ends."""
 

@@ -75,7 +75,7 @@ def fit(
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
     """
     options = options or FitOptions()
-    cloth, tick_s = _common(episodes, layout)
+    shared = _common(episodes, layout)
     kept = [[step for step in episode.steps if step.phase != "disturb"] for episode in episodes]
     inputs = np.concatenate([layout.matrix(steps) for steps in kept])
     size = action_size(layout.task)
@@ -99,13 +99,14 @@ def fit(
     return GpModel(
         policy=policy,
         layout=layout,
-        cloth=cloth,
+        cloth=shared.cloth,
+        descriptor=shared.descriptor,
         inputs=inputs[rows],
         input_scale=scale,
         alpha=weights(scaled, outputs, hyper),
         output_scale_m=OUTPUT_SCALE_M,
         hyper=hyper,
-        tick_s=tick_s,
+        tick_s=shared.tick_s,
         stop_threshold_m=options.stop_threshold_m,
         stop_ticks=options.stop_ticks,
         seed=seed,
@@ -206,8 +207,8 @@ def import_gpy() -> Any:
     return GPy
 
 
-def _common(episodes: Sequence[Episode], layout: FeatureLayout) -> tuple[str, float]:
-    """Cloth and tick that all the demonstrations share."""
+def _common(episodes: Sequence[Episode], layout: FeatureLayout) -> Episode:
+    """One that has the cloth, the tick and the descriptor that all the demonstrations share."""
     if not episodes:
         raise PolicyError("there are no demonstrations to learn from; at least one is needed")
     first = episodes[0]
@@ -218,7 +219,11 @@ def _common(episodes: Sequence[Episode], layout: FeatureLayout) -> tuple[str, fl
             raise PolicyError(f"demonstrations mix the cloths {first.cloth} and {episode.cloth}; choose one")
         if episode.tick_s != first.tick_s:
             raise PolicyError(f"demonstrations mix ticks of {first.tick_s} s and {episode.tick_s} s; choose one")
-    return first.cloth, first.tick_s
+        if episode.descriptor != first.descriptor:
+            raise PolicyError(
+                f"demonstrations mix the descriptors {first.descriptor} and {episode.descriptor}; choose one"
+            )
+    return first
 
 
 def _with_versions(provenance: Provenance) -> Provenance:

@@ -21,6 +21,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 from scipy.spatial.distance import cdist
 
 from data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, FloatArray, Provenance, action_size, frozen_array
+from perception.descriptors import DEFAULT, DESCRIPTORS
 from policy.base import PolicyError
 from policy.features import FeatureLayout
 
@@ -70,6 +71,8 @@ class GpModel:
     layout: FeatureLayout
     cloth: str
     """Cloth of the demonstrations."""
+    descriptor: str = DEFAULT
+    """What the observations' WORD was and is to be taken from."""
     inputs: FloatArray
     """(N, D) in natural units: m, unit vector, portion."""
     input_scale: FloatArray
@@ -118,6 +121,8 @@ class GpModel:
             raise PolicyError(f"action_limit_m is {self.action_limit_m}; it must be in 0..{ACTION_LIMIT_M}")
         if not (self.policy and self.cloth):
             raise PolicyError("a model must name its policy and its cloth")
+        if self.descriptor not in DESCRIPTORS:
+            raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
 
     @property
     def points(self) -> int:

@@ -26,7 +26,8 @@ from policy.features import FeatureLayout
 from policy.gp_model import GpModel, Hyperparameters
 
 FORMAT = "layflat-gp"
-SCHEMA = 1
+SCHEMA = 2
+"""2: with the descriptor; in 1 WORD was computed otherwise, so that those models would see something else now."""
 ARRAYS = ("inputs", "input_scale", "alpha", "length_scales", "variance", "noise")
 """Members of the file beside the header."""
 
@@ -38,6 +39,7 @@ MAX_POINTS = 20_000
 _SCALARS: Mapping[str, type] = {
     "policy": str,
     "cloth": str,
+    "descriptor": str,
     "output_scale_m": float,
     "tick_s": float,
     "action_limit_m": float,

@@ -26,6 +26,8 @@ REST_M = 0.004
 """Height of the pickers where they lie with the cloth."""
 LAY_REACH = 0.97
 """Share of the cloth's length that is laid: taut enough to lie flat, with a little slack to begin a wrinkle from."""
+PUSH_WIDTH_M = 0.35
+"""Width of the cloth that the steps below are for; a smaller cloth is pushed in proportion."""
 BACK_STEP_M = (0.0015, 0.003)
 INWARD_STEP_M = (0.003, 0.0045)
 """What each picker goes back and towards the other in one tick of the push, drawn for each picker: the ratio gives
@@ -59,7 +61,8 @@ def crumple(
             raise SimError(f"the cloth diverged while it was crumpled ({why}); take another seed")
 
     _lay(cloth, corners, move)
-    back, inward = rng.uniform(*BACK_STEP_M, 2), rng.uniform(*INWARD_STEP_M, 2)
+    scale = cloth.spec.width_m / PUSH_WIDTH_M
+    back, inward = scale * rng.uniform(*BACK_STEP_M, 2), scale * rng.uniform(*INWARD_STEP_M, 2)
     until = float(rng.uniform(*PUSH_CONTACT))
     push = np.array([[-back[0], -inward[0], 0.0], [-back[1], inward[1], 0.0]]).ravel()
     ticks = 0

@@ -108,6 +108,25 @@ class Plan:
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         return values | {key: np.asarray(values[key]).tolist() for key in ("nodes", "path_m", "wind_m_s2")}
 
+    @staticmethod
+    def recorded(described: Mapping[str, Any], cloth: ClothSpec) -> Plan:
+        """The plan that ``described`` came of; SimError where it is none for this cloth."""
+        try:
+            values: dict[str, Any] = dict(described)
+            x, y, z = (float(part) for part in values["wind_m_s2"])
+            path = np.array(values["path_m"], dtype=float)
+            nodes = tuple(int(node) for node in values["nodes"])
+            plan = Plan(**(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z)}))
+            numbers = [x, y, z, *path.ravel(), plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s]
+            sound = path.ndim == 2 and path.shape[1] == 3 and bool(np.isfinite(numbers).all())
+        except (KeyError, TypeError, ValueError) as error:
+            raise SimError(f"the recorded disturbance is no plan of this version ({error})") from None
+        if not sound or not all(0 <= node < cloth.rows * cloth.columns for node in nodes):
+            raise SimError(
+                "the recorded disturbance is no plan for this cloth: its nodes, path or numbers make no sense"
+            )
+        return plan
+
     def target(self, time_s: float) -> tuple[FloatArray, FloatArray, bool]:
         """Offset (3,) m and velocity (3,) m/s of the targets, and whether they are at the path's end."""
         left = self.speed_m_s * time_s

@@ -12,6 +12,11 @@ from sim.cloth import ClothSpec
 
 MIN_HEIGHT_M = 0.0015
 """The curve between two nodes may dip below both; nothing is drawn inside the table."""
+SUNKEN_M = 0.012
+"""Bullet lets nodes sink into the table for moments, by up to 9 mm where a cloth is blown or thrown onto it. What is
+less deep than this is drawn on the table, which would show through the cloth; what hangs beside the table is deeper."""
+LOWEST_M = 0.0003
+"""Nodes that rest lower are drawn at this height."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,8 +45,9 @@ class MeshMaker:
         """``nodes`` (N, 3) in grid order."""
         coarse = nodes.reshape(*self._shape, 3)
         fine = np.einsum("ai,ijk,bj->abk", self._along, coarse, self._across, optimize=True)
-        low = min(MIN_HEIGHT_M, float(nodes[:, 2].min()))
-        fine[..., 2] = np.maximum(fine[..., 2], low)
+        low = np.clip(nodes[:, 2].min(), LOWEST_M, MIN_HEIGHT_M)
+        height = fine[..., 2]
+        fine[..., 2] = np.where(height > -SUNKEN_M, np.maximum(height, low), height)
         # Rows run along +x and columns along -y, so up is (d/dcolumn) x (d/drow).
         normals = np.cross(np.gradient(fine, axis=1), np.gradient(fine, axis=0))
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)

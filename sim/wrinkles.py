@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from data.types import FloatArray
 from perception.descriptor import axial_mean
-from sim.cloth import CONTACT_TOLERANCE_M, ClothSpec
+from sim.cloth import ClothSpec, resting_share
 from sim.world import SimError
 
 MAX_HEIGHT_M = 0.03
@@ -42,7 +42,7 @@ class WrinkleTruth:
     share: float
     """>= 0: the area of that, seen from above, over the cloth's area."""
     contact_portion: float
-    """0..1: share of the nodes that rest on the table, as ``Cloth.contact_portion_true``."""
+    """0..1: share of the cloth that rests on the table, as ``Cloth.contact_portion_true``."""
 
     def __post_init__(self) -> None:
         self.direction.setflags(write=False)
@@ -58,7 +58,7 @@ def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
     if nodes.shape != (spec.rows * spec.columns, 3):
         raise SimError(f"nodes have shape {nodes.shape}; cloth {spec.name} has {(spec.rows * spec.columns, 3)}")
     area, slope = _lying(nodes.reshape(spec.rows, spec.columns, 3))
-    contact = float((nodes[:, 2] < spec.margin_m + CONTACT_TOLERANCE_M).mean())
+    contact = resting_share(nodes, spec.triangles(), spec.margin_m)
     steepness = np.linalg.norm(slope, axis=1)
     total = float(area.sum())
     energy = float((area * steepness**2).sum()) / total if total > 0 else 0.0

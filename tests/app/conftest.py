@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from data.types import ACTION_NAMES, Episode, FloatArray, Observation, Step, Task, Truth
 from policy.features import FeatureLayout, input_set
+from sim.cloth import cloth_spec
 
 PLACE, DISTURB, REPAIR = 60, 10, 25
 EpisodeMaker = Callable[..., Episode]
@@ -28,7 +30,7 @@ def _picture(share: float, tick: int) -> np.ndarray:
 def _contact(tick: int, gain: float, noise: FloatArray) -> float:
     """Rises while placing, falls by 14 points while disturbed, rises by ``gain`` while repaired."""
     if tick <= PLACE:
-        return float(0.97 / (1 + np.exp(-(tick - 38) / 5)) + noise[tick])
+        return max(float(0.97 / (1 + np.exp(-(tick - 38) / 5)) + noise[tick]), 0.0)
     if tick <= PLACE + DISTURB:
         return float(0.96 - 0.14 * (tick - PLACE) / DISTURB)
     return float(0.82 + gain * (tick - PLACE - DISTURB) / REPAIR)
@@ -117,3 +119,20 @@ def make_episode() -> EpisodeMaker:
 @pytest.fixture(scope="session")
 def make_model() -> Callable[[Task, str, list[Episode]], NearestModel]:
     return lambda task, inputs, episodes: NearestModel(input_set(task, inputs), episodes)
+
+
+@pytest.fixture(scope="session")
+def lying() -> Callable[..., Episode]:
+    """``lying(episode, ticks=6)``: the episode's first ticks with the nodes of a towel that slides along the table."""
+
+    def made(episode: Episode, ticks: int = 6) -> Episode:
+        spec = cloth_spec(episode.cloth)
+
+        def truth(tick: int) -> Truth:
+            return Truth(nodes=spec.flat_nodes(x_m=0.02 * tick), contact_portion_true=1.0, flat_area=1.0)
+
+        steps = tuple(replace(step, truth=truth(tick)) for tick, step in enumerate(episode.steps[:ticks]))
+        after = episode.steps[ticks].observation
+        return replace(episode, steps=steps, final_observation=after, final_truth=truth(ticks))
+
+    return made

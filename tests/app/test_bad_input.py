@@ -169,6 +169,19 @@ def test_what_exists_stays_without_force(refused):
     assert ".webm" in refused("place", "hanger.npz", "--video", "film.mp4")
 
 
+@pytest.mark.parametrize("name", ["missing.h5", "short-hanger.h5", "text-hanger.h5", "other.h5", "."])
+@pytest.mark.parametrize("mode", ["state", "action"])
+def test_replay_wants_a_whole_session(mode, name, refused):
+    assert name in refused("replay", name, "--episode", "0", "--mode", mode)
+
+
+def test_replay_says_what_it_cannot_show(refused):
+    assert "demo_3" in refused("replay", "hanger.h5", "--episode", "3")
+    assert "--force" in refused("replay", "hanger.h5", "--episode", "0", "--json", "taken.json")
+    assert ".webm" in refused("replay", "hanger.h5", "--episode", "0", "--video", "film.mp4")
+    assert "nodes of shape (4, 3)" in refused("replay", "hanger.h5", "--episode", "0", "--video", "film.webm")
+
+
 @pytest.mark.parametrize("count", ["0", "-3"])
 @pytest.mark.parametrize("command", [("record", "x.h5"), ("place", "hanger.npz")], ids=" ".join)
 def test_counts_below_one(command, count, refused):

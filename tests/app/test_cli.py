@@ -9,14 +9,14 @@ from typing import get_args
 
 import pytest
 
-from app import checks, cli
+from app import checks, cli, cli_options
 from app.errors import LayflatError, WrongCall
 from data.types import TASKS
 from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor")
+COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -55,6 +55,12 @@ WRONG = [
     ("flatten", "--strip", "x.jpg"),
     ("flatten", "extra"),
     ("doctor", "extra"),
+    ("data",),
+    ("data", "nonsense"),
+    ("data", "info"),
+    ("replay", "x.h5"),
+    ("replay", "x.h5", "--episode", "-1"),
+    ("replay", "x.h5", "--episode", "0", "--mode", "dream"),
 ]
 
 
@@ -87,7 +93,7 @@ def test_choices_are_those_of_the_packages():
     assert set(get_args(cli.TaskName)) == set(TASKS)
     assert set(get_args(cli.PolicyName)) <= set(TRAINABLE)
     assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
-    assert set(get_args(cli.DescriptorName)) == set(DESCRIPTORS)
+    assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)
 
 
 def test_help_imports_nothing_heavy():

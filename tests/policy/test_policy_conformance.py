@@ -14,19 +14,23 @@ from policy.expert import ScriptedExpert
 from policy.flatten import CONTROLLERS, controller
 from policy.gp_policy import GpPolicy
 from policy.handover import Handover
+from policy.recorded import Recorded
 
 LEARNED = {"gp-word": "all", "gp-baseline": "position"}
 
 
 HANDOVER = "handover"
 EXPERT = "scripted"
+RECORDED = "recorded"
 FLATTEN = "flatten-"
-PLACERS = [(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT) for task in TASKS]
+PLACERS = [(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT, RECORDED) for task in TASKS]
 
 
 @pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
-def policy(request, model_of) -> Policy:
+def policy(request, model_of, make_episode) -> Policy:
     name, task = request.param
+    if name == RECORDED:
+        return Recorded(make_episode(task, ticks=50))
     if name.startswith(FLATTEN):
         return controller(name.removeprefix(FLATTEN))
     if name == HANDOVER:

@@ -57,3 +57,19 @@ def test_triangles_face_the_way_the_normals_point_and_have_the_clothes_area() ->
 def test_nothing_dips_into_the_table() -> None:
     height = np.where(np.arange(SPEC.rows * SPEC.columns) // SPEC.columns < SPEC.rows // 2, 0.004, 0.08)
     assert MeshMaker(SPEC).mesh(_surface(height)).vertices[:, 2].min() > 0
+
+
+def test_nodes_that_sank_into_the_table_are_drawn_on_it() -> None:
+    rng = np.random.default_rng(1)
+    sunken = _surface(rng.uniform(-0.008, 0.002, SPEC.rows * SPEC.columns))
+    assert MeshMaker(SPEC).mesh(sunken).vertices[:, 2].min() > 0
+
+
+def test_a_cloth_that_hangs_over_the_edge_stays_below_it() -> None:
+    flat = SPEC.flat_nodes()
+    over = flat[:, 0] > 0.15
+    nodes = flat.copy()
+    nodes[over, 0] = 0.15
+    nodes[:, 2] = np.where(over, 0.15 - flat[:, 0], 0.004)
+    vertices = MeshMaker(SPEC).mesh(nodes).vertices
+    assert vertices[:, 2].min() == pytest.approx(nodes[:, 2].min(), abs=1e-9)

@@ -1,0 +1,71 @@
+"""What a plot is drawn from, and that outcomes, disturbances and single ticks have their place on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from app.plots import COLOURS, aligned_curves, curves_of, plot_session
+from data.types import TASKS
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_curves_are_the_episodes(task, make_episode):
+    episode = make_episode(task=task)
+    curves = curves_of("demo_0", episode)
+    seen = episode.observations()
+    np.testing.assert_array_equal(curves.contact, [o.contact_portion for o in seen])
+    np.testing.assert_array_equal(curves.holder_m, [o.holder_position for o in seen])
+    np.testing.assert_array_equal(curves.actions_m, [step.action for step in episode.steps])
+    assert curves.time_s[0] == 0.0
+    assert curves.disturbed_s == pytest.approx(seen[episode.phase_bounds("disturb")[0]].time_s)
+    assert np.diff(curves.time_s) == pytest.approx(episode.tick_s)
+    there = np.array([bool(o.word.any()) for o in seen])
+    assert np.isnan(curves.word_deg[~there]).all()
+    assert (~there).any()
+    assert curves.word_deg[there] == pytest.approx(0.0)
+
+
+def test_time_begins_with_the_disturbance_only_where_all_have_one(make_episode):
+    disturbed, calm = (curves_of("demo_0", make_episode(disturbed=d)) for d in (True, False))
+    mixed, aligned = aligned_curves([disturbed, calm])
+    assert not aligned
+    assert [c.time_s[0] for c in mixed] == [0.0, 0.0]
+    (curves,), aligned = aligned_curves([disturbed])
+    assert aligned
+    assert curves.time_s[0] == -disturbed.disturbed_s
+    assert curves.time_s[60] == pytest.approx(0.0)
+    assert curves.disturbed_s == 0.0
+
+
+@pytest.mark.parametrize("degrees", [-80.0, 0.0, 35.0, 90.0])
+def test_the_direction_of_word_is_its_angle_from_x(degrees, make_episode):
+    word = [np.cos(np.radians(degrees)), np.sin(np.radians(degrees))]
+    episode = make_episode()
+    episode = replace(episode, final_observation=replace(episode.final_observation, word=word))
+    assert curves_of("demo_0", episode).word_deg[-1] == pytest.approx(degrees)
+
+
+def _share(picture: np.ndarray, colour: str) -> float:
+    rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)])
+    return float((np.abs(picture[..., ::-1].astype(int) - rgb).max(axis=2) < 25).mean())
+
+
+def test_each_outcome_has_its_colour(tmp_path, make_episode):
+    outcomes = ["success", "success", "partial"]
+    curves = [curves_of(f"demo_{k}", make_episode(seed=k, outcome=o)) for k, o in enumerate(outcomes)]
+    assert plot_session(tmp_path / "p.png", "title", curves) == 3
+    picture = cv2.imread(str(tmp_path / "p.png"))
+    shares = {outcome: _share(picture, colour) for outcome, colour in COLOURS.items()}
+    assert min(shares["success"], shares["partial"]) > 3 * shares["failure"]
+    assert [p.name for p in tmp_path.iterdir()] == ["p.png"]
+
+
+def test_an_episode_of_one_tick_and_one_of_many_fit_on_one_page(tmp_path, make_episode, lying):
+    episodes = [lying(make_episode(task="pickers"), ticks=1), make_episode(task="pickers")]
+    curves = [curves_of(f"demo_{k}", episode) for k, episode in enumerate(episodes)]
+    assert plot_session(tmp_path / "p.png", "title", curves) == 2
+    assert plot_session(tmp_path / "one.png", "title", curves[:1]) == 1

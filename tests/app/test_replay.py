@@ -1,0 +1,227 @@
+"""Action replay is bit-identical in fresh processes, and says where it is not; state replay shows what is recorded."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.errors import WrongCall
+from app.replay import compare, differences, rerun, settings_of, state_report
+from app.video import count_frames
+from data import SessionRecorder
+from data.types import TASKS, Truth
+from sim.cloth import cloth_spec
+from sim.disturbances import DISTURBANCES, Plan
+
+SCRIPT = """
+import json, sys
+from dataclasses import replace
+from pathlib import Path
+from app.episode import run_episode
+from app.jobs import fresh_processes
+from app.replay import action_report, compare, read_episode, rerun
+from data import SessionRecorder
+from policy.base import Decision
+from policy.simple import RandomMoves
+from sim.placing import BenchSettings, Placing
+
+class Short(RandomMoves):
+    left = 6
+    def act(self, observation):
+        self.left -= 1
+        decision = super().act(observation)
+        return decision if self.left >= 0 else Decision(action=decision.action, stop="converged")
+    def resume(self):
+        self.left = 3
+
+def record(task, cloth, disturbance):
+    bench = Placing(BenchSettings(task=task, cloth=cloth, table_friction=0.9))
+    bench.reset(5)
+    return run_episode(bench, Short(task), seed=5, disturbance=disturbance)
+
+if __name__ == "__main__":
+    task, cloth, disturbance, path = sys.argv[1:]
+    with fresh_processes(1) as pool, SessionRecorder(path, task=task, cloth=cloth) as recorder:
+        recorder.keep(pool.schedule(record, args=[task, cloth, disturbance]).result())
+    kept = read_episode(Path(path), 0)
+    again = rerun(kept)
+    told = {"phases": sorted({step.phase for step in kept.steps})}
+    told["same"] = action_report(kept, again, compare(kept, again))
+    if task == "pickers":
+        path_m = [[-x for x in corner] for corner in kept.disturbance_plan["path_m"]]
+        changed = replace(kept, disturbance_plan={**kept.disturbance_plan, "path_m": path_m})
+        elsewhere = rerun(changed)
+        told["changed"] = action_report(changed, elsewhere, compare(changed, elsewhere))
+    print(json.dumps(told))
+"""
+
+
+PLAN = DISTURBANCES["push"].schedule(np.random.default_rng(0), cloth_spec("towel")).described()
+
+
+def _replay(path: Path, *arguments: str) -> subprocess.CompletedProcess:
+    call = [sys.executable, "-m", "app.cli", "replay", str(path), "--episode", "0", *arguments]
+    return subprocess.run(call, capture_output=True, text=True, check=False)
+
+
+def _again(path: Path) -> dict:
+    out = path.with_suffix(".json")
+    done = _replay(path, "--mode", "action", "--json", str(out), "--force")
+    assert done.returncode == 0, done.stderr
+    return json.loads(out.read_text())
+
+
+@pytest.mark.parametrize(
+    ("task", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=TASKS
+)
+def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp_path):
+    call = [sys.executable, "-c", SCRIPT, task, cloth, disturbance, str(tmp_path / "s.h5")]
+    done = subprocess.run(call, check=True, stdout=subprocess.PIPE, text=True)
+    told = json.loads(done.stdout.splitlines()[-1])
+    assert told["phases"] == ["disturb", "place", "repair"]
+    same = told["same"]
+    assert same["identical"] is True
+    assert same["max_node_error_m"] == same["max_corner_error_m"] == same["max_contact_error"] == 0.0
+    assert same["first_divergent_tick"] is None
+    assert same["ticks"] == same["ticks_again"] > 15
+    assert len(same["per_tick"]["node_error_m"]) == same["ticks"] + 1
+    assert not same["changed_versions"]
+    if task == "pickers":
+        # A hand that goes the other way, from tick 6 on, leads elsewhere, and that is told.
+        assert told["changed"]["identical"] is False
+        assert told["changed"]["first_divergent_tick"] == 7
+        assert told["changed"]["max_node_error_m"] > 0.001
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_a_whole_demonstration_runs_again_to_the_bit(task, tmp_path):
+    path = tmp_path / "s.h5"
+    call = [sys.executable, "-m", "app.cli", "record", str(path), "--task", task, "--episodes", "1", "--seed", "7"]
+    subprocess.run(call, check=True)
+    report = _again(path)
+    assert report["identical"] is True
+    assert report["ticks"] > 50
+
+
+def test_an_episode_does_not_differ_from_itself(make_episode):
+    episode = make_episode()
+    divergence = compare(episode, episode)
+    assert divergence.identical
+    assert divergence.first_tick is None
+    assert len(divergence.node_error_m) == len(episode.steps) + 1
+    assert not divergence.node_error_m.any()
+
+
+def test_the_divergence_is_the_largest_distance_of_its_tick(make_episode):
+    episode = make_episode(disturbed=False)
+    shift = np.zeros((4, 3))
+    shift[2] = [0.003, 0.0, -0.004]
+    steps = list(episode.steps)
+    far = Truth(nodes=steps[7].truth.nodes + shift, contact_portion_true=0.5, flat_area=0.5)
+    steps[7] = replace(steps[7], truth=far)
+    seen = steps[9].observation
+    corners = seen.corner_positions + np.array([[0, 0, 0], [0, 0.002, 0]])
+    steps[9] = replace(
+        steps[9], observation=replace(seen, corner_positions=corners, contact_portion=seen.contact_portion - 0.25)
+    )
+    divergence = compare(episode, replace(episode, steps=tuple(steps)))
+    assert not divergence.identical
+    assert divergence.first_tick == 7
+    assert divergence.node_error_m[7] == pytest.approx(0.005)
+    assert np.flatnonzero(divergence.node_error_m).tolist() == [7]
+    assert divergence.corner_error_m[9] == pytest.approx(0.002)
+    assert divergence.contact_error[9] == pytest.approx(-0.25)
+    assert differences(divergence) == ["nodes by up to 5 mm", "corners by up to 2 mm", "contact by up to 0.25"]
+
+
+def test_one_bit_is_a_difference(make_episode):
+    episode = make_episode()
+    seen = episode.final_observation
+    other = replace(seen, contact_portion=float(np.nextafter(seen.contact_portion, 2)))
+    divergence = compare(episode, replace(episode, final_observation=other))
+    assert not divergence.identical
+    assert divergence.first_tick == len(episode.steps)
+    assert differences(divergence)[:2] == ["nodes identical", "corners identical"]
+
+
+def test_a_shorter_run_is_not_identical_even_where_it_agrees(make_episode):
+    episode = make_episode()
+    last = episode.steps[-1]
+    short = replace(episode, steps=episode.steps[:-1], final_observation=last.observation, final_truth=last.truth)
+    divergence = compare(episode, short)
+    assert not divergence.identical
+    assert divergence.first_tick is None
+    assert len(divergence.node_error_m) == len(episode.steps)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cloth": "silk"}, "'silk'.*napkin"),
+        ({"disturbance": "earthquake"}, "'earthquake'.*push"),
+        ({"first_tick": 3}, "first 3 ticks"),
+        ({"bench": {"gravity": 3.7}}, "gravity"),
+        ({"bench": {"noise": "much"}}, "noise 'much'"),
+        ({"tick_s": 7.0}, r"tick_s is 7\.0"),
+        ({"disturbance_plan": {"nodes": [1]}}, "no plan"),
+        ({"disturbance_plan": PLAN | {"nodes": [10**6]}}, "no plan for this cloth"),
+        ({"disturbance_plan": PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}}, "no plan for this cloth"),
+    ],
+    ids=str,
+)
+def test_what_cannot_run_again_is_one_sentence(change, message, make_episode):
+    with pytest.raises(WrongCall, match=message):
+        rerun(make_episode(**change))
+
+
+def test_an_imported_episode_without_a_seed_cannot_run_again(make_episode):
+    with pytest.raises(WrongCall, match=r"seed is -1.*--mode state"):
+        rerun(replace(make_episode(), seed=-1))
+
+
+def test_the_bench_is_as_the_file_says(make_episode):
+    told = settings_of(make_episode(bench={"table_friction": 0.7, "noise": False, "control": "position"}))
+    assert (told.table_friction, told.noise, told.control, told.cloth) == (0.7, False, "position", "towel")
+    assert settings_of(make_episode(start={"table_friction": 0.6})).table_friction == 0.6
+    assert settings_of(make_episode()).table_friction == 1.0
+
+
+def test_state_replay_tells_each_moment(make_episode):
+    episode = make_episode()
+    report = state_report(episode)
+    columns = report["per_tick"]
+    assert len(columns["phase"]) == len(episode.steps)
+    assert all(len(column) == len(episode.steps) + 1 for key, column in columns.items() if key != "phase")
+    assert columns["contact_portion"] == [o.contact_portion for o in episode.observations()]
+    assert columns["flat_area"][-1] == episode.final_truth.flat_area
+    json.dumps(report, allow_nan=False)
+
+
+def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
+    path = tmp_path / "s.h5"
+    with SessionRecorder(path, task="pickers", cloth="towel") as recorder:
+        recorder.keep(lying(make_episode(task="pickers"), ticks=6))
+    done = _replay(path, "--json", str(tmp_path / "s.json"), "--video", str(tmp_path / "s.webm"))
+    assert done.returncode == 0, done.stderr
+    assert "place" in done.stdout
+    assert json.loads((tmp_path / "s.json").read_text())["mode"] == "state"
+    assert count_frames(tmp_path / "s.webm") == 7
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_a_plan_survives_its_description(name):
+    cloth = cloth_spec("towel")
+    plan = DISTURBANCES[name].schedule(np.random.default_rng(4), cloth)
+    again = Plan.recorded(json.loads(json.dumps(plan.described())), cloth)
+    assert again.described() == plan.described()
+    assert all(type(getattr(again, key)) is type(value) for key, value in vars(plan).items())
+    for time_s in (0.0, 0.3, 2.0):
+        for a, b in zip(again.target(time_s), plan.target(time_s), strict=True):
+            np.testing.assert_array_equal(a, b)

@@ -1,0 +1,279 @@
+"""The LeRobot export is what LeRobot v3.0's own reader asks for, read here by pyarrow, pandas and `datasets`.
+
+LeRobot itself needs a newer Python than PyBullet runs on; ``_lerobot_features`` restates how it makes column types of
+info.json, and ``_check_as_lerobot`` the relations between its files.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data import SessionRecorder, extras, open_session
+from data.lerobot import export_lerobot
+from data.types import ACTION_NAMES, OUTCOMES, TASKS, DataError
+
+pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
+pandas = pytest.importorskip("pandas")
+Image = pytest.importorskip("PIL.Image")
+
+RGB, DEPTH = "observation.images.camera", "observation.images.depth"
+
+
+def _session(path: Path, episodes):
+    first = episodes[0]
+    with SessionRecorder(path, task=first.task, cloth=first.cloth, keep_images=True) as recorder:
+        for episode in episodes:
+            recorder.keep(episode)
+    return open_session(path)
+
+
+@pytest.fixture
+def session_of(tmp_path):
+    """``session_of(episodes)``: the open session ``s.h5`` with these episodes, images included."""
+    return lambda episodes: _session(tmp_path / "s.h5", episodes)
+
+
+@pytest.fixture(params=TASKS, scope="module")
+def exported(request, make_episode, tmp_path_factory):
+    """The folder, and the episodes that went into it."""
+    folder = tmp_path_factory.mktemp("exported")
+    made = [make_episode(request.param, ticks=3 + 2 * i, seed=i, images=True) for i in range(4)]
+    with _session(folder / "s.h5", made) as session:
+        done = export_lerobot(session, folder / "lr")
+    assert (done.episodes, done.frames, done.images) == (4, 24, True)
+    return folder / "lr", made
+
+
+def _frames(folder: Path):
+    return pq.read_table(folder / "data/chunk-000/file-000.parquet")
+
+
+def _lerobot_features(datasets, info):
+    features = {}
+    for key, described in info["features"].items():
+        value = None if described["dtype"] == "image" else datasets.Value(described["dtype"])
+        shape = tuple(described["shape"])
+        if value is None:
+            features[key] = datasets.Image()
+        else:
+            features[key] = value if shape == (1,) else datasets.Sequence(value, length=shape[0])
+    return datasets.Features(features)
+
+
+def test_every_number_is_the_episodes_in_float32(exported):
+    folder, made = exported
+    rows = _frames(folder).to_pylist()
+    steps = [(number, tick) for number, episode in enumerate(made) for tick in range(len(episode.steps))]
+    assert len(rows) == len(steps)
+    for index, (row, (number, tick)) in enumerate(zip(rows, steps, strict=True)):
+        episode = made[number]
+        step, after = episode.steps[tick], episode.observations()[tick + 1]
+        seen = step.observation
+        state = np.float32([*seen.corner_positions.ravel(), *seen.holder_position])
+        cloth = np.float32([*seen.word, seen.word_strength, seen.contact_portion])
+        assert row["observation.state"] == state.tolist()
+        assert row["observation.environment_state"] == cloth.tolist()
+        assert row["action"] == np.float32(step.action).tolist()
+        assert row["next.reward"] == np.float32(after.contact_portion - seen.contact_portion)
+        assert row["next.done"] == (tick == len(episode.steps) - 1)
+        assert (row["index"], row["episode_index"], row["frame_index"], row["task_index"]) == (index, number, tick, 0)
+        assert row["timestamp"] == np.float32(tick / 10)
+
+
+def test_images_keep_every_bit(exported):
+    folder, made = exported
+    rows = _frames(folder).select([RGB, DEPTH]).to_pylist()
+    seen = [step.observation for episode in made for step in episode.steps]
+    for row, observation in zip(rows, seen, strict=True):
+        rgb, depth = (Image.open(io.BytesIO(row[key]["bytes"])) for key in (RGB, DEPTH))
+        assert rgb.format == "PNG"
+        np.testing.assert_array_equal(np.asarray(rgb), observation.rgb)
+        read = np.asarray(depth)
+        assert read.dtype == np.float32
+        np.testing.assert_array_equal(read, observation.depth)
+
+
+def test_the_files_agree_with_each_other(exported):
+    folder, made = exported
+    info = json.loads((folder / "meta/info.json").read_text())
+    frames = _frames(folder)
+    rows = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    tasks = pandas.read_parquet(folder / "meta/tasks.parquet")
+    assert info["codebase_version"] == "v3.0"
+    assert info["fps"] == 10
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (4, 24, 1) == (
+        len(rows), frames.num_rows, len(tasks),
+    )  # fmt: skip
+    assert info["splits"] == {"train": "0:4"}
+    assert set(info["features"]) == set(frames.column_names)
+    assert tasks.index.name == "task"
+    assert tasks.loc[rows[0]["tasks"][0]].task_index == 0
+    begin = 0
+    for number, (row, episode) in enumerate(zip(rows, made, strict=True)):
+        assert (row["episode_index"], row["length"]) == (number, len(episode.steps))
+        assert (row["dataset_from_index"], row["dataset_to_index"]) == (begin, begin + row["length"])
+        path = info["data_path"].format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
+        own = pq.read_table(folder / path, filters=[("episode_index", "=", number)])
+        assert own["index"].to_pylist() == list(range(row["dataset_from_index"], row["dataset_to_index"]))
+        begin = row["dataset_to_index"]
+    for key, described in info["features"].items():
+        assert "/" not in key
+        if described["dtype"] != "image" and described["shape"] != [1]:
+            assert frames.schema.field(key).type.list_size == described["shape"][0] == len(described["names"])
+    assert info["features"]["action"]["names"] == list(ACTION_NAMES[made[0].task])
+    assert info["features"][DEPTH]["info"] == {"is_depth_map": True, "depth_unit": "m"}
+
+
+def test_statistics_are_those_of_the_data(exported):
+    folder, made = exported
+    stats = json.loads((folder / "meta/stats.json").read_text())
+    frames = _frames(folder)
+    rows = pq.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert set(stats) == set(frames.column_names)
+    names = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
+    quantiles = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+    for key in ("observation.state", "action", "next.reward"):
+        values = np.array(frames[key].to_pylist(), np.float64).reshape(frames.num_rows, -1)
+        own = values[: rows[0]["length"]]
+        for name, function in names.items():
+            np.testing.assert_allclose(stats[key][name], function(values, axis=0), rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(rows[0][f"stats/{key}/{name}"], function(own, axis=0), rtol=1e-9, atol=1e-12)
+        for name, share in quantiles.items():
+            np.testing.assert_allclose(stats[key][name], np.quantile(values, share, axis=0), rtol=1e-9, atol=1e-12)
+        assert stats[key]["count"] == [24]
+    seen = [step.observation for episode in made for step in episode.steps]
+    rgb, depth = np.array([o.rgb for o in seen]) / 255, np.array([o.depth for o in seen])[..., None]
+    for key, values, near in ((RGB, rgb, 1e-9), (DEPTH, depth, 6e-4)):
+        for name, function in names.items():
+            assert np.shape(stats[key][name]) == (values.shape[3], 1, 1)
+            found = np.ravel(stats[key][name])
+            np.testing.assert_allclose(found, function(values, axis=(0, 1, 2)), rtol=0, atol=near)
+        step = np.ptp(values) / 100  # the sample quantile lies between two neighbouring values
+        np.testing.assert_allclose(np.ravel(stats[key]["q50"]), np.median(values, axis=(0, 1, 2)), atol=step)
+        assert stats[key]["count"] == [24]
+
+
+def test_hugging_face_datasets_loads_it(exported, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hf"))
+    datasets = pytest.importorskip("datasets", reason="needs layflat[dev]")
+    assert os.environ["HF_HUB_OFFLINE"] == "1"
+    folder, made = exported
+    info = json.loads((folder / "meta/info.json").read_text())
+    features = _lerobot_features(datasets, info)
+    files = [str(path) for path in sorted((folder / "data").glob("*/*.parquet"))]
+    cache = str(tmp_path / "cache")
+    as_lerobot = datasets.Dataset.from_parquet(files, features=features, cache_dir=cache)
+    untold = datasets.Dataset.from_parquet(files, cache_dir=cache)
+    assert untold.features == features
+    last = made[-1].steps[-1]
+    for loaded in (as_lerobot, untold):
+        assert len(loaded) == 24
+        row = loaded[-1]
+        assert row["action"] == np.float32(last.action).tolist()
+        np.testing.assert_array_equal(np.asarray(row[RGB]), last.observation.rgb)
+        np.testing.assert_array_equal(np.asarray(row[DEPTH]), last.observation.depth)
+    episodes = datasets.Dataset.from_parquet(str(folder / "meta/episodes/chunk-000/file-000.parquet"), cache_dir=cache)
+    assert episodes["episode_index"][:] == [0, 1, 2, 3]
+
+
+def test_without_images(session_of, make_episode, tmp_path):
+    with session_of([make_episode(images=True)]) as session:
+        assert not export_lerobot(session, tmp_path / "lr", images=False).images
+    assert not any(key.startswith("observation.images") for key in _frames(tmp_path / "lr").column_names)
+
+
+def test_nothing_that_only_the_simulator_knows_is_exported(exported):
+    folder, _ = exported
+    features = json.loads((folder / "meta/info.json").read_text())["features"]
+    named = [*_frames(folder).column_names, *(name for f in features.values() for name in f["names"] or ())]
+    assert not any(word in name for name in named for word in ("true", "node", "area", "states"))
+
+
+def test_the_sidecar_tells_which_episode_is_which(session_of, make_episode, tmp_path):
+    made = [make_episode(seed=10 + i, outcome=OUTCOMES[i], source=["scripted", "gamepad"][i]) for i in range(2)]
+    with session_of(made) as session:
+        export_lerobot(session, tmp_path / "lr", names=("demo_1",))
+        uid = session.info("demo_1").uid
+    told = json.loads((tmp_path / "lr/meta/layflat.json").read_text())["episodes"]
+    assert told == [
+        {
+            "episode_index": 0,
+            "name": "demo_1",
+            "uid": uid,
+            "seed": 11,
+            "source": "gamepad",
+            "outcome": OUTCOMES[1],
+            "stopped_by": "converged",
+            "disturbance": "none",
+        }
+    ]
+
+
+def test_a_new_file_begins_where_one_has_become_large(session_of, make_episode, tmp_path, monkeypatch):
+    monkeypatch.setattr("data.lerobot.DATA_FILE_MB", 0)
+    monkeypatch.setattr("data.lerobot.CHUNKS_SIZE", 2)
+    with session_of([make_episode(seed=i) for i in range(5)]) as session:
+        export_lerobot(session, tmp_path / "lr")
+    files = sorted(str(path.relative_to(tmp_path / "lr/data")) for path in (tmp_path / "lr/data").glob("*/*"))
+    assert files == [f"chunk-{i // 2:03d}/file-{i % 2:03d}.parquet" for i in range(5)]
+    rows = pq.read_table(tmp_path / "lr/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [(row["data/chunk_index"], row["data/file_index"]) for row in rows] == [divmod(i, 2) for i in range(5)]
+    table = pq.read_table(tmp_path / "lr/data")
+    assert table["index"].to_pylist() == list(range(25))
+
+
+def test_what_lerobot_cannot_hold_is_refused(session_of, make_episode, tmp_path):
+    with session_of([make_episode(tick_s=0.03)]) as session, pytest.raises(DataError, match=r"0\.03 s"):
+        export_lerobot(session, tmp_path / "lr")
+    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
+
+
+def test_images_are_there_in_all_episodes_or_in_none(make_episode, tmp_path):
+    for images in (True, False):
+        with SessionRecorder(tmp_path / "s.h5", task="hanger", cloth="towel", keep_images=images) as recorder:
+            recorder.keep(make_episode(images=True))
+    with open_session(tmp_path / "s.h5") as session:
+        with pytest.raises(DataError, match="demo_1 has no images"):
+            export_lerobot(session, tmp_path / "lr")
+        export_lerobot(session, tmp_path / "lr", images=False)
+
+
+def test_a_folder_of_something_else_is_left_alone_and_an_old_export_replaced(session_of, make_episode, tmp_path):
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "letter.txt").write_text("precious")
+    with session_of([make_episode(seed=i) for i in range(2)]) as session:
+        with pytest.raises(DataError, match="something else"):
+            export_lerobot(session, tmp_path / "home")
+        export_lerobot(session, tmp_path / "lr")
+        export_lerobot(session, tmp_path / "lr", names=("demo_1",))
+    assert json.loads((tmp_path / "lr/meta/info.json").read_text())["total_episodes"] == 1
+    assert (tmp_path / "home" / "letter.txt").read_text() == "precious"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["home", "lr", "s.h5"]
+
+
+def test_an_export_that_fails_leaves_the_old_one(session_of, make_episode, tmp_path, monkeypatch):
+    with session_of([make_episode()]) as session:
+        export_lerobot(session, tmp_path / "lr")
+        before = (tmp_path / "lr/meta/info.json").read_bytes()
+        monkeypatch.setattr("data.lerobot._write_meta", lambda *a, **k: (_ for _ in ()).throw(OSError("full")))
+        with pytest.raises(OSError, match="full"):
+            export_lerobot(session, tmp_path / "lr")
+    assert (tmp_path / "lr/meta/info.json").read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["lr", "s.h5"]
+
+
+def test_a_missing_package_is_one_sentence(session_of, make_episode, tmp_path, monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(extras.importlib, "import_module", missing)
+    with session_of([make_episode()]) as session, pytest.raises(DataError, match=r"pyarrow.*pip install 'layflat\[ex"):
+        export_lerobot(session, tmp_path / "lr")
+    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]

@@ -1,0 +1,24 @@
+"""A recording as a policy: its actions in their order, and no others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from policy.recorded import Recorded
+
+
+def test_actions_come_in_order_without_those_of_the_disturbance(make_episode):
+    phases = ["place", "place", "disturb", "disturb", "repair"]
+    episode = make_episode(ticks=5)
+    steps = tuple(replace(step, phase=phase) for step, phase in zip(episode.steps, phases, strict=True))
+    policy = Recorded(replace(episode, steps=steps))
+    for _ in range(2):
+        policy.reset(0)
+        for tick in (0, 1, 4):
+            decision = policy.act(episode.final_observation)
+            np.testing.assert_array_equal(decision.action, steps[tick].action)
+            assert decision.stop is None
+        assert policy.act(episode.final_observation).stop is not None
+        assert not policy.act(episode.final_observation).action.any()

@@ -1,0 +1,42 @@
+"""Recorded cloth is shown as the bench's own camera showed it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data.types import TASKS, Task
+from sim.placing import BenchSettings, Placing
+from sim.stage import Stage
+from sim.world import SimError
+
+ARM_SHARE = 0.02
+"""Of the pixels: the edges of the arm, whose joints follow from where its hanger was."""
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_stage_shows_what_the_camera_saw(task: Task) -> None:
+    bench = Placing(BenchSettings(task=task, noise=False))
+    bench.reset(3)
+    down = np.array([0.006, -0.011] if task == "hanger" else [0.006, 0.0, -0.011] * 2)
+    for _ in range(12):
+        bench.step(down)
+    seen, truth = bench.observe(), bench.truth()
+    bench.close()
+    with Stage(task, "towel") as stage:
+        before = stage.capture(truth.nodes + 0.1, seen.holder_position + 0.1)[0]
+        rgb, depth = stage.capture(truth.nodes, seen.holder_position)
+    assert (rgb != before).any(axis=2).mean() > 2 * ARM_SHARE
+    other = (rgb != seen.rgb).any(axis=2)
+    if task == "pickers":
+        assert not other.any()
+        np.testing.assert_array_equal(depth, seen.depth)
+    else:
+        assert other.mean() < ARM_SHARE
+
+
+def test_what_is_no_such_cloth_is_refused() -> None:
+    with pytest.raises(SimError, match="silk"):
+        Stage("pickers", "silk")
+    with Stage("pickers", "towel") as stage, pytest.raises(SimError, match=r"\(4, 3\).*towel"):
+        stage.capture(np.zeros((4, 3)), np.zeros(3))
