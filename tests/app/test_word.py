@@ -285,7 +285,7 @@ GOOD = ("good-rgb.png", "good-depth.png")
         ((*GOOD, "--contact-mm", "30"), "--contact-mm is 30"),
         ((*GOOD, "--contact-mm", "nan"), "--contact-mm is nan"),
         ((*GOOD, "--flat-pixels", "0"), "--flat-pixels is 0"),
-        ((*GOOD, "--descriptor", "silk"), "'silk' is unknown"),
+        ((*GOOD, "--descriptor", "silk"), "'silk' is not one of"),
         ((*GOOD, "--json", "text.png"), "--force"),
         ((*GOOD, "--overlay", "text.png"), "--force"),
         ((*GOOD, "--overlay", "over.jpg"), ".png"),
