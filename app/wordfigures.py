@@ -25,7 +25,6 @@ def bias_figure(ladder: pd.DataFrame, names: Sequence[str]) -> bytes:
         for name, colour in shown.items():
             part = ladder[ladder.descriptor == name].dropna()
             groups = part.groupby("normal_deg").error_deg
-            # An error of nearly a right angle has no sign: the mean of its size is drawn at the side of +x.
             centre = groups.median()
             axes.plot(part.normal_deg, part.error_deg, ".", color=colour, markersize=3, alpha=0.35)
             axes.plot(centre.index, centre, color=colour, linewidth=1.6, label=name.replace("`", ""))
@@ -47,8 +46,9 @@ def light_figure(frame: pd.DataFrame) -> bytes:
     names = list(dict.fromkeys(light.descriptor))
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(
-            1, len(names), figsize=(2.6 * len(names), 3.3), subplot_kw={"projection": "polar"}, squeeze=False
+            1, len(names), figsize=(3.0 * len(names), 3.3), subplot_kw={"projection": "polar"}, squeeze=False
         )
+        figure.subplots_adjust(wspace=0.45)
         for axes, name in zip(panels[0], names, strict=True):
             part = light[light.descriptor == name].dropna(subset=["azimuth"])
             for shade, (elevation, ring) in zip(np.linspace(0.35, 1.0, 5), part.groupby("elevation"), strict=False):
@@ -63,7 +63,8 @@ def light_figure(frame: pd.DataFrame) -> bytes:
             axes.set_rlabel_position(112)
             axes.tick_params(labelsize=6.5)
         panels[0][-1].legend(title="light's height, deg", fontsize=6.5, title_fontsize=6.5, loc=(1.05, 0.0))
-        figure.suptitle("90th percentile of the error (degrees) over the direction of the light", fontsize=9, x=0.36)
+        title = "90th percentile of the error (degrees, no direction counts as 90) over the direction of the light"
+        figure.suptitle(title, fontsize=9, x=0.12, ha="left")
         return _png(figure)
 
 

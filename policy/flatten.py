@@ -18,8 +18,8 @@ STEP_M = 0.010
 """What a picker moves in one tick."""
 FLAT_CONTACT = 0.99
 FLAT_TICKS = 6
-"""Algorithm 2 goes on while contact is below 100 %. Here it ends when the camera has said 99 % for six ticks: a taut
-cloth covers 4 % more than P_flat, so that Eq. 4-7 reaches 100 % while 2 to 5 % of the nodes are still in a wrinkle."""
+"""Algorithm 2 goes on while contact is below 100 %, of which the camera's noise takes some tenths of a percent. Here it
+ends when the camera has said 99 % for six ticks: a taut cloth seemed to be full while a wrinkle was left."""
 TICKS = 60
 """Ticks after which an episode of any controller ends."""
 
