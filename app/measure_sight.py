@@ -88,7 +88,8 @@ def _plain_channel(
     for kernel in gabor_bank(config.gabor(view.mm_per_px), config.thetas, config.zero_mean):
         response = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
         size = np.maximum(response, 0) if config.half_wave else np.abs(response)
-        means.append(float(size[counted].mean(dtype=np.float64)))
+        seen = size[counted].astype(np.float64)
+        means.append(float(np.sqrt(np.mean(seen**2)) if config.rms else seen.mean()))
     return less_noise(np.array(means), config) if config.fill else np.array(means)
 
 

@@ -49,9 +49,12 @@ LADDER: Mapping[str, WordDescriptor] = {
     "`word`: the same, kernel of mean zero": WordDescriptor(),
     "outline filled, edge left out": WordDescriptor(config=replace(LETTER, fill=True, erosion_mm=14.0)),
     "the same responses, mean axis": WordDescriptor(config=replace(LETTER, fill=True, erosion_mm=14.0), axial=True),
-    "round even kernel": WordDescriptor(config=replace(AXIAL, relief=False, most_contrast=math.inf), axial=True),
-    "relief beside brightness": WordDescriptor(config=replace(AXIAL, most_contrast=math.inf), axial=True),
-    "`word-axial`: local contrast, cut": WordDescriptor(config=AXIAL, axial=True),
+    "round even kernel": WordDescriptor(
+        config=replace(AXIAL, relief=False, most_contrast=math.inf, rms=False), axial=True
+    ),
+    "relief beside brightness": WordDescriptor(config=replace(AXIAL, most_contrast=math.inf, rms=False), axial=True),
+    "local contrast, cut": WordDescriptor(config=replace(AXIAL, rms=False), axial=True),
+    "`word-axial`: root mean square instead of the sum": WordDescriptor(config=AXIAL, axial=True),
 }
 """Each row has all that the rows above it have."""
 

@@ -49,6 +49,9 @@ class WordConfig:
     (section 3-1-2), which Eq. 3-1 with these parameters does not give. Every orientation then has the same gain."""
     half_wave: bool = True
     """Count positive responses only, as an image's pixels are; False counts their size."""
+    rms: bool = False
+    """Root mean square of the responses instead of their sum: a wrinkle on a tenth of the cloth then stands out of the
+    noise on the rest. Goes with ``fill``."""
     fill: bool = False
     """Put the cloth's local mean outside its silhouette, so that its outline is not a wrinkle."""
     most_contrast: float = math.inf
@@ -109,8 +112,9 @@ AXIAL = WordConfig(
     psi=math.pi / 2,
     window=4 / 3,
     half_wave=False,
+    rms=True,
     fill=True,
-    most_contrast=0.08,
+    most_contrast=0.06,
     relief=True,
     erosion_mm=14.0,
     near_contact_mm=25.0,
@@ -194,7 +198,10 @@ def _channel(
     for response in responses(image, params, config.thetas, normalise=config.zero_mean, window=window):
         if config.half_wave:
             response = np.maximum(response, 0, out=response)
-        means.append(cv2.norm(response, cv2.NORM_L1, counted) / pixels)
+        if config.rms:
+            means.append(cv2.norm(response, cv2.NORM_L2, counted) / math.sqrt(pixels))
+        else:
+            means.append(cv2.norm(response, cv2.NORM_L1, counted) / pixels)
         inners.append(means[-1] if config.fill else cv2.norm(response, cv2.NORM_L1, inner) / inner_pixels)
     without_noise = less_noise(np.array(inners), config)
     strength = float(without_noise.max())
