@@ -221,6 +221,7 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
         ([episode_of(seen, np.zeros((4, 2)))], "hold 4 ticks"),
         ([drags[0], episode_of(seen, np.zeros((4, 2)), cloth="silk")], "mix the cloths towel and silk"),
         ([drags[0], episode_of(seen, np.zeros((4, 2)), tick_s=0.05)], "mix ticks"),
+        ([drags[0], replace(drags[1], descriptor="hog")], "mix the descriptors word and hog"),
         ([drags[0], episode_of(seen, np.zeros((4, 6)), task="pickers")], "is of task pickers"),
     ):
         with pytest.raises(PolicyError, match=message):
@@ -236,3 +237,8 @@ def test_a_gpy_that_cannot_be_imported_is_one_sentence(monkeypatch):
 def test_rolling_out_does_not_import_gpy():
     code = "import sys, policy.registry, policy.model, policy.gp; sys.exit('GPy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+def test_the_model_sees_by_the_descriptor_of_its_demonstrations(drags):
+    taught = [replace(episode, descriptor="how") for episode in drags]
+    assert gp.fit(taught, input_set("hanger", "position"), policy="gp-word").descriptor == "how"

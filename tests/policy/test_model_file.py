@@ -43,6 +43,7 @@ def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
         heldout_rmse_m=None if inputs == "all" else model_of(task, inputs).heldout_rmse_m,
         provenance=Provenance(versions={"numpy": "2"}, platform="linux", created_utc="2024", command="train"),
         stop_threshold_m=0.0031,
+        descriptor="hog",
         tick_s=0.05,
     )
     path = tmp_path / "model.npz"
@@ -51,8 +52,8 @@ def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
     queries = np.random.default_rng(1).normal(0, 0.3, (50, model.layout.size))
     for ours, theirs in zip(model.predict(queries), again.predict(queries), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    for name in ("policy", "layout", "cloth", "tick_s", "action_limit_m", "stop_threshold_m", "stop_ticks", "seed",
-                 "demonstrations", "points_available", "heldout_rmse_m", "provenance"):  # fmt: skip
+    for name in ("policy", "layout", "cloth", "descriptor", "tick_s", "action_limit_m", "stop_threshold_m",
+                 "stop_ticks", "seed", "demonstrations", "points_available", "heldout_rmse_m", "provenance"):  # fmt: skip
         assert getattr(again, name) == getattr(model, name)
 
 
@@ -153,6 +154,8 @@ def test_a_changed_header_is_noticed(saved):
     [
         ({"format": "other"}, "format layflat-gp"),
         ({"schema": 99}, "schema is 99"),
+        ({"schema": 1}, "schema is 1"),
+        ({"descriptor": "sift"}, "descriptor is 'sift'"),
         ({"kernel": "os.system"}, "must be one of se"),
         ({"task": "table"}, "task is 'table'"),
         ({"features": ["x", "z", "word_x", "word_y", "secret"]}, "feature 'secret' is unknown"),
