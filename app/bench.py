@@ -143,6 +143,7 @@ def _sight_rows(samples: dict[str, FloatArray]) -> list[Row]:
     others = {
         "goal": np.full_like(samples["percept"], PERCEPT_GOAL_S),
         "one filter2D per orientation": samples["plain"],
+        "HOW as published": samples["plain how"],
         **{f"with {name}": samples[name] for name in ("how", "word", "hog")},
     }
     return [_beside(f"percept / {name}", samples["percept"], other, "ms") for name, other in others.items()]

@@ -17,7 +17,9 @@ from data.types import FloatArray
 from perception.contact import contact_mask, smooth_height
 from perception.descriptors import descriptor
 from perception.gabor import gabor_bank
+from perception.how import HowConfig, HowDescriptor
 from perception.percept import Perceiver, PerceptionConfig
+from perception.prepare import PrepareConfig
 from perception.segmentation import segment
 from perception.sheet import Drawing, Frame, Sheet, Wave, draw_sheet
 from perception.tableview import ClothView
@@ -29,7 +31,8 @@ FRAMES = 40
 
 
 def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
-    """Wall s of one frame of 320x240, the ways in turns: ``percept``, ``plain``, ``how``, and ``word``, ``hog``."""
+    """Wall s of one frame of 320x240, the ways in turns: ``percept``, ``plain``, ``plain how``, and with other
+    descriptors ``how``, ``word``, ``hog``."""
     camera = default_pinhole()
     frame = wrinkled_frame()
     perceivers = {
@@ -40,6 +43,7 @@ def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
         name: partial(by.perceive, frame.rgb, frame.depth) for name, by in perceivers.items()
     }
     works["plain"] = partial(plain_percept, perceivers["percept"], frame, AXIAL)
+    works["plain how"] = partial(plain_how, perceivers["percept"], frame)
     return alternating(works, frames)
 
 
@@ -54,20 +58,29 @@ def plain_percept(perceiver: Perceiver, frame: Frame, config: WordConfig) -> tup
 
     What ``Perceiver.perceive`` computes of a part of the image and by transforms; the numbers are the same.
     """
+    view = plain_view(perceiver, frame)
+    return int(np.count_nonzero(view.contact)), plain_sums(view, config)
+
+
+def plain_how(perceiver: Perceiver, frame: Frame) -> NDArray[np.float64]:
+    """HOW as it is published: every filter over the whole image at its full resolution."""
+    return HowDescriptor(HowConfig(prepare=PrepareConfig(decimation=1))).describe(plain_view(perceiver, frame))
+
+
+def plain_view(perceiver: Perceiver, frame: Frame) -> ClothView:
+    """The whole table view."""
     settings, camera = perceiver.config, perceiver.camera
     cloth_seen = segment(frame.rgb, settings.colour, settings.min_area_px)
     height_seen = smooth_height(camera.height_above_table(frame.depth), cloth_seen, settings.smoothing_px)
     cloth = perceiver.view.rectify_mask(cloth_seen)
     height = perceiver.view.rectify(height_seen)
-    contact = contact_mask(cloth, height, settings.contact_height_m)
-    view = ClothView(
+    return ClothView(
         rgb=perceiver.view.rectify(frame.rgb),
         cloth=cloth,
-        contact=contact,
+        contact=contact_mask(cloth, height, settings.contact_height_m),
         height=height,
         mm_per_px=settings.grid.mm_per_px,
     )
-    return int(np.count_nonzero(contact)), plain_sums(view, config)
 
 
 def plain_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:

@@ -146,7 +146,10 @@ class Perceiver:
         contact = np.zeros((grid.height, grid.width), dtype=np.bool_)
         cloth_seen = segment(rgb, self.config.colour, self.config.min_area_px)
         height_seen, cut_by_image = self._cloth_height(cloth_seen, depth)
-        cloth = self.view.rectify_mask(cloth_seen)
+        cloth = np.zeros_like(contact)
+        part = self.view.window_of(cloth_seen)
+        if part is not None:
+            cloth[part] = self.view.rectify_mask(cloth_seen, part)
         window = bounding_window(cloth, margin=math.ceil(VIEW_MARGIN_MM / grid.mm_per_px))
         if window is None:
             return _Seen(cloth=cloth, contact=contact, view=None, out_of_view=cut_by_image or not cloth_seen.any())

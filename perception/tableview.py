@@ -7,6 +7,7 @@ on the cloth. What lies above the table is displaced away from the camera (paral
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -99,6 +100,19 @@ class TableView:
         whole, fraction = self._maps
         return cv2.remap(image, whole[window], fraction[window], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
+    def window_of(self, mask: BoolArray) -> Window | None:
+        """The grid's rows and columns that can show any of a mask (H, W) of the camera; None where it shows nothing."""
+        box = bounding_window(mask, margin=1)
+        if box is None:
+            return None
+        (top, bottom), (left, right) = ((part.start, part.stop - 1) for part in box)
+        corners = np.array([(u, v, 1.0) for u in (left, right) for v in (top, bottom)])
+        column, row, scale = np.linalg.solve(self.grid_to_image, corners.T)
+        if not (scale > 0).all():  # the box reaches the horizon
+            return WHOLE
+        rows, columns = _span(row / scale, self.grid.height), _span(column / scale, self.grid.width)
+        return (rows, columns) if rows.stop > rows.start and columns.stop > columns.start else None
+
     def rectify_mask(self, mask: BoolArray, window: Window = WHOLE) -> BoolArray:
         """Mask (H, W) of the camera -> the grid's ``window`` of it: True where more than half a pixel is covered."""
         return self.rectify(mask.astype(np.uint8) * np.uint8(255), window) > 127
@@ -157,6 +171,12 @@ def bounding_window(mask: BoolArray, margin: int = 0) -> Window | None:
         slice(max(0, row - margin), min(mask.shape[0], row + height + margin)),
         slice(max(0, column - margin), min(mask.shape[1], column + width + margin)),
     )
+
+
+def _span(values: NDArray[np.float64], size: int) -> slice:
+    """The whole numbers from the least to the greatest of ``values``, within 0..size."""
+    low, high = np.clip([math.floor(values.min()), math.ceil(values.max()) + 1], 0, size)
+    return slice(int(low), int(high))
 
 
 def touches_border(mask: BoolArray) -> bool:

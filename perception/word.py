@@ -166,6 +166,7 @@ def compute_word(view: ClothView, config: WordConfig) -> Word:
 
 def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], float]:
     """L of Algorithm 1, (n,) per counted pixel, for each orientation; and the strength, 0 where there is no wrinkle."""
+    view = _cropped(view, config)
     masks = counting_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations), 0.0
@@ -175,6 +176,21 @@ def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float6
         relief, slope = _channel(relief_image(view, config), masks, view.mm_per_px, config)
         sums, strength = sums + relief, strength + slope
     return sums, strength if sums.max() > 0 else 0.0
+
+
+def _cropped(view: ClothView, config: WordConfig) -> ClothView:
+    """The part of the view that the answers depend on: half a kernel around where they count."""
+    reach_mm = max(config.window * config.wavelength_mm / 2 - config.erosion_mm, 0.0)
+    window = bounding_window(view.cloth, margin=math.ceil(reach_mm / view.mm_per_px) + 2)
+    if window is None:
+        return view
+    return ClothView(
+        rgb=view.rgb[window],
+        cloth=view.cloth[window],
+        contact=view.contact[window],
+        height=view.height[window],
+        mm_per_px=view.mm_per_px,
+    )
 
 
 def _channel(

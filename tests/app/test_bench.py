@@ -20,7 +20,7 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "fine physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "seeing": ("flat", "drag", "capture", "perceive", "keep"),
-        "sight": ("percept", "plain", "how", "word", "hog"),
+        "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
         "predicting": ("predict",),
         "recording": ("tick", "hand over", "journal", "keep", "raw", "size", *PACKED),
         "opening": ("open", "read", "arrays", "growth", "episodes"),

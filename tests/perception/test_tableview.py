@@ -94,3 +94,20 @@ def test_wrong_grids_are_refused() -> None:
         TableGrid(x_min=0.5, x_max=0.2)
     with pytest.raises(PerceptionError, match="millimetres"):
         TableGrid(mm_per_px=0.0025)
+
+
+def test_a_mask_is_wholly_within_its_window(tilted_camera: Pinhole) -> None:
+    view = TableView(tilted_camera, TableGrid())
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        top, left = rng.integers(0, 200), rng.integers(0, 280)
+        mask = np.zeros((240, 320), dtype=bool)
+        mask[top : top + rng.integers(1, 60), left : left + rng.integers(1, 80)] = True
+        whole, window = view.rectify_mask(mask), view.window_of(mask)
+        if window is None:
+            assert not whole.any()
+            continue
+        part = np.zeros_like(whole)
+        part[window] = view.rectify_mask(mask, window)
+        np.testing.assert_array_equal(part, whole)
+    assert view.window_of(np.zeros((240, 320), dtype=bool)) is None
