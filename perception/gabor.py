@@ -83,7 +83,8 @@ def responses(
     """(h, w) float32, one after the other: ``window`` of what ``filter2D`` with BORDER_REPLICATE gives for each kernel.
 
     The image is transformed once and the kernels' spectra are kept, so that an orientation costs one multiplication
-    and one inverse transform whatever the kernel's size, and only what the window's answers depend on takes part.
+    and one inverse transform whatever the kernel's size, and only what the window's answers depend on takes part. Each
+    answer lies where the last one lay: use it, or copy it, before asking for the next.
     """
     half = params.size // 2
     (top, bottom), (left, right) = (part.indices(size)[:2] for part, size in zip(window, image.shape, strict=True))
@@ -94,23 +95,45 @@ def responses(
     below, behind = rows - above - source.shape[0], columns - before - source.shape[1]
     spectrum = cv2.dft(cv2.copyMakeBorder(source, above, below, before, behind, borderType=cv2.BORDER_REPLICATE))
     inverse = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
-    for kernel in _spectra(params, thetas, normalise, rows, columns):
-        whole = cv2.dft(cv2.mulSpectrums(spectrum, kernel, 0, conjB=True), flags=inverse)
-        # The kernels begin at the origin: the answer for a pixel lies where its window begins.
-        yield np.asarray(whole[:height, :width], dtype=np.float32)
+    product, whole = np.empty((rows, columns), dtype=np.float32), np.empty((rows, columns), dtype=np.float32)
+    for kernel, even in _spectra(params, thetas, normalise, rows, columns):
+        if even:
+            np.multiply(spectrum, kernel, out=product)
+        else:
+            cv2.mulSpectrums(spectrum, kernel, 0, product, conjB=True)
+        cv2.dft(product, whole, flags=inverse)
+        yield whole[half : half + height, half : half + width]
 
 
 @lru_cache(maxsize=24)
 def _spectra(
     params: GaborParams, thetas: tuple[float, ...], normalise: bool, rows: int, columns: int
-) -> tuple[NDArray[np.float32], ...]:
-    """The bank's kernels in the frequency domain, in OpenCV's packed form."""
+) -> tuple[tuple[NDArray[np.float32], bool], ...]:
+    """The bank's kernels, centred on the origin, in the frequency domain in OpenCV's packed form; and which are even.
+
+    The spectrum of an even kernel is real: it stands in the places of both parts, so that a plain product does.
+    """
     spectra = []
     for kernel in gabor_bank(params, thetas, normalise):
         padded = np.zeros((rows, columns), dtype=np.float32)
         padded[: len(kernel), : len(kernel)] = kernel
-        spectra.append(np.asarray(cv2.dft(padded), dtype=np.float32))
+        half = len(kernel) // 2
+        spectrum = np.asarray(cv2.dft(np.roll(padded, (-half, -half), (0, 1))), dtype=np.float32)
+        even = bool(np.allclose(kernel, kernel[::-1, ::-1], atol=1e-6 * np.abs(kernel).max()))
+        spectra.append((_doubled(spectrum) if even else spectrum, even))
     return tuple(spectra)
+
+
+def _doubled(packed: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A packed spectrum with each real part also in the place of the imaginary one (rows and columns even in number).
+
+    Columns are real 0, then real and imaginary in pairs, then the last real; the first and last column are packed
+    along the rows in the same way.
+    """
+    double = packed.copy()
+    double[:, 2:-1:2] = double[:, 1:-2:2]
+    double[2:-1:2, [0, -1]] = double[1:-2:2, [0, -1]]
+    return double
 
 
 def _dft_size(least: int) -> int:

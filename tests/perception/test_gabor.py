@@ -89,9 +89,10 @@ def test_wrong_parameters_are_refused() -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (152, 151), (33, 200)])
 @pytest.mark.parametrize("size", [1, 12, 31])
-def test_responses_are_those_of_filter2d(shape: tuple[int, int], size: int) -> None:
+@pytest.mark.parametrize("psi", [10.0, math.pi / 2, 0.0])
+def test_responses_are_those_of_filter2d(shape: tuple[int, int], size: int, psi: float) -> None:
     image = np.random.default_rng(2).normal(1.0, 0.3, shape).astype(np.float32)
-    params = GaborParams(wavelength=10, sigma=4, gamma=0.4, psi=10, size=size)
+    params = GaborParams(wavelength=10, sigma=4, gamma=0.4, psi=psi, size=size)
     bottom, right = max(1, shape[0] // 2), max(1, shape[1] - 3)
     for window in (WHOLE, (slice(0, bottom), slice(0, right)), (slice(bottom - 1, shape[0]), slice(right - 1, right))):
         fast = responses(image, params, EIGHT, normalise=False, window=window)
