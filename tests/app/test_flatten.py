@@ -80,3 +80,13 @@ def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None
     assert max(final["random"], true["random"]) < 0.85
     if final["word"] < 0.98:
         pytest.xfail("seed 300 walks beyond y = 0.30 m, where the table grid ends and contact is not counted")
+
+
+@pytest.mark.slow
+def test_film_and_strip_show_the_first_seed(tmp_path: Path) -> None:
+    video, strip = tmp_path / "run.webm", tmp_path / "run.png"
+    (episode,) = _call(episodes=1, cloth="towel", video=video, strip=strip)
+    assert count_frames(video) == len(episode.steps) + 1
+    picture = cv2.imread(str(strip))
+    assert picture.shape[1] > 5 * flatten.STRIP_WIDTH
+    assert {path.name for path in tmp_path.iterdir()} == {"run.webm", "run.png"}

@@ -70,7 +70,7 @@ LIGHT_ALONG_DEG = -45.0
 
 
 def errors(cases: list[Case], name: str, *, off_light_deg: float = 0.0) -> np.ndarray:
-    """Degrees, of the cases whose axis is at least so far from the one that the light shines along; none counts as 90."""
+    """Degrees, of the cases whose axis is at least so far from the one that the light shines along; none is 90."""
     chosen = [c for c in cases if axis_error(axis_angle(c.truth.direction), LIGHT_ALONG_DEG) >= off_light_deg]
     return np.nan_to_num([c.error[name] for c in chosen], nan=90.0)
 
