@@ -13,8 +13,7 @@ import numpy as np
 
 from app.workstation.buffer import NewestValue
 from app.workstation.inputs import Reading
-from app.workstation.take import Pulled
-from data.types import Task, action_size
+from data.types import Pull, Task, action_size
 
 _DTYPE = np.dtype(
     [
@@ -31,7 +30,7 @@ class Letter:
     stamp_s: float
     """When it was put in, by the system's monotonic clock, which all processes share."""
     reading: Reading
-    pull: Pulled | None = None
+    pull: Pull | None = None
     number: int = field(default=0, compare=False)
 
 
@@ -42,7 +41,7 @@ class Mailbox:
         self._value = NewestValue(context, _DTYPE)
         self._task: Task = task
 
-    def put(self, reading: Reading, pull: Pulled | None = None) -> float:
+    def put(self, reading: Reading, pull: Pull | None = None) -> float:
         """Replace what was there; returns the stamp."""
         stamp_s = time.monotonic()
         motion = np.zeros(6)
@@ -82,5 +81,5 @@ class Mailbox:
             hand=hand,
         )
         node = int(value["node"])
-        pull = None if node < 0 else Pulled(node=node, target_m=value["target"].copy())
+        pull = None if node < 0 else Pull(node=node, target_m=value["target"].copy())
         return Letter(stamp_s=float(value["stamp_s"]), reading=reading, pull=pull, number=number)
