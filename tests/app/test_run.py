@@ -101,6 +101,7 @@ def test_one_at_a_tick_acts_while_the_policy_goes_on(bench):
 def test_one_at_a_contact_begins_when_the_camera_first_sees_it(bench):
     episode = run_episode(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.25)])
     (befell,) = episode.disturbances
+    assert episode.disturbance == "wind"
     contact = episode.contact()
     assert contact[befell.first_tick] >= 0.25
     assert contact[: befell.first_tick].max() < 0.25
