@@ -117,6 +117,11 @@ class BenchPane:
     def release(self) -> None:
         self.dragging, self.pull = "", None
 
+    def release_pull(self) -> None:
+        """Let go of the cloth, if it is held; a view that is being turned stays in hand."""
+        if self.dragging == "pull":
+            self.release()
+
     def zoom(self, steps: float) -> None:
         self.orbit = self.orbit.zoomed(steps)
 

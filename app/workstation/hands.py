@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pygame
 
 from app.errors import describe
 from app.workstation.benchpane import BenchPane
 from app.workstation.inputs import Button, Source
 from app.workstation.inputs.reading import Control, Reading, at_rest
+from app.workstation.inputs.registry import window_source
 from app.workstation.inputs.touch import Touch
 from app.workstation.modes.mode import Mode, Shop
-from app.workstation.sources import make_source
-from data.types import Task
+from data.types import FloatArray, Task
 
 
 class Hands:
@@ -35,13 +36,22 @@ class Hands:
         """Take a device into the hands; False, and a ``problem``, where that cannot be."""
         self.drop()
         try:
-            self._source = make_source(name, task, self._pane, lambda: self._shop.link.moment)
+            self._source = window_source(name, task, ray=self._ray, corners=self._corners)
         except Exception as error:
             self.problem, _ = describe(error)
             return False
         self._touch = Touch(self._source)
         self._task = task
         return True
+
+    def _ray(self, at: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+        """The line of sight behind a pixel of the window."""
+        view = self._shop.place.view
+        return self._pane.orbit.ray((at[0] - view.left, at[1] - view.top), view.size)
+
+    def _corners(self) -> FloatArray:
+        moment = self._shop.link.moment
+        return np.full((2, 3), np.inf) if moment is None else moment.corners
 
     def drop(self) -> None:
         """Give the device back."""
@@ -57,7 +67,12 @@ class Hands:
         return () if self._source is None else self._source.help()
 
     def take(self, event: pygame.event.Event) -> bool:
-        """One event of this frame; True where it was the device's."""
+        """One event of this frame; True where it was the device's.
+
+        A press of the mouse is only the device's in the view: elsewhere it is on a tab or a button.
+        """
+        if event.type == pygame.MOUSEBUTTONDOWN and not self._shop.place.view.collidepoint(event.pos):
+            return False
         on_event: Callable[[Any], bool] | None = getattr(self._source, "on_event", None)
         return on_event is not None and on_event(event)
 

@@ -80,10 +80,7 @@ class Window:
         """Events, what the bench says, what the hands do, and what has changed on the screen."""
         began = time.perf_counter()
         self._take(pygame.event.get())
-        messages = self.shop.link.hear()
-        hear = getattr(self.mode, "hear", None)
-        if hear is not None:
-            hear(messages)
+        self.mode.hear(self.shop.link.hear())
         self.hands.put(self.mode)
         self.mode.update()
         self.draw()
@@ -108,9 +105,8 @@ class Window:
                 self.open = False
             elif event.type in (pygame.VIDEORESIZE, pygame.WINDOWSIZECHANGED):
                 self._resize()
-            elif not self._clicked(event) and not self._in_view(event):
+            elif not (self._clicked(event) or self.hands.take(event) or self._in_view(event)):
                 rest.append(event)
-        self.hands.take(events)
         menu = self.mode.menu
         if menu is not None and rest:
             menu.update(rest)
@@ -224,6 +220,7 @@ class Window:
     def _paint_view(self, surface: pygame.Surface, moment: Moment | None) -> None:
         surface.fill(look.GROUND)
         self.pane.paint(surface, moment)
+        self.mode.paint_over(surface)
         bars.paint_banner(surface, *self.mode.banner())
 
     def _panel_key(self) -> Hashable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import pygame
 import pygame_menu
@@ -109,6 +109,9 @@ class Mode(Protocol):
     def headline(self) -> tuple[str, look.Colour]:
         """The panel's first line while there is no menu."""
 
+    def hear(self, messages: list[dict[str, Any]]) -> None:
+        """What the bench said since the last frame."""
+
     def banner(self) -> tuple[str, str]:
         """Large words over the bench, and small ones below them; empty where there are none."""
 
@@ -117,6 +120,9 @@ class Mode(Protocol):
 
     def history(self) -> tuple[History, float | None]:
         """The curves, and the moment that is marked in them."""
+
+    def paint_over(self, surface: pygame.Surface) -> None:
+        """Draw something on the view."""
 
     def paint_text(self, surface: pygame.Surface) -> None:
         """Draw what a mode without a bench has to say."""
@@ -169,6 +175,9 @@ class BasicMode:
     def headline(self) -> tuple[str, look.Colour]:
         return self.name, look.TEXT
 
+    def hear(self, messages: list[dict[str, Any]]) -> None:
+        """Nothing."""
+
     def banner(self) -> tuple[str, str]:
         return "", ""
 
@@ -177,6 +186,9 @@ class BasicMode:
 
     def history(self) -> tuple[History, float | None]:
         return self.past, None
+
+    def paint_over(self, surface: pygame.Surface) -> None:
+        """Nothing."""
 
     def paint_text(self, surface: pygame.Surface) -> None:
         """Nothing."""
