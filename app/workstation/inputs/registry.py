@@ -1,0 +1,43 @@
+"""Every source by name. A new one adds a file and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import LayflatError
+from app.workstation.inputs.gamepad import Gamepad
+from app.workstation.inputs.source import Source
+from app.workstation.inputs.terminal_keyboard import TerminalKeyboard
+from data.types import Task
+
+
+@dataclass(frozen=True)
+class SourceKind:
+    """What there is to know of a source before it is made."""
+
+    does: str
+    """For a person who chooses."""
+    terminal: bool
+    """Whether it works without a window."""
+
+
+SOURCES: Mapping[str, SourceKind] = {
+    "gamepad": SourceKind("a PS4 pad, or any that SDL knows or that was calibrated", terminal=True),
+    "keyboard": SourceKind("keys, in the window or in a plain terminal", terminal=True),
+    "mouse": SourceKind("drag in the window: how far from where you began is how fast", terminal=False),
+    "kinesthetic": SourceKind("drag the hanger itself, with the arm compliant", terminal=False),
+}
+
+
+def terminal_source(name: str, task: Task, *, mapping: Path | None = None) -> Source:
+    """A source that needs no window. LayflatError where its device is missing."""
+    if name == "keyboard":
+        return TerminalKeyboard(task)
+    pad = Gamepad(task, mapping=mapping)
+    reading = pad.poll()
+    if not reading.connected:
+        pad.close()
+        raise LayflatError(reading.problem)
+    return pad
