@@ -103,7 +103,8 @@ def record_in_terminal(
         introduce(recording, hands, screen.say)
         cadence = run_recording(recording, hands, screen, tick_s=settings.tick_s, stopped=stopped)
         recording.close()
-        screen.say(f"{recording.message}\ncadence: {cadence.rhythm().told()}")
+        screen.note(recording.message)
+        screen.say(f"cadence: {cadence.rhythm().told()}")
         interrupted = stopped()
     if interrupted:
         raise KeyboardInterrupt

@@ -41,10 +41,7 @@ class Screen:
 
     def show(self, recording: Recording, reading: Reading) -> None:
         """How it stands now."""
-        if recording.message != self._said:
-            self._said = recording.message
-            if self._said:
-                self.say(self._said)
+        self.note(recording.message)
         now = self._clock()
         if self._live and now - self._shown_s >= SHOW_S:
             self._shown_s = now
@@ -52,6 +49,13 @@ class Screen:
             self._stream.write(f"\r{status_line(recording, reading)[:width]}\x1b[K")
             self._stream.flush()
             self._drawn = True
+
+    def note(self, message: str) -> None:
+        """A line that stays, where it is new."""
+        if message != self._said:
+            self._said = message
+            if message:
+                self.say(message)
 
     def clear(self) -> None:
         """Make room for a line, here or on stdout."""

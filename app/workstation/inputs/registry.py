@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import LayflatError
 from app.workstation.inputs.gamepad import Gamepad
-from app.workstation.inputs.source import Source
+from app.workstation.inputs.kinesthetic import Kinesthetic, Ray
+from app.workstation.inputs.mouse import Mouse
+from app.workstation.inputs.source import Source, WindowSource
 from app.workstation.inputs.terminal_keyboard import TerminalKeyboard
-from data.types import Task
+from app.workstation.inputs.window_keyboard import WindowKeyboard
+from data.types import FloatArray, Task
 
 
 @dataclass(frozen=True)
@@ -41,3 +44,19 @@ def terminal_source(name: str, task: Task, *, mapping: Path | None = None) -> So
         pad.close()
         raise LayflatError(reading.problem)
     return pad
+
+
+def window_source(
+    name: str, task: Task, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
+) -> WindowSource:
+    """A source that hears of the window's events; one whose device is missing says so in its readings.
+
+    ``ray`` and ``corners`` are for what is taken hold of with the mouse, see Kinesthetic.
+    """
+    made: Mapping[str, Callable[[], WindowSource]] = {
+        "gamepad": lambda: Gamepad(task, mapping=mapping, own_events=False),
+        "keyboard": lambda: WindowKeyboard(task),
+        "mouse": lambda: Mouse(task),
+        "kinesthetic": lambda: Kinesthetic(task, ray, corners),
+    }
+    return made[name]()
