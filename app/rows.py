@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.atomic import write_text
-from data.types import DisturbanceRecord, Episode
+from data.types import Episode
 
 JSON_SCHEMA = 1
 
@@ -44,10 +44,19 @@ def placed_tick(episode: Episode) -> int | None:
 
 def disturbed_tick(episode: Episode) -> int | None:
     """As placed_tick, of the moment the last disturbance was over: the end, where the episode ended before."""
-    if episode.disturbances:
-        return _over(episode.disturbances[-1], episode)
+    spans = disturbed_spans(episode)
+    return spans[-1][1] if spans else None
+
+
+def disturbed_spans(episode: Episode) -> tuple[tuple[int, int], ...]:
+    """Indices into ``observations()`` of when each disturbance began, and of when it was over.
+
+    Where none is told of, a phase ``disturb`` counts as one.
+    """
+    end = len(episode.steps)
+    told = ((r.first_tick, end if r.last_tick is None else r.last_tick + 1) for r in episode.disturbances)
     bounds = episode.phase_bounds("disturb")
-    return bounds[1] if bounds else None
+    return tuple(told) or ((bounds,) if bounds else ())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,22 +75,18 @@ class DisturbedContact:
 def disturbed_contacts(episode: Episode) -> tuple[DisturbedContact, ...]:
     """One for each disturbance of the episode, in their order (the thesis's Table 4-2 has repeated ones)."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
-    befell = episode.disturbances
-    finals = [*(record.first_tick for record in befell[1:]), len(episode.steps)]
+    spans = disturbed_spans(episode)
+    names = [record.name for record in episode.disturbances] or [episode.disturbance] * len(spans)
+    finals = [*(begun for begun, _ in spans[1:]), len(episode.steps)]
     return tuple(
         DisturbedContact(
-            name=record.name,
-            before=float(contact[record.first_tick]),
-            after=float(contact[_over(record, episode)]),
+            name=name,
+            before=float(contact[begun]),
+            after=float(contact[over]),
             final=float(contact[final]),
         )
-        for record, final in zip(befell, finals, strict=False)
+        for name, (begun, over), final in zip(names, spans, finals, strict=False)
     )
-
-
-def _over(record: DisturbanceRecord, episode: Episode) -> int:
-    """Index into ``observations()``."""
-    return len(episode.steps) if record.last_tick is None else record.last_tick + 1
 
 
 def row_of(episode: Episode) -> dict[str, Any]:
