@@ -152,7 +152,8 @@ def _plain(stem: str) -> str:
 
 def show(summary: Mapping[str, Any]) -> None:
     """Print one line per group, and one per difference between two policies, on stdout."""
-    console = Console(width=None if sys.stdout.isatty() else 160)
+    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
+    console = Console(width=None if sys.stdout.isatty() else 200)
     table = Table(title=None)
     for name in ("policy", "task", "cloth", "disturbance"):
         table.add_column(name)
@@ -211,4 +212,4 @@ def _with_interval(measure: Mapping[str, Any], *, signed: bool = False) -> str:
 
 
 def _percent(share: float | None, signed: bool = False) -> str:
-    return "-" if share is None else f"{100 * share:{'+' if signed else ''}.1f}"
+    return "-" if share is None else f"{round(100 * share, 1) + 0.0:{'+' if signed else ''}.1f}"

@@ -8,16 +8,17 @@ is what counts as finished, whatever happens to any process afterwards.
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from app.batch.isolate import end_after, in_a_fork, why_it_ended
 from app.batch.plan import Case, Group
 from app.errors import describe
+from app.rows import row_of
 from data.assemble import file_image
 from data.durable import os_reason, write_durably
 from data.types import Episode
@@ -46,13 +47,16 @@ Play: TypeAlias = Callable[[Group], Playing]
 
 @dataclass(frozen=True)
 class Said:
-    """What a group's process tells of a run that has no file."""
+    """What a group's process tells of a run."""
 
     run: str
     """WHOLE_GROUP: of every run that is not told of by itself."""
-    reason: str
+    reason: str = ""
+    """Why there is no file."""
     unwritable: bool = False
     """The folder takes no more files, which is not the episode's fault."""
+    row: Mapping[str, Any] | None = None
+    """Of an episode whose file is durable; it could be made from the file, too, which takes longer."""
 
 
 def run_file(folder: Path, run: str) -> Path:
@@ -100,6 +104,7 @@ def _finish(group: Group, case: Case, playing: Playing, folder: Path, say: Conne
     except OSError as error:
         say.send(Said(run, os_reason(error), unwritable=True))
         return UNWRITABLE_STATUS
+    say.send(Said(run, row=row_of(episode)))
     return 0
 
 

@@ -16,7 +16,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from app.batch.group import WHOLE_GROUP, Play, Said, run_file, run_group
 from app.batch.isolate import end_with_parent, why_it_ended
@@ -38,6 +38,8 @@ class GroupEnd:
     group: Group
     lost: dict[str, str]
     """Reason by run."""
+    rows: dict[str, dict[str, Any]]
+    """By run, in so far as somebody could still tell; the file has it all."""
     unwritable: str | None = None
     """Why the folder takes no more files."""
 
@@ -68,11 +70,8 @@ class Isolated:
         return int(self._process.sentinel)
 
     @property
-    def ended(self) -> bool:
-        """A process that cannot be waited for any longer is ended here."""
-        if time.monotonic() > self._give_up_s:
-            self.kill()
-        return not self._process.is_alive()
+    def overdue(self) -> bool:
+        return time.monotonic() > self._give_up_s
 
     def kill(self) -> None:
         """And its forks with it."""
@@ -87,8 +86,12 @@ class Isolated:
         self._hear.close()
         self._process.close()
         missing = [run for run in self.group.run_ids if not run_file(self._folder, run).exists()]
-        full = next((item.reason for item in said.values() if item.unwritable), None)
-        return GroupEnd(self.group, {run: said.get(run, rest).reason for run in missing}, full)
+        return GroupEnd(
+            group=self.group,
+            lost={run: said.get(run, rest).reason for run in missing},
+            rows={item.run: dict(item.row) for item in said.values() if item.row is not None},
+            unwritable=next((item.reason for item in said.values() if item.unwritable), None),
+        )
 
 
 def _all_said(hear: Connection) -> Iterator[Said]:
@@ -120,9 +123,11 @@ def local_engine(workers: int) -> Engine:
                     running.append(Isolated(group, folder, play, context))
                 if not running:
                     return
-                wait([item.sentinel for item in running], timeout=LOOK_S)
+                ready = wait([item.sentinel for item in running], timeout=LOOK_S)
                 yield None
-                for item in [item for item in running if item.ended]:
+                for item in [item for item in running if item.sentinel in ready or item.overdue]:
+                    if item.overdue:
+                        item.kill()
                     running.remove(item)
                     yield item.end()
         finally:

@@ -6,7 +6,7 @@ import shutil
 import signal
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,7 +125,7 @@ class Batch:
         for run in end.group.run_ids:
             if run not in lost:
                 try:
-                    rows.append(self._row(run, end.group.attempt))
+                    rows.append(self._row(run, end.group.attempt, end.rows.get(run)))
                 except DataError as error:
                     run_file(self._runs, run).unlink()
                     lost[run] = str(error)
@@ -139,8 +139,8 @@ class Batch:
         if end.unwritable is not None:
             raise LayflatError(_full(self._out, end.unwritable))
 
-    def _row(self, run: str, attempt: int) -> dict[str, Any]:
-        row = row_of(read_run(self._runs, run))
+    def _row(self, run: str, attempt: int, known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        row = known or row_of(read_run(self._runs, run))
         return {**row, "run": run, "start": self._plan.start, "attempts": attempt, "reason": None}
 
     def _collect(self) -> None:
