@@ -14,7 +14,7 @@ import pytest
 
 from app import figures, strips, tables
 from app.provenance import provenance_now
-from app.report import ReportInput, TaskResults, pictured_run, write_report
+from app.report.demo import ReportInput, TaskResults, pictured_run, write_report
 from app.video import count_frames
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
