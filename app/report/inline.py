@@ -31,6 +31,7 @@ def template(name: str) -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.globals["colours"] = dict(figures.POLICY_COLOURS)
+    environment.globals["colour_of"] = figures.colour_of
     return environment.get_template(name)
 
 

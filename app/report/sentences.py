@@ -1,0 +1,64 @@
+"""What numbers say, in words that go no further than they do."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+
+from app.pairs import Paired, paired, with_gain
+from app.tables import Table, interval, points
+
+QUANTITIES = {
+    "contact_placed": "contact after placing",
+    "gain": "contact regained after the disturbance",
+    "contact_final": "final contact",
+    "flat_area_final": "final flat area",
+}
+"""Columns that policies are compared by, and what a reader calls them; all but the last in 0..1 of contact."""
+PAIRED_HEADER = ("difference", "of", "n pairs", "mean (points)", "95 % CI", "higher / lower in", "says")
+
+
+def verdict(difference: Paired) -> str:
+    """What a paired difference shows: "higher", "lower", or that these n can show none."""
+    if difference.n == 0:
+        return "no pair has both values"
+    if math.isnan(difference.low):
+        return "one pair shows nothing"
+    if not difference.clear:
+        return f"no difference that {difference.n} pairs can show"
+    return "higher" if difference.mean > 0 else "lower"
+
+
+def difference_sentence(a: str, b: str, quantity: str, difference: Paired, where: str = "") -> str:
+    """One sentence on ``a`` less ``b`` in ``quantity``."""
+    numbers = (
+        f"{points(difference.mean)} points [{interval(difference.low, difference.high, '+.1f')}], n = {difference.n}"
+    )
+    at = f" ({where})" if where else ""
+    said = verdict(difference)
+    if said in ("higher", "lower"):
+        return f"{quantity[0].upper()}{quantity[1:]} is {said} with {a} than with {b}{at}: {numbers}."
+    if difference.n < 2:
+        return f"{quantity[0].upper()}{quantity[1:]}, {a} against {b}{at}: {said}."
+    return f"{quantity[0].upper()}{quantity[1:]}: {said} between {a} and {b}{at}: {numbers}."
+
+
+def compared(rows: pd.DataFrame, a: str, b: str, quantity: str) -> Paired:
+    """The paired difference of two policies' rows in a column of QUANTITIES."""
+    known = with_gain(rows)
+    return paired(known[known["policy"] == a], known[known["policy"] == b], quantity)
+
+
+def paired_table(rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> Table:
+    """Every pair of policies (a, b) in every quantity that has values; a - b."""
+    lines = []
+    for a, b in pairs:
+        for quantity, words in QUANTITIES.items():
+            d = compared(rows, a, b, quantity)
+            if d.n:
+                ends = interval(d.low, d.high, "+.1f")
+                lines.append(
+                    (f"{a} \u2212 {b}", words, str(d.n), points(d.mean), ends, f"{d.better} / {d.worse}", verdict(d))
+                )
+    return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
