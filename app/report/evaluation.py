@@ -16,7 +16,7 @@ from app.report.blocks import Block, Card, Figure, Film, Page, Section, Strip, T
 from app.report.page import Tick, write_page
 from app.report.painter import Painter, drawable, key_ticks
 from app.report.rows import GROUP_NOTE, every_table, failed_table, group_table, policies_of
-from app.report.sentences import QUANTITIES, compared, difference_sentence, paired_table
+from app.report.sentences import compared, difference_sentence, paired_table
 from app.tables import BASELINE, percent, points
 from data.types import Episode, FloatArray
 
@@ -104,7 +104,7 @@ def contact_curves(results: Results, rows: pd.DataFrame) -> Figure | None:
     groups = {}
     for policy in policies_of(rows):
         kept = rows[(rows["policy"] == policy) & ~rows["crashed"].astype(bool)].sort_values("seed")[:CURVES_EACH]
-        groups[policy] = [charts.curve_of(results.episode(str(id))) for id in kept["id"]]
+        groups[policy] = [charts.curve_of(results.episode(run)) for run in kept["run"]]
     if not any(groups.values()):
         return None
     most = max(len(group) for group in groups.values())
@@ -139,7 +139,7 @@ def _section(
     quantity = "contact_final" if condition["disturbance"] == "none" else "gain"
     blocks: list[Block | None] = [TableBlock(table=group_table(rows), note=GROUP_NOTE)]
     if pairs:
-        lines = [difference_sentence(a, b, QUANTITIES[quantity], compared(rows, a, b, quantity)) for a, b in pairs]
+        lines = [difference_sentence(a, b, quantity, compared(rows, a, b, quantity)) for a, b in pairs]
         note = "Differences over the same starts and disturbances."
         blocks += [
             Text(lines=tuple(lines), finding=True),

@@ -9,8 +9,8 @@ from app.summary import statistics
 from app.tables import Table, interval, order, percent, points, ratio
 
 GROUP_HEADER = (
-    "policy", "n", "contact placed", "contact final", "min, max", "95 % CI", "regained (points)", "95 % CI", "mesh contact",
-    "flat area", "flat at the end", "Wilson 95 %",
+    "policy", "n", "contact placed", "contact final", "min,\u00a0max", "95\u00a0%\u00a0CI", "regained (points)", "95\u00a0%\u00a0CI", "mesh contact",
+    "flat area", "flat at the end", "Wilson 95\u00a0%",
 )  # fmt: skip
 GROUP_NOTE = (
     "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact and flat area (of the area on the "

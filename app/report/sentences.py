@@ -10,13 +10,14 @@ from app.pairs import Paired, paired, with_gain
 from app.tables import Table, interval, points
 
 QUANTITIES = {
-    "contact_placed": "contact after placing",
-    "gain": "contact regained after the disturbance",
-    "contact_final": "final contact",
-    "flat_area_final": "final flat area",
+    "contact_placed": ("placed", "contact after placing"),
+    "gain": ("regained", "contact regained after the disturbance"),
+    "contact_final": ("final", "final contact"),
+    "contact_final_true": ("mesh", "final mesh contact"),
+    "flat_area_final": ("flat area", "final flat area"),
 }
-"""Columns that policies are compared by, and what a reader calls them; all but the last in 0..1 of contact."""
-PAIRED_HEADER = ("difference", "of", "n pairs", "mean (points)", "95 % CI", "higher / lower in", "says")
+"""Columns that policies are compared by, and what a table and a sentence call them; all are shares."""
+PAIRED_HEADER = ("difference", "of", "n pairs", "mean (points)", "95\u00a0%\u00a0CI", "higher / lower in", "says")
 
 
 def verdict(difference: Paired) -> str:
@@ -25,13 +26,16 @@ def verdict(difference: Paired) -> str:
         return "no pair has both values"
     if math.isnan(difference.low):
         return "one pair shows nothing"
+    if difference.better == difference.worse == 0:
+        return f"the same in all {difference.n} pairs"
     if not difference.clear:
         return f"no difference that {difference.n} pairs can show"
     return "higher" if difference.mean > 0 else "lower"
 
 
-def difference_sentence(a: str, b: str, quantity: str, difference: Paired, where: str = "") -> str:
-    """One sentence on ``a`` less ``b`` in ``quantity``."""
+def difference_sentence(a: str, b: str, column: str, difference: Paired, where: str = "") -> str:
+    """One sentence on ``a`` less ``b`` in a column of QUANTITIES."""
+    quantity = QUANTITIES[column][1]
     numbers = (
         f"{points(difference.mean)} points [{interval(difference.low, difference.high, '+.1f')}], n = {difference.n}"
     )
@@ -44,6 +48,12 @@ def difference_sentence(a: str, b: str, quantity: str, difference: Paired, where
     return f"{quantity[0].upper()}{quantity[1:]}: {said} between {a} and {b}{at}: {numbers}."
 
 
+def _short(difference: Paired) -> str:
+    """As verdict, for a table's cell."""
+    said = verdict(difference)
+    return said if said in ("higher", "lower") else "the same" if "same" in said else "none shown"
+
+
 def compared(rows: pd.DataFrame, a: str, b: str, quantity: str) -> Paired:
     """The paired difference of two policies' rows in a column of QUANTITIES."""
     known = with_gain(rows)
@@ -54,11 +64,10 @@ def paired_table(rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> Table:
     """Every pair of policies (a, b) in every quantity that has values; a - b."""
     lines = []
     for a, b in pairs:
-        for quantity, words in QUANTITIES.items():
+        for quantity, (word, _) in QUANTITIES.items():
             d = compared(rows, a, b, quantity)
             if d.n:
                 ends = interval(d.low, d.high, "+.1f")
-                lines.append(
-                    (f"{a} \u2212 {b}", words, str(d.n), points(d.mean), ends, f"{d.better} / {d.worse}", verdict(d))
+    XX str(d.n), points(d.mean), ends, f"{d.better} / {d.worse}", _short(d))
                 )
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
