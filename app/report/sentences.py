@@ -64,10 +64,11 @@ def paired_table(rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> Table:
     """Every pair of policies (a, b) in every quantity that has values; a - b."""
     lines = []
     for a, b in pairs:
-        for quantity, (word, _) in QUANTITIES.items():
-            d = compared(rows, a, b, quantity)
+        for column, (word, _) in QUANTITIES.items():
+            d = compared(rows, a, b, column)
             if d.n:
                 ends = interval(d.low, d.high, "+.1f")
-    XX str(d.n), points(d.mean), ends, f"{d.better} / {d.worse}", _short(d))
+                lines.append(
+                    (f"{a} \u2212 {b}", word, str(d.n), points(d.mean), ends, f"{d.better} / {d.worse}", _short(d))
                 )
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
