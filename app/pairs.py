@@ -70,5 +70,7 @@ def successes(rows: pd.DataFrame) -> np.ndarray:
 
 
 def with_gain(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with ``gain``: contact regained after the (last) disturbance; NaN where there was none."""
+    """The rows with ``gain``: contact regained after the (last) disturbance, unless they have one; NaN without any."""
+    if "gain" in rows:
+        return rows
     return rows.assign(gain=rows["contact_final"].astype(float) - rows["contact_disturbed"].astype(float))
