@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 import typer
 
 from app import checks
+from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
 from app.cli_options import (
     Cloth,
@@ -275,6 +276,8 @@ def doctor(debug: Debug = False) -> None:
     run()
 
 
+cli.command()(evaluate)
+cli.command()(disturb)
 cli.command()(replay)
 cli.add_typer(data_cli)
 

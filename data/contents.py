@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from data import schema
 from data.check import Violations
 from data.info import DemoInfo
+from data.rows import MAY_BE_UNKNOWN
 from data.types import ACTION_LIMIT_M, PHASES, DataError
 
 BLOCK_BYTES = 1 << 24
@@ -26,6 +27,7 @@ RANGES = {
     "word": (-1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE),
     "word_strength": (0.0, np.inf),
     "contact_portion": (0.0, CONTACT_MAX),
+    schema.INTERVENTION: (0, 1),
     schema.DEPTH: (0.0, np.inf),
 }
 """Least and greatest value by data set, or by its name under ``obs`` and ``next_obs``."""
@@ -46,6 +48,7 @@ def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> No
         (schema.REWARDS, _check_rewards),
         ("obs/word", _check_unit),
         ("obs/time_s", _check_time),
+        (schema.PULL_NODE, _check_pulls),
     ):
         with found.at(f"{group.name}/{key}"):
             check(group)
@@ -73,7 +76,7 @@ def _check_values(dataset: h5py.Dataset, field: schema.Field) -> None:
         if rows.dtype.kind == "S":
             _all(np.isin(rows, [phase.encode() for phase in PHASES]), start, rows, f"one of {', '.join(PHASES)}")
             continue
-        if field.key == schema.ACTION_STD:
+        if field.key in MAY_BE_UNKNOWN:
             unknown = np.isnan(rows).all(axis=1)
             rows = np.where(unknown[:, np.newaxis], 0.0, rows)
         _all(np.isfinite(rows), start, rows, "finite")
@@ -116,6 +119,20 @@ def _check_time(group: h5py.Group) -> None:
     back = np.flatnonzero(np.diff(time) <= 0)
     if back.size:
         raise DataError(f"does not rise after tick {back[0]}")
+
+
+def _check_pulls(group: h5py.Group) -> None:
+    if (schema.PULL_NODE in group) != (schema.PULL_TARGET in group):
+        raise DataError(f"there must be {schema.PULL_NODE} and {schema.PULL_TARGET}, or neither")
+    if schema.PULL_NODE not in group:
+        return
+    nodes, count = group[schema.PULL_NODE][()], group[schema.STATES].shape[1] // 3
+    wrong = np.flatnonzero((nodes < -1) | (nodes >= count))
+    if wrong.size:
+        raise DataError(f"row {wrong[0]} is node {nodes[wrong[0]]} of {count}; it must be one of them, or -1")
+    unlike = np.flatnonzero((nodes < 0) != np.isnan(group[schema.PULL_TARGET][()]).any(axis=1))
+    if unlike.size:
+        raise DataError(f"row {unlike[0]} has a node without a target, or a target without a node")
 
 
 def _check_next(group: h5py.Group, key: str) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array
 
 
@@ -24,9 +26,17 @@ class Decision:
     """Not None: the policy has finished and says why; the action is not carried out."""
     reason: str = ""
     """One clause for a person: "descending", "output below 2 mm for 8 ticks", ..."""
+    hand: FloatArray | None = None
+    """(3,) m, or (2, 3) m for two pickers: kinesthetic teaching. Where a person's hand draws the holder, which gives
+    way; what the holder then does is recorded instead of ``action``."""
+    intervention: bool = False
+    """A person decided although a policy has the lead."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "action", frozen_array(self.action, (None,), "action"))
+        if self.hand is not None:
+            hand = np.asarray(self.hand, dtype=float)
+            object.__setattr__(self, "hand", frozen_array(hand, (3,) if hand.ndim == 1 else (2, 3), "hand"))
         if self.std is not None:
             object.__setattr__(self, "std", frozen_array(self.std, self.action.shape, "std"))
 

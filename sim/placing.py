@@ -16,10 +16,11 @@ from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from sim.crumple import crumple
 from sim.disturbance import Disturbance
-from sim.disturbances import Plan, disturbance_spec
+from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
 from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
+from sim.pull import Pull, picked_node
 from sim.world import SimError, World
 
 START_CLEARANCE_M = 0.12
@@ -111,6 +112,9 @@ class Placing:
         )
         self.air = Air(self.cloth)
         self.disturbance: Disturbance | None = None
+        self._pull: Pull | None = None
+        self._pull_target: FloatArray | None = None
+        self._force_n = np.zeros(3)
         self._nodes = self.cloth.nodes()
         if settings.camera:
             self._start_camera(seed)
@@ -182,26 +186,80 @@ class Placing:
         """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
         world = self._running()
         self.holder.start_tick(np.asarray(action, dtype=float), self.settings.substeps)
+        self._follow_pull()
+        impulse = self._impulse_n_s()
         for _ in range(self.settings.substeps):
             # What sets gravity comes first: the arm carries its weight in the gravity of now.
             self.air.before_substep()
             if self.disturbance is not None:
                 self.disturbance.before_substep()
+            if self._pull is not None:
+                self._pull.before_substep()
             self.holder.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
+        self._force_n = (self._impulse_n_s() - impulse) / (self.settings.substeps * world.step_s)
         if self.disturbance is not None and self.disturbance.done:
             self.disturbance = None
 
-    def disturb(self, name: str, seed: int) -> None:
-        """Begin a disturbance by name; it acts in the following ticks until ``disturbed`` is false."""
-        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
-        self.disturbance = Disturbance(self._running(), self.cloth, disturbance_spec(name), rng)
+    def _impulse_n_s(self) -> FloatArray:
+        """(3,) N s that the disturbance and the pull of now have given so far."""
+        acting = (self.disturbance, self._pull)
+        return sum((given.impulse_n_s for given in acting if given is not None), np.zeros(3))
 
-    def disturbance_plan(self, name: str, seed: int) -> Plan:
+    def force_n(self) -> FloatArray:
+        """(3,) N, world: mean total force of disturbances and pulls on the cloth in the last tick."""
+        return self._force_n.copy()
+
+    def disturb(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> None:
+        """Begin a disturbance, by name or as it is; it acts in the following ticks until ``disturbed`` is false.
+
+        ``repeat`` counts the disturbances of one episode, so that each has a chance of its own. One that still acts
+        is cut off.
+        """
+        world, spec = self._running(), _spec(what)
+        if self.disturbance is not None:
+            self.disturbance.stop()
+        self.disturbance = Disturbance(world, self.cloth, spec, _chance(seed, repeat))
+
+    def disturbance_plan(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> Plan:
         """What ``disturb`` would do."""
-        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
-        return disturbance_spec(name).schedule(rng, self.settings.spec)
+        return _spec(what).schedule(_chance(seed, repeat), self.settings.spec)
+
+    def pull(self, node: int, target_m: FloatArray) -> None:
+        """From the next tick on a hand of bounded force draws ``node`` to ``target_m`` (3,) m, world.
+
+        Call it again, at most once a tick, to lead the hand on; it stays at its target until ``let_go``. Another node
+        is another hand: the first lets go. Works at any time, also beside a disturbance.
+        """
+        world, target = self._running(), np.array(target_m, dtype=float)
+        if target.shape != (3,) or not np.isfinite(target).all():
+            raise SimError(f"the pull's target is {target.tolist()}; it must be three finite numbers: x, y, z in m")
+        if self._pull is not None and self._pull.node != node:
+            self.let_go()
+        if self._pull is None:
+            self._pull = Pull(world, self.cloth, node)
+        self._pull_target = target
+
+    def _follow_pull(self) -> None:
+        if self._pull is not None and self._pull_target is not None:
+            self._pull.start_tick(self._pull_target, self.settings.substeps * self._running().step_s)
+
+    def let_go(self) -> None:
+        """End the pull, if there is one."""
+        if self._pull is not None:
+            self._pull.let_go()
+        self._pull = self._pull_target = None
+
+    @property
+    def pulled(self) -> int | None:
+        """The node that is pulled at, or None."""
+        return None if self._pull is None else self._pull.node
+
+    def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
+        """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""
+        self._running()
+        return picked_node(self._nodes, self.settings.spec.triangles(), ray_origin, ray_direction)
 
     @property
     def disturbed(self) -> bool:
@@ -229,3 +287,12 @@ class Placing:
         if self.world is not None:
             self.world.close()
             self.world = None
+
+
+def _spec(what: str | DisturbanceSpec) -> DisturbanceSpec:
+    return disturbance_spec(what) if isinstance(what, str) else what
+
+
+def _chance(seed: int, repeat: int) -> np.random.Generator:
+    """The first of an episode draws what it always drew."""
+    return np.random.default_rng([seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])])
