@@ -15,6 +15,7 @@ from app.figures import FieldModel, Panel
 from app.report.inline import film_uri, png_uri, strip_view, template
 from app.rows import disturbed_tick
 from app.strips import Draw
+from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import FLAT_AREA, Episode, Provenance, Task
 
 FRAME_WIDTH = 300
@@ -29,8 +30,8 @@ TASK_TEXTS: Mapping[Task, str] = {
     "pickers": "Two pickers hold one corner each and move it along three axes.",
 }
 PAPER = {
-    tables.BASELINE: "Baseline: GP on the holder's position alone",
-    tables.PROPOSED: "Proposed: GP on position, WORD and contact portion",
+    BASELINE: "Baseline: GP on the holder's position alone",
+    PROPOSED: "Proposed: GP on position, WORD and contact portion",
 }
 
 Tick = Callable[[str], None]

@@ -17,7 +17,8 @@ from app.report.page import Tick, write_page
 from app.report.painter import Painter, drawable, key_ticks
 from app.report.rows import GROUP_NOTE, every_table, failed_table, group_table, policies_of
 from app.report.sentences import compared, difference_sentence, paired_table
-from app.tables import BASELINE, percent, points
+from app.tables import percent, points
+from app.thesis_numbers import BASELINE
 from data.types import Episode, FloatArray
 
 CONDITION = ("task", "cloth", "disturbance")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from app import figures
 from app.report.blocks import Block, Figure, Text
 from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.studies import placing
 from app.reproduce.words import NO, UNKNOWN, YES
-
-import numpy as np  # isort: skip
+from data.types import Episode, Task
 
 
 def show(material: Material) -> Shown:
@@ -47,7 +50,7 @@ def show(material: Material) -> Shown:
     return Shown(blocks=tuple(blocks), claims=tuple(claims))
 
 
-def _near_and_far(task, panel, learned) -> tuple[float, float, float, float]:  # type: ignore[no-untyped-def]
+def _near_and_far(task: Task, panel: figures.Panel, learned: Sequence[Episode]) -> tuple[float, float, float, float]:
     """Mean length (m) of the prediction on the tenth of the grid nearest to the demonstrations and on the farthest,
     and the standard deviations (m) there."""
     x, z, dx, dz, std = figures.field_of(task, panel, learned)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pandas as pd
+
 from app import thesis_numbers as thesis
 from app.report import charts
 from app.report.blocks import Block, Figure, TableBlock, Text
@@ -23,6 +25,7 @@ from app.reproduce.words import (
     values,
 )  # fmt: skip
 from app.tables import Table, percent
+from data.types import FloatArray
 from policy.flatten import CONTROLLERS, FLAT_CONTACT
 
 HEADER = (
@@ -66,7 +69,7 @@ def show(material: Material) -> Shown:
         for other in (RIGHT, RANDOM)
     ]
     results = material.results(trial)
-    final = {"start": {}, "final": {}}
+    final: dict[str, dict[str, FloatArray]] = {"start": {}, "final": {}}
     for name in policies_of(rows):
         final["start"][name] = values(rows, "contact_start", name)
         final["final"][name] = values(rows, "contact_final", name)
@@ -96,7 +99,7 @@ NOTE = (
 )
 
 
-def _claims(material: Material, rows) -> tuple[Claim, ...]:  # type: ignore[no-untyped-def]
+def _claims(material: Material, rows: pd.DataFrame) -> tuple[Claim, ...]:
     claims = []
     for name, stated in thesis.FLATTENING.items():
         found = values(rows, "contact_final", name)

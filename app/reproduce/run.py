@@ -72,7 +72,8 @@ def size_of(quick: bool, seeds: int | None) -> Size:
 
 def trials_of(experiments: Sequence[Experiment], size: Size) -> list[Trial]:
     """Every trial that an experiment needs and the bench can begin, once, the most important first."""
-    needed = {trial.name: trial for experiment in experiments for trial in experiment.trials(size)}
+    by_urgency = sorted(experiments, key=lambda experiment: experiment.urgency)
+    needed = {trial.name: trial for experiment in by_urgency for trial in experiment.trials(size)}
     return [trial for trial in needed.values() if trial.start in STARTS and trial.players]
 
 

@@ -48,7 +48,7 @@ def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
         for player in trial.players
     ]
     first = FIRST_SEED + seed
-    cases = ()
+    cases: tuple[Case, ...] = ()
     if trial.repeats:
         schedule = (ScheduledDisturbance(spec=DISTURBANCES[DISTURBANCE], repeats=trial.repeats),)
         cases = (Case(name=DISTURBANCE, schedule=schedule),)

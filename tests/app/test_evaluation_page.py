@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import re
 import shutil
-import subprocess
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pandas as pd
 import pytest
 
-from app.moments import rounds, stretches
-from app.pairs import paired, successes, wilson
-from app.report import charts
-from app.report.evaluation import evaluation_page, examples, write_evaluation
-from app.report.page import markdown, table_markdown
-from app.report.painter import Painter, key_ticks
-from app.report.rows import failures, group_table
-from app.report.sentences import verdict
+from app.report.evaluation import write_evaluation
 from app.rows import row_of
-from app.tables import Table
 from data.types import Truth
 from sim.cloth import cloth_spec
 
@@ -37,7 +25,7 @@ class Drawn:
     def __init__(self, episodes):
         self.episodes = {f"{e.task}--{e.source}--{e.seed}--{e.disturbance}": e for e in episodes}
         rows = [row_of(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
-        rows[-1] |= {name: None for name in ("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s")}
+        rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s"))
         rows[-1] |= {"crashed": True, "stopped_by": "crashed", "reason": "its process ended with status -11"}
         self.rows = pd.DataFrame(rows)
 
@@ -66,7 +54,11 @@ def laid(episode, *, lift_m=0.15):
 def batch(make_episode):
     gains = {"gp-baseline": 0.0, "gp-word": 0.11, "gp-baseline+drag-rule": 0.105}
     return Drawn(
-        laid(make_episode(task=task, source=policy, seed=seed, disturbed=disturbed, gain=gains[policy] + 0.005 * (seed % 3)))
+        laid(
+            make_episode(
+                task=task, source=policy, seed=seed, disturbed=disturbed, gain=gains[policy] + 0.005 * (seed % 3)
+            )
+        )
         for task in ("hanger", "pickers")
         for disturbed in (False, True)
         for policy in POLICIES
