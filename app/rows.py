@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from app.atomic import write_text
-from data.types import Episode
+from data.types import DisturbanceRecord, Episode
 
 JSON_SCHEMA = 1
 
@@ -42,9 +43,45 @@ def placed_tick(episode: Episode) -> int | None:
 
 
 def disturbed_tick(episode: Episode) -> int | None:
-    """As placed_tick, of the moment the (last) disturbance was over."""
+    """As placed_tick, of the moment the last disturbance was over: the end, where the episode ended before."""
+    if episode.disturbances:
+        return _over(episode.disturbances[-1], episode)
     bounds = episode.phase_bounds("disturb")
     return bounds[1] if bounds else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbedContact:
+    """What one disturbance did to the camera's contact portion, and what came of it; all in 0..1."""
+
+    name: str
+    before: float
+    """When it began."""
+    after: float
+    """When it was over."""
+    final: float
+    """When the next one began, or at the end."""
+
+
+def disturbed_contacts(episode: Episode) -> tuple[DisturbedContact, ...]:
+    """One for each disturbance of the episode, in their order (the thesis's Table 4-2 has repeated ones)."""
+    contact = np.clip(episode.contact(), 0.0, 1.0)
+    befell = episode.disturbances
+    finals = [*(record.first_tick for record in befell[1:]), len(episode.steps)]
+    return tuple(
+        DisturbedContact(
+            name=record.name,
+            before=float(contact[record.first_tick]),
+            after=float(contact[_over(record, episode)]),
+            final=float(contact[final]),
+        )
+        for record, final in zip(befell, finals, strict=False)
+    )
+
+
+def _over(record: DisturbanceRecord, episode: Episode) -> int:
+    """Index into ``observations()``."""
+    return len(episode.steps) if record.last_tick is None else record.last_tick + 1
 
 
 def row_of(episode: Episode) -> dict[str, Any]:
