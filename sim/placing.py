@@ -21,7 +21,7 @@ from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
 from sim.pull import Pull, picked_node
-from sim.world import SimError, World
+from sim.world import GRAVITY_M_S2, SimError, World
 
 START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
@@ -184,8 +184,39 @@ class Placing:
 
     def step(self, action: FloatArray) -> None:
         """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
-        world = self._running()
+        self._running()
         self.holder.start_tick(np.asarray(action, dtype=float), self.settings.substeps)
+        self._advance()
+
+    def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
+        """One tick of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
+
+        ``hand_target_m``: where the hand is to be at the tick's end, (3,) m for the hanger, which follows it along x
+        and z on a spring of bounded force, (2, 3) m for the pickers, which follow it at a bounded speed. None: nobody
+        holds on, and a hanger stays where it was left.
+        """
+        self._running()
+        shape = (3,) if self.settings.task == "hanger" else (2, 3)
+        hand = None if hand_target_m is None else np.array(hand_target_m, dtype=float)
+        if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
+            raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
+        before = self._held_at()
+        spec = self.settings.spec
+        # A cloth that leaves the table along it is held up by its holder alone.
+        load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
+        self.holder.start_guided_tick(hand, self.settings.substeps, load)
+        self._advance()
+        return self._held_at() - before
+
+    def _held_at(self) -> FloatArray:
+        """(A,) m: what the actions displace."""
+        if self.settings.task == "hanger":
+            return self.holder.position()[[0, 2]]
+        return self.holder.corner_positions().ravel()
+
+    def _advance(self) -> None:
+        """The substeps of one tick."""
+        world = self._running()
         self._follow_pull()
         impulse = self._impulse_n_s()
         for _ in range(self.settings.substeps):
