@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 import typer
 
 from app import checks
+from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
 from app.cli_options import (
     Cloth,
@@ -33,7 +34,7 @@ from app.cli_options import (
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
-SourceName = Literal["scripted"]
+SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
 PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
@@ -93,12 +94,20 @@ def record(
     seed: Seed = 0,
     descriptor: Descriptor = "word-axial",
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
+    disturb: Annotated[str, typer.Option(metavar="NAME", help="What the disturb button does to the cloth.")] = "push",
+    window: Annotated[
+        bool, typer.Option("--window/--no-window", help="Open the window where there is a display, or stay here.")
+    ] = True,
+    pad: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Record demonstrations.
 
-    FILE.h5 is appended to if it exists, and each episode is durable once it is printed.
+    FILE.h5 is appended to if it exists, and each episode is durable once it is printed. With a person as the source it
+    ends when --episodes are kept, or when the person quits; what was not to be kept is asked again.
     """
     checks.require_simulator()
     from app.record import record as run
@@ -114,6 +123,9 @@ def record(
         images=images,
         force=force,
         workers=workers,
+        disturb=disturb,
+        window=window,
+        mapping=pad,
     )
 
 
@@ -253,6 +265,31 @@ def flatten(
 
 
 @cli.command()
+def reproduce(
+    workers: Workers,
+    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Everything with few starts, under 15 minutes.")] = False,
+    seeds: Annotated[
+        int | None, typer.Option(callback=maybe_count, help="Starts of each experiment; 20, or 2 with --quick.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Run only this experiment; repeatable.")
+    ] = None,
+    report_only: Annotated[bool, typer.Option("--report-only", help="Run nothing, only write the page anew.")] = False,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Every experiment of the thesis, ours beside its.
+
+    Into DIR/report.html and DIR/table.md; the same command goes on where an earlier one stopped.
+    """
+    checks.require_simulator()
+    from app.reproduce.run import reproduce as run
+
+    run(out, quick=quick, seeds=seeds, seed=seed, only=only or [], workers=workers, report_only=report_only)
+
+
+@cli.command()
 def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
     """Measure how fast this machine simulates.
 
@@ -275,6 +312,8 @@ def doctor(debug: Debug = False) -> None:
     run()
 
 
+cli.command()(evaluate)
+cli.command()(disturb)
 cli.command()(replay)
 cli.add_typer(data_cli)
 

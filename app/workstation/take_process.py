@@ -192,8 +192,8 @@ class LiveTake:
 
     def obey(self, command: str, *details: Any) -> object:
         """Carry out ``tick``, ``disturb`` or ``end``; returns what the parent is to be told."""
-        carry_out: Callable[..., object] = {"tick": self.tick, "disturb": self.disturb, "end": self.end}[command]
-        return carry_out(*details)
+        commands: dict[str, Callable[..., object]] = {"tick": self.tick, "disturb": self.disturb, "end": self.end}
+        return commands[command](*details)
 
     def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
         self._reading = reading
