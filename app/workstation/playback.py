@@ -110,9 +110,7 @@ class Playback:
             rgb = picture.rgb.reshape(*self._shape, 3)
             depth = np.where(np.isfinite(picture.depth), picture.depth, np.float32(0)).reshape(self._shape)
         found = self._perceiver.perceive(rgb, depth)
-        return rgb, replace(
-            found, contact_portion=seen.contact_portion, word=seen.word, strength=seen.word_strength
-        )
+        return rgb, replace(found, contact_portion=seen.contact_portion, word=seen.word, strength=seen.word_strength)
 
 
 def facts(episode: Episode) -> Mapping[str, str]:

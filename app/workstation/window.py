@@ -107,12 +107,13 @@ class Window:
                 self._resize()
             elif not (self._clicked(event) or self.hands.take(event) or self._in_view(event)):
                 rest.append(event)
-        menu = self.mode.menu
-        if menu is not None and rest:
-            menu.update(rest)
-            self._menu_touched += 1
         for event in rest:
-            if self.mode.menu is None or event.type != pygame.KEYDOWN:
+            menu = self.mode.menu
+            if menu is not None:
+                # One by one: of a press and its release in one frame a menu would only see the first.
+                menu.update([event])
+                self._menu_touched += 1
+            if menu is None or event.type != pygame.KEYDOWN:
                 self.mode.handle(event)
 
     def _resize(self) -> None:
