@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ class Hands:
     """The device that is in use, and the mouse in the view."""
 
     def __init__(self, shop: Shop, pane: BenchPane) -> None:
+        self.mapping: Path | None = None
+        """A pad's own mapping, for pads that SDL does not know."""
         self.problem = ""
         """Why there is no device, one sentence."""
         self.reading: Reading | None = None
@@ -36,7 +39,7 @@ class Hands:
         """Take a device into the hands; False, and a ``problem``, where that cannot be."""
         self.drop()
         try:
-            self._source = window_source(name, task, ray=self._ray, corners=self._corners)
+            self._source = window_source(name, task, ray=self._ray, corners=self._corners, mapping=self.mapping)
         except Exception as error:
             self.problem, _ = describe(error)
             return False

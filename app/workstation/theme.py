@@ -7,7 +7,7 @@ from typing import Any
 
 import pygame
 import pygame_menu
-from pygame_menu.widgets import HighlightSelection
+from pygame_menu.widgets.selection.highlight import HighlightSelection
 
 from app.workstation import look
 

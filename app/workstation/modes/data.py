@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
+
+import pygame_menu
 
 from app.workstation import theme
 from app.workstation.modes.command import CommandMode
@@ -99,7 +101,7 @@ class DataMode(CommandMode):
         theme.choice(menu, "Session", sessions, self.session, self._take_session, width=width)
         theme.choice(menu, "What to do", list(OPERATIONS), self.operation, self._take_operation, width=width)
         for item in OPERATIONS[self.operation]:
-            self._build(item, width)
+            self._build(menu, item, width)
         if any(item.name in PATHS for item in OPERATIONS[self.operation]):
             theme.switch(menu, "Replace if it exists", self.force, self._take_force)
         theme.button(menu, self.operation.capitalize(), self.start, main=True)
@@ -112,10 +114,10 @@ class DataMode(CommandMode):
             return files
         return [*sorted(path.name for path in self.shop.folder.glob("*.hdf5")), *files]
 
-    def _build(self, item: Field, width: int) -> None:
+    def _build(self, menu: pygame_menu.Menu, item: Field, width: int) -> None:
         value = self.values.setdefault(item.name, self._proposal(item))
         take = self._taker(item.name)
-        known = {
+        known: Mapping[str, Callable[[], list[str]]] = {
             "episode": self._episodes, "outcome": lambda: [ANY, *OUTCOMES], "format": lambda: list(FORMATS),
             "session": lambda: [name for name in self.shop.sessions() if name != self.session],
         }  # fmt: skip
@@ -123,11 +125,11 @@ class DataMode(CommandMode):
             names = known[item.kind]()
             value = value if value in names else names[0] if names else ""
             self.values[item.name] = value
-            theme.choice(self.menu, item.about, names, value, take, width=width)
+            theme.choice(menu, item.about, names, value, take, width=width)
         elif item.kind == "switch":
-            theme.switch(self.menu, item.about, value == "on", lambda on: take("on" if on else "off"))
+            theme.switch(menu, item.about, value == "on", lambda on: take("on" if on else "off"))
         else:
-            theme.entry(self.menu, item.about, value, take, width=width)
+            theme.entry(menu, item.about, value, take, width=width)
 
     def _proposal(self, item: Field) -> str:
         return item.proposal.replace("{op}", self.operation).replace("{}", self.session.rsplit(".", 1)[0])
@@ -139,8 +141,8 @@ class DataMode(CommandMode):
         except (ValueError, OSError):
             return []
 
-    def _taker(self, name: str):  # type: ignore[no-untyped-def]
-        return lambda value: self.values.__setitem__(name, str(value).strip())
+    def _taker(self, name: str) -> Callable[[str], None]:
+        return lambda value: self.values.update({name: value.strip()})
 
     def _take_session(self, name: str) -> None:
         if name != self.session:

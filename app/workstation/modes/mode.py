@@ -44,6 +44,8 @@ class Shop:
 
     folder: Path
     settings: Settings
+    remember: bool
+    """Whether settings outlive the window."""
     link: BenchLink
     place: Layout
     message: str = ""
@@ -59,7 +61,8 @@ class Shop:
         """Remember settings, for the next time as well."""
         if new != self.settings:
             self.settings = new
-            settings.save(self.folder, new)
+            if self.remember:
+                settings.save(self.folder, new)
 
     def sessions(self) -> list[str]:
         """Session files of the folder, the newest first."""
@@ -87,6 +90,9 @@ class Mode(Protocol):
 
     def leave(self) -> None:
         """Another one is; ends what runs, with everything kept that is to be kept."""
+
+    def close(self) -> None:
+        """The window ends, and with it what this mode has started."""
 
     def busy(self) -> str:
         """What would be ended by leaving, for a person; empty where there is nothing."""
@@ -147,6 +153,9 @@ class BasicMode:
     def leave(self) -> None:
         self.shop.link.end()
         self.shop.link.moment = None
+
+    def close(self) -> None:
+        """Nothing but the bench, which the window ends."""
 
     def build(self) -> None:
         """Make the menu."""

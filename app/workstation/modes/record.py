@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import pygame
@@ -11,7 +11,7 @@ from app.workstation import look, theme
 from app.workstation.hands import Hands
 from app.workstation.inputs.reading import Control
 from app.workstation.modes.mode import BasicMode, Chip, Row
-from app.workstation.settings import SOURCES
+from app.workstation.settings import SOURCES, with_one
 from data.store import open_session
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
@@ -42,6 +42,8 @@ class RecordMode(BasicMode):
     episodes: int | None = None
     disturbance: str = "push"
     running: bool = False
+    echo: bool = False
+    """Lines of what was kept go to stdout as well."""
 
     def build(self) -> None:
         shop, width = self.shop, self.shop.place.panel.width
@@ -65,7 +67,7 @@ class RecordMode(BasicMode):
 
     def _setter(self, name: str) -> Any:
         def take(value: str) -> None:
-            self.shop.change(replace(self.shop.settings, **{name: value.strip()}))
+            self.shop.change(with_one(self.shop.settings, name, value.strip()))
             self.shop.say(self._about_session())
 
         return take
@@ -130,6 +132,8 @@ class RecordMode(BasicMode):
             self.shop.say(sentence, colour)
 
     def leave(self) -> None:
+        for message in self.shop.link.end():
+            self._hear(message)
         super().leave()
         self.running = False
         if self.hands is not None:
@@ -150,6 +154,8 @@ class RecordMode(BasicMode):
     def _hear(self, message: dict[str, Any]) -> str:
         line = str(message.get("line", ""))
         if message["kind"] == "said":
+            if self.echo:
+                print(line, flush=True)
             self.shop.say(line, look.CONTACT if line.startswith("kept") else look.QUIET)
         return line
 

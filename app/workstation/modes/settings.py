@@ -9,7 +9,7 @@ import pygame
 
 from app.workstation import look, theme
 from app.workstation.modes.mode import BasicMode, Chip, Shows
-from app.workstation.settings import SPEEDS
+from app.workstation.settings import SPEEDS, with_one
 from perception.descriptors import DESCRIPTORS
 from sim.cloth import CLOTHS
 
@@ -46,7 +46,7 @@ class SettingsMode(BasicMode):
         theme.switch(menu, "Keep images", now.images, self._setter("images"))
 
     def _setter(self, name: str) -> Any:
-        return lambda value: self.shop.change(replace(self.shop.settings, **{name: value}))
+        return lambda value: self.shop.change(with_one(self.shop.settings, name, value))
 
     def _take_countdown(self, text: str) -> None:
         self.shop.change(replace(self.shop.settings, countdown_s=float(text.split()[0])))

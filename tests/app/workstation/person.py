@@ -13,7 +13,7 @@ import pygame
 from app.workstation.inputs.pad import DEAD_ZONE
 from app.workstation.moment import Moment
 from app.workstation.window import FRAMES_HZ, Window
-from data.types import ACTION_LIMIT_M, Observation, Task, Truth
+from data.types import ACTION_LIMIT_M, Observation, Truth, as_task
 from policy.expert import ScriptedExpert
 from sim.cloth import HELD_STRETCH, cloth_spec
 from tests.virtual_pad import VirtualPad
@@ -54,7 +54,9 @@ class Person:
         while not until():
             if time.monotonic() > give_up:
                 shop = self.window.shop
-                raise AssertionError(f"waited {seconds:.0f} s for {what}: {shop.message!r} {shop.link.sentence!r} {self.status}")
+                raise AssertionError(
+                    f"waited {seconds:.0f} s for {what}: {shop.message!r} {shop.link.sentence!r} {self.status}"
+                )
             self.look()
 
     def watch(self, seconds: float) -> None:
@@ -99,7 +101,9 @@ class Person:
         area = widget.get_rect(to_real_position=True)
         self.click(area.center)
 
-    def drag_node(self, node: int, by: tuple[int, int], frames: int = 20, *, shot: Callable[[], None] | None = None) -> None:
+    def drag_node(
+        self, node: int, by: tuple[int, int], frames: int = 20, *, shot: Callable[[], None] | None = None
+    ) -> None:
         """Take hold of a node with the mouse, lead it by so many pixels, and let go."""
         moment, view = self.moment(), self.window.shop.place.view
         assert moment is not None
@@ -137,7 +141,9 @@ class Person:
             self._expert.reset(seed)
             self._seen = (moment.episode, -1)
         self.pad.axis("r2", 1.0)
-        self.wait(lambda: self._move() or (ticks is not None and self.status.get("ticks", 0) >= ticks), "the end", seconds)
+        self.wait(
+            lambda: self._move() or (ticks is not None and self.status.get("ticks", 0) >= ticks), "the end", seconds
+        )
         self.rest()
 
     def rest(self) -> None:
@@ -180,10 +186,6 @@ class Person:
 
 def post(kind: int, **values: object) -> None:
     pygame.event.post(pygame.event.Event(kind, values))
-
-
-def as_task(name: str) -> Task:
-    return "hanger" if name == "hanger" else "pickers"
 
 
 def truth_of(moment: Moment) -> Truth:
