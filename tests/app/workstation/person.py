@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pygame
+from pygame_menu.widgets import Button
 
 from app.workstation.inputs import sdl
 from app.workstation.inputs.pad import DEAD_ZONE
@@ -97,7 +98,7 @@ class Person:
         """Press a button of the menu by what is written on it."""
         menu = self.window.mode.menu
         assert menu is not None
-        widget = next(w for w in menu.get_widgets() if w.get_title() == text)
+        widget = next(w for w in menu.get_widgets() if isinstance(w, Button) and w.get_title() == text)
         menu.scroll_to_widget(widget)
         area = widget.get_rect(to_real_position=True)
         self.click(area.center)
@@ -126,6 +127,12 @@ class Person:
         self.look()
 
     # The pad
+
+    def plug_in(self) -> VirtualPad:
+        """A pad, in the hands until ``unplug_all``."""
+        self.pad = VirtualPad()
+        _PLUGGED.append(self.pad)
+        return self.pad
 
     def begin(self, seconds: float = PATIENCE_S) -> None:
         """Start the demonstration that waits, and see it count down."""
@@ -183,6 +190,15 @@ class Person:
         scale = (DEAD_ZONE + (1 - DEAD_ZONE) * length) / math.hypot(right, up) if length > 1e-6 else 0.0
         self.pad.axis(f"{side}_x", right * scale)
         self.pad.axis(f"{side}_y", -up * scale)
+
+
+_PLUGGED: list[VirtualPad] = []
+
+
+def unplug_all() -> None:
+    """Every pad that anybody has plugged in; an SDL that ends under one crashes."""
+    while _PLUGGED:
+        _PLUGGED.pop().unplug()
 
 
 def post(kind: int, **values: object) -> None:

@@ -21,8 +21,8 @@ from app.workstation.modes.record import RecordMode
 from app.workstation.modes.replay import ReplayMode
 from app.workstation.window import Window
 from app.workstation.works import make_work
-from tests.app.workstation.person import Person
-from tests.virtual_pad import VirtualPad
+from tests.app.workstation.person import Person, unplug_all
+
 
 COLOURS = 224
 """Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
@@ -70,7 +70,7 @@ def record(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(session="demonstrations.h5", speed="as fast as it goes", countdown_s=2.0, task="hanger")
     album.shoot("record-menu")
-    person.pad = VirtualPad()
+    person.plug_in()
     for task in ("hanger", "pickers"):
         album.settings(task=task, session=f"by-hand-{task}.h5")
         person.menu("Begin")
@@ -89,7 +89,7 @@ def record(album: Album) -> None:
             person.pad.unplug()
             album.wait_for_state("paused")
             album.shoot("record-unplugged")
-            person.pad = VirtualPad()
+            person.plug_in()
             album.wait_for_state("running")
         person.demonstrate(0)
         person.pad.tap("triangle")
@@ -199,6 +199,7 @@ def main(out: Path, folder: Path, parts: list[str]) -> None:
             if not parts or name in parts:
                 part(Album(window, out))
     finally:
+        unplug_all()
         window.close()
 
 
