@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pygame
+import pygame_menu
 from pygame_menu.widgets import Button
 
 from app.workstation.inputs import sdl
@@ -225,3 +226,5 @@ def headless() -> None:
     sdl.prepare()
     os.environ["SDL_VIDEODRIVER"] = "dummy"
     os.environ["SDL_AUDIODRIVER"] = "dummy"
+    # It has no cursors either, of which pygame-menu would print a stack each time.
+    pygame_menu.utils.warn = lambda *_: None
