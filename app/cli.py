@@ -130,6 +130,21 @@ def record(
     )
 
 
+@cli.command(name="app")
+def app_(
+    folder: Annotated[Path, typer.Option(metavar="DIR", help="Where sessions and models are, and go.")] = Path("runs"),
+    debug: Debug = False,
+) -> None:
+    """Open the workstation's window.
+
+    Record, train, place, disturb, replay and look after data from one place.
+    """
+    checks.require_simulator()
+    from app.workstation.launch import app as run
+
+    raise typer.Exit(run(folder))
+
+
 @cli.command()
 def train(
     data: DataFile,

@@ -21,7 +21,7 @@ from data.types import Task
 from sim.disturbances import DISTURBANCES
 from sim.placing import BenchSettings
 
-WINDOW = "app.workstation.window"
+WINDOW = "app.workstation.launch"
 """The module that has ``record_in_window(path, **as record_in_terminal)``."""
 
 

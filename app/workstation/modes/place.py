@@ -11,6 +11,7 @@ import pygame
 from app.workstation import look, theme
 from app.workstation.modes.mode import BasicMode, Chip, Row
 from app.workstation.placing import SCRIPTED
+from app.workstation.settings import with_one
 from policy import model as model_files
 from policy.registry import MADE
 from sim.cloth import CLOTHS
@@ -43,7 +44,9 @@ class PlaceMode(BasicMode):
         shop, width = self.shop, self.shop.place.panel.width
         self.menu = menu = theme.menu(shop.place.panel)
         theme.heading(menu, self.name)
-        about = "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth alone."
+        about = (
+            "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth alone."
+        )
         theme.note(menu, about, width)
         known = [*shop.models(), SCRIPTED, *MADE]
         chosen = shop.settings.model if shop.settings.model in known else known[0]
@@ -62,7 +65,7 @@ class PlaceMode(BasicMode):
             theme.choice(menu, name.capitalize(), known, value, self._setter(name), width=width)
 
     def _setter(self, name: str) -> Any:
-        return lambda value: self.shop.change(replace(self.shop.settings, **{name: value}))
+        return lambda value: self.shop.change(with_one(self.shop.settings, name, value))
 
     def _choose(self, policy: str) -> None:
         was = self.shop.settings.model
@@ -229,4 +232,3 @@ class PlaceMode(BasicMode):
         if self.running and self.shop.link.status.get("paused"):
             return "Paused", "Space goes on"
         return "", ""
-
