@@ -149,9 +149,9 @@ def _table(joystick: Any, device: Device | None) -> Table:
 def _axes_of(state: PadState) -> dict[str, float]:
     return {
         "left x": state.left[0],
-        "left y": state.left[1],
+        "left y": state.left[1] + 0.0,  # Not -0.
         "right x": state.right[0],
-        "right y": state.right[1],
+        "right y": state.right[1] + 0.0,
         "L2": state.l2,
         "R2": state.r2,
     }

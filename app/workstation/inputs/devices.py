@@ -70,7 +70,7 @@ class ControllerDevice:
         raw = [self._controller.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
         sticks = {name: max(raw[axis] / FULL, -1.0) for axis, name in enumerate(STICKS)}
         triggers = {
-            name: self._triggers.pulled(name, value / FULL, unmoved=value in UNMOVED)
+            name: self._triggers.pulled(name, value / FULL, unmoved=value in UNMOVED or value == 0)
             for name, value in zip(TRIGGERS, raw[len(STICKS) :], strict=True)
         }
         return state_of(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._controller.get_button(k)])
