@@ -251,6 +251,17 @@ def test_what_is_missing_is_said_with_what_works_instead(bare, capsys, source, w
     assert not list(bare.iterdir())
 
 
+def test_no_window_is_no_window_even_where_there_is_a_display(bare, capsys, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    status, out, err = _call(capsys, "record", bare / "s.h5", "--source", "mouse", "--no-window")
+    assert (status, out) == (1, "")
+    assert "--no-window leaves none" in err
+    status, out, err = _call(capsys, "record", bare / "s.h5", "--source", "keyboard", "--no-window")
+    assert (status, out) == (1, "")
+    assert "terminal" in err
+
+
 @pytest.mark.parametrize(
     "arguments",
     [("--disturb", "hurricane"), ("--cloth", "silk"), ("--descriptor", "sift"), ("--force",), ("--episodes", "0")],

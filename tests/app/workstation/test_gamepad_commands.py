@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app import cli
+from app import cli, doctor
 from app import gamepad as commands
 from app.errors import LayflatError, WrongCall
 from app.workstation.inputs import sdl
@@ -275,6 +275,17 @@ def test_monitor_shows_the_raw_inputs_of_an_unknown_pad(plug, capsys):
     assert "layflat gamepad calibrate" in err
 
 
+def test_doctor_tells_of_pads_that_can_be_used_and_of_others(plug):
+    assert [(check.state, check.found) for check in doctor.pad()] == [("note", "none")]
+    plug(name="Known")
+    plug(4, 12, 1, known=False, name="Strange")
+    known, strange = doctor.pad()
+    assert (known.state, known.found) == ("ok", "Known (known by SDL)")
+    assert strange.state == "note"
+    assert "Strange" in strange.advice
+    assert "layflat gamepad calibrate" in strange.advice
+
+
 def test_the_table_names_every_control(plug):
     import pygame
 
@@ -296,6 +307,7 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
     desk, gamepad = Desk(tmp_path / "s.h5"), Gamepad("hanger")
     pads = [plug()]
     said: list[str] = []
+    felt: list[int] = []
 
     def ticks() -> int:
         return desk.recording.glance.ticks
@@ -311,6 +323,7 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
             while ticks() < 5:
                 yield
             if verdict == "circle":
+                felt.append(sum(motors != (0, 0) for motors in pads[-1].rumbles))
                 pads.pop().unplug()
                 while desk.state != "paused":
                     yield
@@ -354,6 +367,7 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
     )
     assert desk.state == "over"
     assert "Virtual PS4 pad is gone; plug it in again" in said[0]
+    assert felt == [2]  # Contact began in each of two demonstrations.
     desk.close()
     gamepad.close()
     with open_session(tmp_path / "s.h5") as session:
