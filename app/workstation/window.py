@@ -16,6 +16,7 @@ from app.workstation.benchpane import BenchPane
 from app.workstation.curves import draw_contact, draw_word
 from app.workstation.hands import Hands
 from app.workstation.host import MakeWork
+from app.workstation.inputs import sdl
 from app.workstation.layout import LEAST, SIZE, layout
 from app.workstation.link import BenchLink
 from app.workstation.modes import Mode, Shop, all_modes
@@ -44,6 +45,7 @@ class Window:
         """``make`` does a bench process's work; ``remember``: read and write the settings of ``folder``."""
         # No sound is made, and no sound card is to be opened for that.
         os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
+        sdl.prepare()
         pygame.init()
         look.fresh()
         pygame.display.set_caption(TITLE)

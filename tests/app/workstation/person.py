@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pygame
 
+from app.workstation.inputs import sdl
 from app.workstation.inputs.pad import DEAD_ZONE
 from app.workstation.moment import Moment
 from app.workstation.window import FRAMES_HZ, Window
@@ -205,5 +206,6 @@ def seen_of(moment: Moment) -> Observation:
 
 def headless() -> None:
     """SDL without a display and without sound."""
+    sdl.prepare()
     os.environ["SDL_VIDEODRIVER"] = "dummy"
     os.environ["SDL_AUDIODRIVER"] = "dummy"
