@@ -142,11 +142,13 @@ class Pads:
         self._mapping = mapping
         self.devices: dict[int, Device] = {}
         """Usable ones, in the order in which they came."""
+        self._open: dict[int, tuple[int, Any]] = {}
         self.unknown: dict[int, str] = {}
         """Pads whose buttons nobody knows, and why: one sentence each."""
 
     def refresh(self) -> None:
         joysticks = self._joysticks()
+        self._open = joysticks  # Or those that nobody reads would be closed, and opened again each time.
         for instance in [i for i in self.devices if i not in joysticks]:
             self.devices.pop(instance).close()
         for instance in [i for i in self.unknown if i not in joysticks]:
