@@ -18,6 +18,7 @@ import typer
 from app import checks
 from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
+from app.cli_gamepad import gamepad_cli
 from app.cli_options import (
     Cloth,
     DataFile,
@@ -331,6 +332,7 @@ cli.command()(evaluate)
 cli.command()(disturb)
 cli.command()(replay)
 cli.add_typer(data_cli)
+cli.add_typer(gamepad_cli)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -164,7 +164,7 @@ LAYOUTS = (LAYOUT_A, LAYOUT_B, LAYOUT_C)
 def raw_layout(pad: RawPad) -> Layout | None:
     """The layout of an unmapped PS4 pad, by its counts; None for any other pad."""
     counts = Counts.of(pad)
-    if counts.axes != 6:
+    if counts.axes != 6 or counts.hats > 1:
         return None
     if counts.hats == 0:
         return LAYOUT_A if counts.buttons == 16 else None

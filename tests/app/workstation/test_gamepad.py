@@ -96,6 +96,17 @@ def test_each_way_of_knowing_a_pad_reads_its_triggers(any_pad):
     assert gamepad.poll().speed == pytest.approx(SPEED, abs=0.001)
 
 
+def test_triggers_at_0_before_their_first_move_are_let_go_of_where_sdl_maps_the_pad_too(plug, source):
+    pad, gamepad = plug(), source()
+    for name in ("l2", "r2"):
+        pad.axis(name, 0.0)
+    assert [gamepad.poll().speed for _ in range(4)] == [SPEED] * 4
+    pad.axis("r2", 0.5)
+    assert gamepad.poll().speed == pytest.approx(SPEED + 0.75 * (1 - SPEED), abs=0.001)
+    pad.axis("r2", 0.0)
+    assert gamepad.poll().speed == pytest.approx(SPEED + 0.5 * (1 - SPEED), abs=0.001)
+
+
 def test_each_way_of_knowing_a_pad_obeys_its_buttons_once(any_pad):
     gamepad, pad, _, buttons = any_pad
     gamepad.poll()
