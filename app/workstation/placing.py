@@ -50,6 +50,7 @@ class PlacingWork:
         self._settle = 0
         self._phase_ticks = 0
         self._repeats = 0
+        self._pulled = 0
         self._last = {"input_s": 0.0, "work_s": 0.0}
         self._cadence = self._paced()
         self.bench = Placing(settings)
@@ -110,6 +111,7 @@ class PlacingWork:
 
     def _tick(self, pull: Pull | None) -> StoppedBy | None:
         self._phase_ticks += 1
+        self._pulled += pull is not None
         if self._phase_ticks > LIMIT_TICKS[self.state]:
             return "tick_limit"
         return self.run.tick(PHASES[self.state], pull=pull)
@@ -188,6 +190,7 @@ class PlacingWork:
             "ticks": self.run.ticks,
             "message": self.message,
             "recording": self._recorder is not None,
+            "pulled_ticks": self._pulled,
             "disturbances": [record.name for record in self.run.disturbances],
             "rhythm": rhythm.told(),
             "factor": rhythm.factor(float(self._order["tick_s"])),

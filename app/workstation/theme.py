@@ -161,6 +161,8 @@ def _stretch(widget: Any, width: int) -> None:
 
 
 def button(into: pygame_menu.Menu, text: str, on_press: Callable[[], None], *, main: bool = False) -> Any:
+    if main:
+        into.add.vertical_margin(8)
     widget = into.add.button(text, on_press, margin=(14, 8), padding=(6, 16), font_size=15, font_name=look.BOLD)
     widget.set_background_color(look.ACCENT if main else look.RAISED)
     widget.update_font(

@@ -152,7 +152,7 @@ class BasicMode:
 
     def leave(self) -> None:
         self.shop.link.end()
-        self.shop.link.moment = None
+        self.shop.link.moment, self.shop.link.status = None, {}
 
     def close(self) -> None:
         """Nothing but the bench, which the window ends."""

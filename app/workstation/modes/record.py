@@ -124,7 +124,7 @@ class RecordMode(BasicMode):
         self._back(last)
 
     def _back(self, sentence: str, colour: look.Colour = look.QUIET) -> None:
-        self.running = False
+        self.running, self.shop.link.status = False, {}
         if self.hands is not None:
             self.hands.drop()
         self.build()

@@ -25,11 +25,12 @@ END_S = 40.0
 
 
 @pytest.fixture
-def folder(tmp_path: Path, make_episode: Callable) -> Path:
-    """With a session that has one demonstration already, long enough to be trained from for a while."""
+def folder(tmp_path: Path, make_episode: Callable, lying: Callable) -> Path:
+    """With a session that has two demonstrations already."""
     with SessionRecorder(tmp_path / "demos.h5", task="pickers", cloth="towel", descriptor="word-axial") as recorder:
         for seed in range(2):
-            recorder.keep(make_episode(task="pickers", ticks=60, seed=seed, nodes=169, descriptor="word-axial"))
+            made = make_episode(task="pickers", seed=seed, descriptor="word-axial", disturbed=False)
+            recorder.keep(lying(made, 55))
     return tmp_path
 
 
