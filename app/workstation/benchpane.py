@@ -1,4 +1,4 @@
-"""The bench in the window: 3D view and camera picture, redrawn only when something has changed, and the mouse in them."""
+"""The bench in the window: 3D view and camera picture, drawn again when something has changed, and the mouse there."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -206,16 +207,12 @@ class PlaceMode(BasicMode):
         chips += [Chip("N", "next seed", self.again), Chip("Esc", "end, to the menu", self.stop)]
         if not self.finished:
             chips.append(Chip("drag", "pull at the cloth"))
-            chips += [
-                Chip(
-                    DIGITS[k] if k < len(DIGITS) else "•",
-                    name,
-                    lambda name=name: self.shop.link.ask("disturb", name=name),
-                    look.WORD,
-                )  # type: ignore[misc]
-                for k, name in enumerate(NAMED)
-            ]
+            for k, name in enumerate(NAMED):
+                chips.append(Chip(DIGITS[k] if k < len(DIGITS) else "•", name, self._disturber(name), look.WORD))
         return chips
+
+    def _disturber(self, name: str) -> Callable[[], None]:
+        return lambda: self.shop.link.ask("disturb", name=name)
 
     def headline(self) -> tuple[str, look.Colour]:
         if self.finished:

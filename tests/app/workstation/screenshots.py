@@ -25,7 +25,6 @@ from app.workstation.window import Window
 from app.workstation.works import make_work
 from tests.app.workstation.person import Person, headless, unplug_all
 
-
 COLOURS = 224
 """Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
 

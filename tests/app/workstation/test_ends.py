@@ -52,7 +52,7 @@ def end(process: subprocess.Popen[str], how: int | None) -> int:
     if how is not None:
         process.send_signal(how)
     status = process.wait(END_S)
-    gone, left = psutil.wait_procs(family, timeout=15)
+    _, left = psutil.wait_procs(family, timeout=15)
     for one in left:
         one.kill()
     assert not left, [one.pid for one in left]

@@ -1,4 +1,4 @@
-"""A person uses the window from beginning to end: a pad that SDL takes for real, the mouse, and what is on disk then."""
+"""A person uses the window from beginning to end: a pad that SDL takes for real, the mouse, and what is on disk."""
 
 from __future__ import annotations
 
