@@ -115,7 +115,8 @@ class Window:
             mode.close()
         self.shop.link.end()
         self.hands.close()
-        pygame.quit()
+        # Not pygame.quit(): pygame-menu keeps its fonts for a next window, and a font that outlives its library crashes.
+        pygame.display.quit()
 
     # Events
 

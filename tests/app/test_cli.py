@@ -17,7 +17,7 @@ from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "gamepad")
+COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "gamepad", "app")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
