@@ -23,6 +23,9 @@ from sim.pull import picked_node
 
 _PINHOLE = default_pinhole()
 TABLE_LIFT_M = 0.004
+"""What is pulled is never pulled below where cloth rests."""
+MIDDLE = 2
+"""The mouse's button that shifts the view; with Shift the others do, too."""
 
 
 @dataclass
@@ -94,7 +97,8 @@ class BenchPane:
             self.dragging = "pull"
             self.pull = Pull(node=node, target_m=moment.nodes[node])
         else:
-            self.dragging = "turn" if button == 1 else "pan"
+            shifted = bool(pygame.key.get_mods() & pygame.KMOD_SHIFT)
+            self.dragging = "pan" if button == MIDDLE or shifted else "turn"
 
     def move(self, at: tuple[int, int], by: tuple[int, int], size: tuple[int, int], moment: Moment | None) -> None:
         """The mouse moves: the view turns or shifts, or what is held follows in the plane that faces the eye."""

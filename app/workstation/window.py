@@ -20,13 +20,14 @@ from app.workstation.inputs import sdl
 from app.workstation.layout import LEAST, SIZE, layout
 from app.workstation.link import BenchLink
 from app.workstation.modes import Mode, Shop, all_modes
+from app.workstation.modes.mode import ASK_AGAIN_S
 from app.workstation.moment import Moment
 from app.workstation.preview import preview
 from data.types import as_task
 
 FRAMES_HZ = 30
-ASK_AGAIN_S = 3.0
-"""A second click on another tab within this time ends what runs."""
+REPEAT_MS = (350, 40)
+"""A held key: until it repeats, and from then on."""
 TITLE = "Layflat"
 
 
@@ -49,7 +50,6 @@ class Window:
         pygame.init()
         look.fresh()
         pygame.display.set_caption(TITLE)
-        pygame.key.set_repeat(350, 40)
         self.surface = pygame.display.set_mode(size, pygame.RESIZABLE)
         self.shop = Shop(
             folder=folder,
@@ -64,6 +64,7 @@ class Window:
         self.mode = next(mode for mode in self.modes if mode.name == start)
         self.open = True
         self._closed = False
+        self._keys_repeat = False
         self.interrupted = False
         self.frames_s: list[float] = []
         """Wall time of the work of each of the last frames."""
@@ -96,6 +97,7 @@ class Window:
     def frame(self) -> None:
         """Events, what the bench says, what the hands do, and what has changed on the screen."""
         began = time.perf_counter()
+        self._repeat_keys()
         self._take(pygame.event.get())
         self.mode.hear(self.shop.link.hear())
         self.hands.put(self.mode)
@@ -103,6 +105,13 @@ class Window:
         self.draw()
         self.frames_s.append(time.perf_counter() - began)
         del self.frames_s[:-200]
+
+    def _repeat_keys(self) -> None:
+        """Keys that are held repeat in menus and in a replay; never where each press is a button of a recording."""
+        wanted = not self.shop.link.alive
+        if wanted != self._keys_repeat:
+            self._keys_repeat = wanted
+            pygame.key.set_repeat(*(REPEAT_MS if wanted else ()))
 
     def close(self) -> None:
         """End everything that was started; what is to be kept is on disk afterwards. May be called twice."""

@@ -236,6 +236,7 @@ def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(windo
     person.pad.tap("triangle")
     person.wait(lambda: person.status["stored"] == 2, "it to be kept")
     person.key(pygame.K_ESCAPE)
+    assert not window.mode.running
     partial, whole = stored_episodes(window.shop.folder / "pickers.h5")
     assert (partial.outcome, partial.stopped_by, whole.outcome) == ("partial", "crashed", "success")
     assert len(partial.steps) >= 8
