@@ -10,7 +10,7 @@ import numpy as np
 
 from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
 from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
-from perception.percept import Perceiver, PerceptionConfig
+from perception.percept import Perceiver, Percept, PerceptionConfig
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
@@ -92,6 +92,8 @@ class Placing:
     def __init__(self, settings: BenchSettings) -> None:
         self.settings = settings
         self.world: World | None = None
+        self.percept: Percept | None = None
+        """What perception made of the last observation; None without a camera."""
         self._pinhole = default_pinhole()
         self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
 
@@ -160,7 +162,7 @@ class Placing:
         word, strength, contact = np.zeros(2), 0.0, 0.0
         if self.settings.camera:
             rgb, depth = self.camera.capture(self._nodes)
-            percept = self._calibrated.perceive(rgb, depth)
+            percept = self.percept = self._calibrated.perceive(rgb, depth)
             word, strength = percept.word, percept.strength
             contact = min(1.0, percept.contact_portion)
         return Observation(
@@ -286,6 +288,13 @@ class Placing:
     def pulled(self) -> int | None:
         """The node that is pulled at, or None."""
         return None if self._pull is None else self._pull.node
+
+    @property
+    def pulling(self) -> tuple[int, FloatArray] | None:
+        """The node that is pulled at and its target (3,) m, or None."""
+        if self._pull is None or self._pull_target is None:
+            return None
+        return self._pull.node, self._pull_target
 
     def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
         """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""

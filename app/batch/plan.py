@@ -20,7 +20,8 @@ from policy.flatten import CONTROLLERS
 from policy.gp_model import GpModel
 from policy.registry import MADE
 from sim.cloth import CLOTHS
-from sim.placing import STARTS, Start
+from sim.placing import STARTS, BenchSettings, Start
+from sim.world import SimError
 
 LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
@@ -134,6 +135,8 @@ class Plan:
         for cloth in self.cloths:
             known_name("cloth", cloth, CLOTHS)
         known_name("start", self.start, STARTS)
+        for task in self.tasks:
+            _possible(task, self.start)
         if not self.limit_s > 0:
             raise WrongCall(f"--limit-s is {self.limit_s}; it must be above 0")
 
@@ -164,6 +167,13 @@ class Plan:
                                 cases=self.all_cases,
                                 limit_s=self.limit_s,
                             )
+
+
+def _possible(task: Task, start: Start) -> None:
+    try:
+        BenchSettings(task=task, start=start)
+    except SimError as error:
+        raise WrongCall(str(error)) from None
 
 
 def _each_once(kind: str, values: Sequence[object]) -> None:

@@ -4,22 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
-import numpy as np
-
+from app.errors import LayflatError
 from app.workstation.inputs.reading import Reading
 from data.recorder import KeptEpisode
-from data.types import FloatArray, Outcome, StoppedBy
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pulled:
-    """What the mouse pulls at in a tick."""
-
-    node: int
-    target_m: FloatArray
-    """(3,) m, world."""
+from data.types import Outcome, Pull, StoppedBy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +39,7 @@ class Take(Protocol):
     def glance(self) -> Glance:
         """How it stands."""
 
-    def tick(self, reading: Reading, pull: Pulled | None = None) -> Glance:
+    def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
         """One tick of what the reading says; returns when it is over. TakeLost if the simulation died."""
 
     def disturb(self, name: str) -> None:
@@ -59,16 +49,12 @@ class Take(Protocol):
         """End it and keep it, durable on return; None where not even one tick was over."""
 
     def discard(self) -> None:
-        """End it, and nobody wants it."""
+        """End it, and nobody wants it. May be called twice."""
 
 
-class TakeLost(Exception):
+class TakeLost(LayflatError):
     """The simulation of a take ended by itself; says why. What there is of it can still be kept."""
 
 
-Begin = Callable[[int], Take]
+Begin: TypeAlias = Callable[[int], Take]
 """Makes the take of a seed; returns at once."""
-
-
-def as_pulled(node: int, target_m: FloatArray) -> Pulled:
-    return Pulled(node=node, target_m=np.asarray(target_m, dtype=float))

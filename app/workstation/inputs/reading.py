@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from data.types import ACTION_LIMIT_M, DataError, FloatArray, Task, action_size, frozen_array
+from data.types import ACTION_LIMIT_M, DataError, FloatArray, Task, action_size, frozen_array, frozen_hand
 
 
 class Control(Enum):
@@ -56,8 +56,7 @@ class Reading:
             raise DataError(f"speed is {self.speed}; it must be within 0..1")
         object.__setattr__(self, "motion", motion)
         if self.hand is not None:
-            shape: tuple[int | None, ...] = (3,) if np.ndim(self.hand) == 1 else (2, 3)
-            object.__setattr__(self, "hand", frozen_array(self.hand, shape, "hand"))
+            object.__setattr__(self, "hand", frozen_hand(self.hand))
 
     @property
     def action(self) -> FloatArray:
