@@ -52,7 +52,7 @@ def placed(tmp_path, monkeypatch, make_episode):
         for module in (jobs, record):
             monkeypatch.setattr(module, "run_numbered", lambda asked, *, workers: run(endings, asked))
         place.place(
-            tmp_path / "m.npz", episodes=len(endings), seed=7, disturb=None, 
+            tmp_path / "m.npz", episodes=len(endings), seed=7, disturb=None,
             record=tmp_path / "s.h5" if recorded else None,
             video=None, json=tmp_path / "rows.json", cloth=None, workers=1, force=False,
         )  # fmt: skip
