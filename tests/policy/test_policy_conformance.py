@@ -15,6 +15,7 @@ from policy.flatten import CONTROLLERS, controller
 from policy.gp_policy import GpPolicy
 from policy.handover import Handover
 from policy.recorded import Recorded
+from policy.takeover import Takeover
 
 LEARNED = {
     "gp-word": "all",
@@ -25,10 +26,11 @@ LEARNED = {
 
 
 HANDOVER = "handover"
+TAKEOVER = "takeover"
 EXPERT = "scripted"
 RECORDED = "recorded"
 FLATTEN = "flatten-"
-PLACERS = [(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT, RECORDED) for task in TASKS]
+PLACERS = [(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, TAKEOVER, EXPERT, RECORDED) for task in TASKS]
 
 
 @pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
@@ -41,6 +43,8 @@ def policy(request, model_of, make_episode) -> Policy:
     if name == HANDOVER:
         first = GpPolicy(model_of(task, "position"))
         return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
+    if name == TAKEOVER:
+        return Takeover(GpPolicy(model_of(task, "position")), registry.make("random", task), lambda: "lead")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
         truth = Truth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
