@@ -22,7 +22,7 @@ from app.video import write_video
 from data.recorder import SessionRecorder
 from data.types import Episode
 from policy import model as model_files
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
 
@@ -88,7 +88,7 @@ def place(
 
 def _run(
     jobs: list[EpisodeJob],
-    learned: GpModel,
+    learned: Learned,
     cloth: str,
     record: Path | None,
     workers: int,
