@@ -20,7 +20,7 @@ from policy.lessons import OUTPUT_SCALE_M, Lessons, held_out_rmse, lessons
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
 
-MAX_COMPONENTS = 12
+MAX_COMPONENTS = 20
 POINTS_PER_COMPONENT = 20
 """At least so many ticks for each component on average; with fewer it would describe single moves."""
 REGULARISATION = 1e-4
