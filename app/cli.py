@@ -35,7 +35,7 @@ from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
-PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction"]
+PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
@@ -123,7 +123,7 @@ def train(
     data: DataFile,
     model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
     policy: Annotated[
-        PolicyName, typer.Option(help="What to learn: with all of the cloth's state, none, or a part.")
+        PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
     ] = "gp-word",
     seed: Seed = 0,
     force: Force = False,

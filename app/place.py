@@ -24,7 +24,7 @@ from app.video import write_video
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Episode
 from policy import model as model_files
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
 
@@ -103,7 +103,7 @@ def crashed_row(job: EpisodeJob) -> dict[str, Any]:
 
 def _run(
     jobs: list[EpisodeJob],
-    learned: GpModel,
+    learned: Learned,
     cloth: str,
     record: Path | None,
     workers: int,

@@ -44,6 +44,18 @@ def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session,
     assert learned.provenance.versions["python"]
 
 
+@pytest.mark.parametrize("policy", ["gmr", "dmp", "nearest"])
+def test_every_other_method_trains_the_same_way(policy, session, tmp_path, capsys):
+    model = tmp_path / "m.npz"
+    status, out, _ = _run(capsys, "train", str(session("success", "success")), str(model), "--policy", policy)
+    assert status == 0
+    learned = model_files.load(model)
+    assert learned.policy == policy
+    assert f"{learned.points} {learned.MADE_OF} of {learned.points_available} ticks in 2 demonstrations" in out
+    assert learned.heldout_rmse_m is not None
+    assert f"{1000 * learned.heldout_rmse_m[0]:.2f}" in out
+
+
 def test_one_demonstration_has_no_held_out_error_and_says_so(session, tmp_path, capsys):
     status, out, _ = _run(capsys, "train", str(session("success")), str(tmp_path / "m.npz"), "--policy", "gp-baseline")
     assert status == 0
