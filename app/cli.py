@@ -125,6 +125,9 @@ def train(
     policy: Annotated[
         PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
     ] = "gp-word",
+    intervention_weight: Annotated[
+        int, typer.Option(min=1, metavar="W", help="How often each tick counts in which a person corrected a policy.")
+    ] = 1,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -135,7 +138,7 @@ def train(
     """
     from app.train import train as run
 
-    run(data, model, policy=policy, force=force, seed=seed)
+    run(data, model, policy=policy, force=force, seed=seed, intervention_weight=intervention_weight)
 
 
 @cli.command()

@@ -24,9 +24,7 @@ from policy.learned import Learned
 EXPECTED_S = 30.0
 
 
-def train(
-    data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1
-) -> Learned:
+def train(data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1) -> Learned:
     """Learn ``policy`` from the successful demonstrations in ``data``, write ``model``, print what was learned."""
     checks.known_name("policy", policy, registry.TRAINABLE)
     if model.suffix != ".npz":
@@ -49,6 +47,9 @@ def train(
         )
     model_files.save(learned, model, force=force)
     show(learned, model)
+    if corrected:
+        times = "once" if intervention_weight == 1 else f"{intervention_weight} times"
+        print(f"{corrected} ticks in which a person corrected a policy count {times} each")
     return learned
 
 
