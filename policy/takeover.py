@@ -15,6 +15,8 @@ from data.types import Observation
 from policy.base import Decision, Policy, PolicyError
 
 Wish: TypeAlias = Literal["lead", "hand back"]
+REST_TICKS = 8
+"""0.8 s: longer than a thumb rests between two moves of one correction."""
 
 
 class Takeover:
@@ -52,3 +54,24 @@ class Takeover:
         if not self.led:
             return self._policy.act(observation)
         return replace(self._person.act(observation), intervention=True)
+
+
+class Grip:
+    """A wish by the hands alone: who moves wants the lead, and hands it back after ``rest_ticks`` ticks at rest.
+
+    ``moving`` says whether the person's hands ask for motion now.
+    """
+
+    def __init__(self, moving: Callable[[], bool], *, rest_ticks: int = REST_TICKS) -> None:
+        if rest_ticks < 1:
+            raise PolicyError(f"rest_ticks is {rest_ticks}; it must be at least 1")
+        self._moving = moving
+        self._rest_ticks = rest_ticks
+        self._rested = 0
+
+    def __call__(self) -> Wish | None:
+        if self._moving():
+            self._rested = 0
+            return "lead"
+        self._rested += 1
+        return "hand back" if self._rested >= self._rest_ticks else None

@@ -7,7 +7,7 @@ import pytest
 
 from policy import registry
 from policy.base import Decision, PolicyError
-from policy.takeover import Takeover
+from policy.takeover import Grip, Takeover
 
 
 class Counts:
@@ -75,6 +75,15 @@ def test_what_the_person_decides_is_theirs_but_for_the_mark(observe):
     mine = policy.act(observe(0.3, 0.01))
     person.reset(5)
     np.testing.assert_array_equal(mine.action, person.act(observe(0.3, 0.01)).action)
+
+
+def test_a_grip_leads_while_the_hands_move_and_a_little_longer():
+    moving = iter([False, True, False, False, True, False, False, False, False])
+    grip = Grip(lambda: next(moving), rest_ticks=3)
+    told = [grip() for _ in range(9)]
+    assert told == [None, "lead", None, None, "lead", None, None, "hand back", "hand back"]
+    with pytest.raises(PolicyError, match="rest_ticks is 0"):
+        Grip(lambda: True, rest_ticks=0)
 
 
 def test_policies_of_different_tasks_are_refused():
