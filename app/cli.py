@@ -34,7 +34,7 @@ from app.cli_options import (
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
-SourceName = Literal["scripted"]
+SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
 PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
@@ -94,12 +94,20 @@ def record(
     seed: Seed = 0,
     descriptor: Descriptor = "word-axial",
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
+    disturb: Annotated[str, typer.Option(metavar="NAME", help="What the disturb button does to the cloth.")] = "push",
+    window: Annotated[
+        bool, typer.Option("--window/--no-window", help="Open the window where there is a display, or stay here.")
+    ] = True,
+    pad: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Record demonstrations.
 
-    FILE.h5 is appended to if it exists, and each episode is durable once it is printed.
+    FILE.h5 is appended to if it exists, and each episode is durable once it is printed. With a person as the source it
+    ends when --episodes are kept, or when the person quits; what was not to be kept is asked again.
     """
     checks.require_simulator()
     from app.record import record as run
@@ -115,6 +123,9 @@ def record(
         images=images,
         force=force,
         workers=workers,
+        disturb=disturb,
+        window=window,
+        mapping=pad,
     )
 
 

@@ -33,14 +33,36 @@ def record(
     images: bool,
     force: bool,
     workers: int,
+    disturb: str = "none",
+    window: bool = True,
+    mapping: Path | None = None,
 ) -> None:
-    """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each."""
+    """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each.
+
+    ``disturb``, ``window`` and ``mapping`` (of a pad) are for a person who demonstrates.
+    """
     checks.known_name("cloth", cloth, CLOTHS)
     checks.known_name("descriptor", descriptor, DESCRIPTORS)
-    checks.known_name("source", source, ("scripted",))
     if force and path.exists() and path.is_file():
         raise WrongCall(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     checks.writable_file(path, force=False, append=True)
+    if source != "scripted":
+        from app.workstation.by_hand import record_by_hand
+
+        record_by_hand(
+            path,
+            task=task,
+            cloth=cloth,
+            source=source,
+            episodes=episodes,
+            seed=seed,
+            descriptor=descriptor,
+            images=images,
+            disturb=disturb,
+            window=window,
+            mapping=mapping,
+        )
+        return
     jobs = [
         EpisodeJob(task=task, cloth=cloth, seed=seed + k, descriptor=descriptor, images=images) for k in range(episodes)
     ]
