@@ -36,7 +36,7 @@ from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
-PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction"]
+PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
@@ -102,6 +102,10 @@ def record(
     pad: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
     ] = None,
+    correct: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL.npz", help="This model places; who moves the source takes over until they rest."),
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -127,6 +131,7 @@ def record(
         disturb=disturb,
         window=window,
         mapping=pad,
+        correct=correct,
     )
 
 
@@ -150,8 +155,11 @@ def train(
     data: DataFile,
     model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
     policy: Annotated[
-        PolicyName, typer.Option(help="What to learn: with all of the cloth's state, none, or a part.")
+        PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
     ] = "gp-word",
+    intervention_weight: Annotated[
+        int, typer.Option(min=1, metavar="W", help="How often each tick counts in which a person corrected a policy.")
+    ] = 1,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -162,7 +170,7 @@ def train(
     """
     from app.train import train as run
 
-    run(data, model, policy=policy, force=force, seed=seed)
+    run(data, model, policy=policy, force=force, seed=seed, intervention_weight=intervention_weight)
 
 
 @cli.command()
