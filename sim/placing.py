@@ -9,7 +9,7 @@ import numpy as np
 
 from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth
 from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
-from perception.percept import Perceiver, PerceptionConfig
+from perception.percept import Perceiver, Percept, PerceptionConfig
 from sim import starts
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
@@ -20,7 +20,8 @@ from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
 from sim.pull import Pull, picked_node
-from sim.starts import STARTS, Start
+from sim.starts import STARTS as STARTS
+from sim.starts import Start as Start
 from sim.world import GRAVITY_M_S2, SimError, World
 
 DISTURBANCE_STREAM = 0xD157
@@ -77,6 +78,8 @@ class Placing:
     def __init__(self, settings: BenchSettings) -> None:
         self.settings = settings
         self.world: World | None = None
+        self.percept: Percept | None = None
+        """What perception made of the last observation; None without a camera."""
         self._pinhole = default_pinhole()
         self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
 
@@ -140,7 +143,7 @@ class Placing:
         word, strength, contact = np.zeros(2), 0.0, 0.0
         if self.settings.camera:
             rgb, depth = self.camera.capture(self._nodes)
-            percept = self._calibrated.perceive(rgb, depth)
+            percept = self.percept = self._calibrated.perceive(rgb, depth)
             word, strength = percept.word, percept.strength
             contact = min(1.0, percept.contact_portion)
         return Observation(
@@ -266,6 +269,13 @@ class Placing:
     def pulled(self) -> int | None:
         """The node that is pulled at, or None."""
         return None if self._pull is None else self._pull.node
+
+    @property
+    def pulling(self) -> tuple[int, FloatArray] | None:
+        """The node that is pulled at and its target (3,) m, or None."""
+        if self._pull is None or self._pull_target is None:
+            return None
+        return self._pull.node, self._pull_target
 
     def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
         """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""
