@@ -262,10 +262,10 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
         ),
         DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
         DisturbanceSpec(
-            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=10.0, scale=(0.8, 1.2), time_limit_s=0.5
+            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=8.0, scale=(1.0, 1.5), time_limit_s=0.5
         ),
         DisturbanceSpec(
-            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=14.0, scale=(0.8, 1.2), either_side=True,
+            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=8.0, scale=(1.4, 2.1), either_side=True,
             time_limit_s=0.5,
         ),
         DisturbanceSpec(
