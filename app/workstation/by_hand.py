@@ -42,6 +42,8 @@ def record_by_hand(
 ) -> None:
     """Record until ``episodes`` are kept or the person quits; one line on stdout for each that is kept or discarded."""
     checks.known_name("disturbance", disturb, DISTURBANCES)
+    if mapping is not None:
+        checks.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
     in_window = _window() if window and has_display() else None
     if in_window is None and not SOURCES[source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
