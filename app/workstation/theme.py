@@ -111,6 +111,7 @@ def choice(
         selection_option_border_width=0,
         selection_option_padding=(3, 6),
         selection_infinite=True,
+        cursor=None,
         scrollbar_color=look.RAISED,
         scrollbar_slider_color=look.LINE,
         scrollbar_thick=8,

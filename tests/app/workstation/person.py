@@ -9,6 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pygame
+import pygame_menu
+from pygame_menu.widgets import Button
 
 from app.workstation.inputs import sdl
 from app.workstation.inputs.pad import DEAD_ZONE
@@ -97,7 +99,7 @@ class Person:
         """Press a button of the menu by what is written on it."""
         menu = self.window.mode.menu
         assert menu is not None
-        widget = next(w for w in menu.get_widgets() if w.get_title() == text)
+        widget = next(w for w in menu.get_widgets() if isinstance(w, Button) and w.get_title() == text)
         menu.scroll_to_widget(widget)
         area = widget.get_rect(to_real_position=True)
         self.click(area.center)
@@ -126,6 +128,12 @@ class Person:
         self.look()
 
     # The pad
+
+    def plug_in(self) -> VirtualPad:
+        """A pad, in the hands until ``unplug_all``."""
+        self.pad = VirtualPad()
+        _PLUGGED.append(self.pad)
+        return self.pad
 
     def begin(self, seconds: float = PATIENCE_S) -> None:
         """Start the demonstration that waits, and see it count down."""
@@ -185,6 +193,15 @@ class Person:
         self.pad.axis(f"{side}_y", -up * scale)
 
 
+_PLUGGED: list[VirtualPad] = []
+
+
+def unplug_all() -> None:
+    """Every pad that anybody has plugged in; an SDL that ends under one crashes."""
+    while _PLUGGED:
+        _PLUGGED.pop().unplug()
+
+
 def post(kind: int, **values: object) -> None:
     pygame.event.post(pygame.event.Event(kind, values))
 
@@ -209,3 +226,5 @@ def headless() -> None:
     sdl.prepare()
     os.environ["SDL_VIDEODRIVER"] = "dummy"
     os.environ["SDL_AUDIODRIVER"] = "dummy"
+    # It has no cursors either, of which pygame-menu would print a stack each time.
+    pygame_menu.utils.warn = lambda *_: None

@@ -2,7 +2,7 @@
 
     python -m tests.app.workstation.screenshots docs/images runs/screenshots
 
-on a display (Xvfb will do); SDL's dummy driver gives the same pixels. The second folder keeps what is recorded.
+The pictures are SDL's own, so no display is needed. The second folder keeps what is recorded.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ import numpy as np
 import pygame
 from PIL import Image
 
+from app.workstation import look
 from app.workstation.job import Job
 from app.workstation.modes.place import PlaceMode
 from app.workstation.modes.record import RecordMode
 from app.workstation.modes.replay import ReplayMode
 from app.workstation.window import Window
 from app.workstation.works import make_work
-from tests.app.workstation.person import Person
-from tests.virtual_pad import VirtualPad
+from tests.app.workstation.person import Person, headless, unplug_all
+
 
 COLOURS = 224
 """Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
@@ -42,8 +43,9 @@ class Album:
         self.window.draw()
         rgb = np.ascontiguousarray(pygame.surfarray.array3d(self.window.surface).swapaxes(0, 1))
         path = self.out / f"workstation-{name}.png"
-        picture = Image.fromarray(rgb).quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-        picture.save(path, optimize=True)
+        palette = Image.fromarray(np.vstack([rgb, swatches(rgb.shape[1])]))
+        palette = palette.quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
+        Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
         print(f"{path} {path.stat().st_size // 1000} kB", flush=True)
 
     def settings(self, **changes: object) -> None:
@@ -53,6 +55,12 @@ class Album:
 
     def wait_for_state(self, state: str) -> None:
         self.person.wait(lambda: self.person.state() == state, state, 60.0)
+
+
+def swatches(width: int) -> np.ndarray:
+    """(H, W, 3): the window's own colours, so that a palette has them however little of them is seen."""
+    own = [value for value in vars(look).values() if isinstance(value, tuple) and len(value) == 3]
+    return np.repeat(np.repeat(np.array(own, np.uint8)[:, None], 16, axis=0), width, axis=1)
 
 
 def demonstrations(folder: Path) -> None:
@@ -70,7 +78,7 @@ def record(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(session="demonstrations.h5", speed="as fast as it goes", countdown_s=2.0, task="hanger")
     album.shoot("record-menu")
-    person.pad = VirtualPad()
+    person.plug_in()
     for task in ("hanger", "pickers"):
         album.settings(task=task, session=f"by-hand-{task}.h5")
         person.menu("Begin")
@@ -89,7 +97,7 @@ def record(album: Album) -> None:
             person.pad.unplug()
             album.wait_for_state("paused")
             album.shoot("record-unplugged")
-            person.pad = VirtualPad()
+            person.plug_in()
             album.wait_for_state("running")
         person.demonstrate(0)
         person.pad.tap("triangle")
@@ -189,6 +197,7 @@ PARTS = {"record": record, "train": train, "place": place, "disturb": disturb, "
 
 
 def main(out: Path, folder: Path, parts: list[str]) -> None:
+    headless()
     folder.mkdir(parents=True, exist_ok=True)
     for old in [*folder.glob("by-hand*"), *folder.glob("placed*")] if not parts else []:
         old.unlink() if old.is_file() else old.rmdir()
@@ -199,6 +208,7 @@ def main(out: Path, folder: Path, parts: list[str]) -> None:
             if not parts or name in parts:
                 part(Album(window, out))
     finally:
+        unplug_all()
         window.close()
 
 

@@ -22,8 +22,7 @@ from app.workstation.works import make_work
 from data.store import open_session
 from data.types import ACTION_LIMIT_M, Episode, Task, action_size
 from data.validate import validate
-from tests.app.workstation.person import Person, headless
-from tests.virtual_pad import VirtualPad
+from tests.app.workstation.person import Person, headless, unplug_all
 
 
 @pytest.fixture
@@ -33,6 +32,8 @@ def window(tmp_path: Path) -> Iterator[Window]:
     made.shop.change(replace(made.shop.settings, speed="as fast as it goes", countdown_s=0.3))
     made.mode.relaid()
     yield made
+    # A pad that outlives its SDL is a crash.
+    unplug_all()
     made.close()
     assert leftovers() == []
 
@@ -65,8 +66,7 @@ def stored_episodes(path: Path) -> list[Episode]:
 
 def record_three(person: Person, ticks: int | None) -> list[int]:
     """One kept as success, one discarded, one with the pad unplugged in its middle; returns ticks of those kept."""
-    pad, lengths = VirtualPad(), []
-    person.pad = pad
+    pad, lengths = person.plug_in(), []
     person.menu("Begin")
 
     def keep() -> None:
@@ -91,13 +91,12 @@ def record_three(person: Person, ticks: int | None) -> list[int]:
     at = person.status["ticks"]
     person.watch(0.5)
     assert person.status["ticks"] == at, "time stands without a device"
-    person.pad = VirtualPad()
+    person.plug_in()
     person.wait(lambda: person.state() == "running", "it to go on")
     person.demonstrate(2, ticks=ticks)
     keep()
     person.pad.tap("ps")
     person.wait(lambda: not person.window.mode.running, "the end of the recording")
-    person.pad.unplug()
     return lengths
 
 
@@ -221,7 +220,7 @@ def test_an_afternoon_at_the_workstation(window, task):
 def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(window):
     person = Person(window)
     set_up(window, "pickers")
-    person.pad = VirtualPad()
+    person.plug_in()
     person.menu("Begin")
     person.begin()
     person.demonstrate(0, ticks=10)
@@ -237,7 +236,6 @@ def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(windo
     person.pad.tap("triangle")
     person.wait(lambda: person.status["stored"] == 2, "it to be kept")
     person.key(pygame.K_ESCAPE)
-    person.pad.unplug()
     partial, whole = stored_episodes(window.shop.folder / "pickers.h5")
     assert (partial.outcome, partial.stopped_by, whole.outcome) == ("partial", "crashed", "success")
     assert len(partial.steps) >= 8
@@ -246,7 +244,7 @@ def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(windo
 def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     person = Person(window)
     set_up(window, "pickers")
-    person.pad = VirtualPad()
+    person.plug_in()
     person.menu("Begin")
     person.begin()
     person.demonstrate(0, ticks=10)
@@ -261,7 +259,6 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     person.menu("Begin")
     person.wait(lambda: person.status.get("stored") == 1, "the recovered ticks")
     window.mode.stop()
-    person.pad.unplug()
     (partial,) = stored_episodes(window.shop.folder / "pickers.h5")
     assert partial.outcome == "partial"
 
@@ -269,7 +266,7 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
 def test_leaving_a_running_demonstration_is_asked_twice(window):
     person = Person(window)
     set_up(window, "pickers")
-    person.pad = VirtualPad()
+    person.plug_in()
     person.menu("Begin")
     person.begin()
     person.demonstrate(0, ticks=6)
@@ -279,7 +276,6 @@ def test_leaving_a_running_demonstration_is_asked_twice(window):
     assert "click again" in window.shop.message
     person.click(area.center)
     assert window.mode.name == "Data"
-    person.pad.unplug()
     (partial,) = stored_episodes(window.shop.folder / "pickers.h5")
     assert (partial.outcome, partial.stopped_by) == ("partial", "interrupted")
 
