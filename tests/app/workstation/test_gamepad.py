@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.workstation.inputs.gamepad import CONTROLS, FINE_SPEED, SPEED, Gamepad, motion, speed
-from app.workstation.inputs.layouts import LAYOUT_A, LAYOUT_B, LAYOUT_C, Binding, Counts, Layout, raw_layout
+from app.workstation.inputs.layouts import (
+    LAYOUT_A,
+    LAYOUT_B,
+    LAYOUT_C,
+    LAYOUT_C_WITHOUT_HAT,
+    Binding,
+    Counts,
+    Layout,
+    raw_layout,
+)
 from app.workstation.inputs.mapping import mapping_file, write_mapping
 from app.workstation.inputs.pad import BUTTONS, DEAD_ZONE, PadState, dead_zone
 from app.workstation.inputs.reading import Control
@@ -32,6 +41,7 @@ WAYS = {
     "A": ((6, 16, 0), False, A_AXES, A_BUTTONS),
     "B": ((6, 13, 1), False, B_AXES, B_BUTTONS),
     "C": ((6, 14, 1), False, C_AXES, C_BUTTONS),
+    "C without a hat": ((6, 13, 0), False, C_AXES, C_BUTTONS),
 }
 """Counts, whether SDL maps it, axes, buttons."""
 
@@ -169,6 +179,7 @@ class _Still:
         (_Still(6, 13, 1, {2: -1.0, 5: -1.0}), LAYOUT_B),
         (_Still(6, 13, 1, {3: -1.0, 4: -1.0}), LAYOUT_C),
         (_Still(6, 14, 1), LAYOUT_C),
+        (_Still(6, 13, 0), LAYOUT_C_WITHOUT_HAT),
         (_Still(4, 12, 1), None),
         (_Still(6, 11, 1), None),
         (_Still(8, 16, 0), None),
