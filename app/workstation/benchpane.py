@@ -82,8 +82,11 @@ class BenchPane:
             return
         key = (id(moment), area.size)
         if self._seen is None or self._seen[0] != key:
-            large = draw_percept(moment.rgb, moment.percept, _PINHOLE, scale=2)
-            small = np.asarray(cv2.resize(large, area.size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
+            scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
+            drawn = draw_percept(moment.rgb, moment.percept, _PINHOLE, scale=scale)
+            how = cv2.INTER_AREA if drawn.shape[1] > area.width else cv2.INTER_CUBIC
+            small = np.asarray(cv2.resize(drawn, area.size, interpolation=how), dtype=np.uint8)
             self._seen = (key, look.picture(small))
         surface.blit(self._seen[1], (0, 0))
         _round_corners(surface)

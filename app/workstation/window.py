@@ -124,7 +124,7 @@ class Window:
             mode.close()
         self.shop.link.end()
         self.hands.close()
-        # Not pygame.quit(): pygame-menu keeps its fonts for a next window, and a font that outlives its library crashes.
+        # Not pygame.quit(): pygame-menu keeps its fonts for a next window, and a font without its library crashes.
         pygame.display.quit()
 
     # Events
