@@ -37,6 +37,8 @@ class BenchPane:
     """The node that a click would take hold of."""
     pull: Pull | None = None
     """What the mouse pulls at."""
+    lead: FloatArray | None = None
+    """Where the hand is that leads the holder, as in Reading.hand."""
     dragging: str = ""
     """turn, pan, or pull, while a button is down in the view."""
     _view: tuple[tuple[str, str], View3d] | None = None
@@ -45,7 +47,7 @@ class BenchPane:
 
     def paint(self, surface: pygame.Surface, moment: Moment) -> None:
         """The 3D view fills ``surface``."""
-        key = (id(moment), self.orbit, surface.get_size(), self.hover, id(self.pull))
+        key = (id(moment), self.orbit, surface.get_size(), self.hover, id(self.pull), id(self.lead))
         if self._drawn is None or self._drawn[0] != key:
             picture = self._picture(moment, surface.get_size())
             self._drawn = (key, look.picture(picture))
@@ -69,6 +71,7 @@ class BenchPane:
             hands=moment.hands,
             force_n=moment.force_n,
             pull=None if pull is None else (moment.nodes[pull.node], np.array(pull.target_m)),
+            leads=_leads(moment, self.lead),
             hover=None if self.hover is None else moment.nodes[self.hover],
         )
 
@@ -139,6 +142,16 @@ class BenchPane:
         """Where a point (3,) m is seen in a view of ``size``."""
         x, y = self.orbit.project(point, size)[0][0]
         return round(float(x)), round(float(y))
+
+
+def _leads(moment: Moment, hand: FloatArray | None) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    """The hanger and its hand, or the picker that is led: the other hand is where its picker is."""
+    if hand is None:
+        return ()
+    if hand.ndim == 1:
+        return ((moment.holder, hand),)
+    led = int(np.linalg.norm(hand - moment.corners, axis=1).argmax())
+    return ((moment.corners[led], hand[led]),)
 
 
 def _round_corners(surface: pygame.Surface) -> None:

@@ -240,7 +240,7 @@ class Window:
         moment, (history, now_s) = mode.moment(), mode.history()
         curve = (history.episode, len(history.time_s), now_s)
         shown = moment or preview(as_task(self.shop.settings.task), self.shop.settings.cloth)
-        view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), mode.banner())
+        view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
         areas += [
             ("view", place.view, view, lambda s: self._paint_view(s, shown)),
             ("status", place.status, bars.status_key(self), lambda s: bars.paint_status(self, s)),

@@ -111,7 +111,18 @@ class Person:
         moment, view = self.moment(), self.window.shop.place.view
         assert moment is not None
         x, y = self.window.pane.pixel_of(moment.nodes[node], view.size)
-        at = (x + view.left, y + view.top)
+        self.drag_pixel((x + view.left, y + view.top), by, frames, shot=shot)
+
+    def drag_pixel(
+        self,
+        at: tuple[int, int],
+        by: tuple[int, int],
+        frames: int = 20,
+        *,
+        until: Callable[[], bool] = lambda: True,
+        shot: Callable[[], None] | None = None,
+    ) -> None:
+        """The same of whatever is at a pixel of the window; it is held until then."""
         post(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0))
         post(pygame.MOUSEBUTTONDOWN, pos=at, button=1)
         self.look()
@@ -122,6 +133,7 @@ class Person:
             at = (at[0] + int(step[0]), at[1] + int(step[1]))
             post(pygame.MOUSEMOTION, pos=at, rel=(int(step[0]), int(step[1])), buttons=(1, 0, 0))
             self.look()
+        self.wait(until, "what is dragged")
         if shot is not None:
             shot()
         post(pygame.MOUSEBUTTONUP, pos=at, button=1)

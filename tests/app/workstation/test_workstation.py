@@ -264,6 +264,34 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     assert partial.outcome == "partial"
 
 
+def test_the_hanger_is_led_by_hand(window):
+    """Kinesthetic teaching: the mouse takes hold of the hanger, which gives way; what it did is the action."""
+    person = Person(window)
+    set_up(window, "hanger")
+    window.shop.change(replace(window.shop.settings, source="kinesthetic"))
+    window.mode.relaid()
+    person.menu("Begin")
+    person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+    person.key(pygame.K_RETURN)
+    person.wait(lambda: person.state() == "running", "the countdown")
+    before, view = person.moment(), window.shop.place.view
+    x, y = window.pane.pixel_of(before.corners[1], view.size)
+    person.drag_pixel((x + view.left, y + view.top), (30, 90), frames=30, until=lambda: person.status["ticks"] >= 8)
+    after = person.moment()
+    person.press("keep as success")
+    person.wait(lambda: person.status.get("stored") == 1, "it to be kept")
+    person.press("end the recording")
+    (episode,) = stored_episodes(window.shop.folder / "hanger.h5")
+    assert episode.source == "kinesthetic"
+    # Down and forth, as it was led.
+    moved = after.holder - before.holder
+    assert moved[0] > 0.005
+    assert moved[2] < -0.02
+    made = np.array([step.action for step in episode.steps]).sum(axis=0)
+    went = episode.final_observation.holder_position - episode.steps[0].observation.holder_position
+    np.testing.assert_allclose(made, went[[0, 2]], atol=0.002)
+
+
 def test_leaving_a_running_demonstration_is_asked_twice(window):
     person = Person(window)
     set_up(window, "pickers")
