@@ -18,7 +18,7 @@ from app.workstation.hands import Hands
 from app.workstation.host import MakeWork
 from app.workstation.inputs import sdl
 from app.workstation.layout import LEAST, SIZE, layout
-from app.workstation.link import BenchLink
+from app.workstation.link import BenchLink, warm
 from app.workstation.modes import Mode, Shop, all_modes
 from app.workstation.modes.mode import ASK_AGAIN_S
 from app.workstation.moment import Moment
@@ -51,6 +51,7 @@ class Window:
         look.fresh()
         pygame.display.set_caption(TITLE)
         self.surface = pygame.display.set_mode(size, pygame.RESIZABLE)
+        warm()
         self.shop = Shop(
             folder=folder,
             settings=settings.load(folder) if remember else settings.Settings(),

@@ -107,6 +107,27 @@ def record(album: Album) -> None:
     person.pad.unplug()
 
 
+def lead_by_hand(album: Album) -> None:
+    person, window = album.person, album.window
+    person.tab("Record")
+    album.settings(source="kinesthetic", task="hanger", session="led.h5", speed="real time", countdown_s=0.0)
+    person.menu("Begin")
+    person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+    person.key(pygame.K_RETURN)
+    album.wait_for_state("running")
+    moment, view = person.moment(), window.shop.place.view
+    x, y = window.pane.pixel_of(moment.corners[1], view.size)
+    person.drag_pixel(
+        (x + view.left, y + view.top),
+        (70, 170),
+        frames=60,
+        until=lambda: person.status["ticks"] >= 16,
+        shot=lambda: album.shoot("kinesthetic"),
+    )
+    window.mode.stop()
+    album.settings(source="gamepad")
+
+
 def train(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Train")
@@ -193,7 +214,15 @@ def small(album: Album) -> None:
     album.shoot("small")
 
 
-PARTS = {"record": record, "train": train, "place": place, "disturb": disturb, "look-back": look_back, "small": small}
+PARTS = {
+    "record": record,
+    "lead": lead_by_hand,
+    "train": train,
+    "place": place,
+    "disturb": disturb,
+    "look-back": look_back,
+    "small": small,
+}
 
 
 def main(out: Path, folder: Path, parts: list[str]) -> None:
