@@ -270,7 +270,10 @@ class Window:
         surface.fill(look.GROUND)
         look.card(surface, surface.get_rect())
         if self.mode.menu is not None:
+            # A list that has dropped down would darken the whole window, of which only the panel is drawn again.
+            self.surface.set_clip(self.shop.place.panel)
             self.mode.menu.draw(self.surface)
+            self.surface.set_clip(None)
         else:
             bars.paint_rows(surface, self.mode.headline(), self.mode.rows())
 

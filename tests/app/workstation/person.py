@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pygame
 import pygame_menu
-from pygame_menu.widgets import Button
+from pygame_menu.widgets import Button, DropSelect
 
 from app.workstation.inputs import sdl
 from app.workstation.inputs.pad import DEAD_ZONE
@@ -103,6 +103,20 @@ class Person:
         menu.scroll_to_widget(widget)
         area = widget.get_rect(to_real_position=True)
         self.click(area.center)
+
+    def choose(self, number: int, name: str) -> None:
+        """Open the ``number``-th list of the menu and click on what it has by that name."""
+        menu = self.window.mode.menu
+        assert menu is not None
+        widget = [w for w in menu.get_widgets() if isinstance(w, DropSelect)][number]
+        names = [item[0] for item in widget.get_items()]
+        area = widget.get_rect(to_real_position=True)
+        self.click(area.center)
+        assert widget.active
+        # Its first rows are seen without scrolling.
+        row = names.index(name)
+        box = widget._drop_frame.get_widgets()[row].get_rect(to_real_position=True)
+        self.click(box.center)
 
     def drag_node(
         self, node: int, by: tuple[int, int], frames: int = 20, *, shot: Callable[[], None] | None = None

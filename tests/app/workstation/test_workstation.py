@@ -13,12 +13,14 @@ import pygame
 import pytest
 
 from app.workstation.layout import LEAST
+from app.workstation.modes.data import OPERATIONS, DataMode
 from app.workstation.modes.place import PlaceMode
 from app.workstation.modes.record import RecordMode
 from app.workstation.modes.replay import ReplayMode
 from app.workstation.modes.train import TrainMode
 from app.workstation.window import Window
 from app.workstation.works import make_work
+from data.recorder import SessionRecorder
 from data.store import open_session
 from data.types import ACTION_LIMIT_M, Episode, Task, action_size
 from data.validate import validate
@@ -290,6 +292,41 @@ def test_the_hanger_is_led_by_hand(window):
     made = np.array([step.action for step in episode.steps]).sum(axis=0)
     went = episode.final_observation.holder_position - episode.steps[0].observation.holder_position
     np.testing.assert_allclose(made, went[[0, 2]], atol=0.002)
+
+
+def test_what_is_chosen_with_the_mouse_is_chosen(window):
+    person = Person(window)
+    person.choose(0, "keyboard")
+    person.choose(1, "pickers")
+    person.choose(2, "napkin")
+    now = window.shop.settings
+    assert (now.source, now.task, now.cloth) == ("keyboard", "pickers", "napkin")
+    person.tab("Settings")
+    person.choose(3, "double")
+    assert window.shop.settings.speed == "double"
+    person.tab("Place")
+    person.choose(0, "drag-rule")
+    assert window.shop.settings.model == "drag-rule"
+    (folder_file,) = window.shop.folder.iterdir()
+    assert folder_file.name == "workstation.json"
+
+
+def test_every_operation_on_data_has_its_menu(window, make_episode):
+    with SessionRecorder(window.shop.folder / "demos.h5", task="hanger", cloth="towel") as recorder:
+        recorder.keep(make_episode())
+    person = Person(window)
+    person.tab("Data")
+    mode = window.mode
+    assert isinstance(mode, DataMode)
+    for name in list(OPERATIONS)[:6]:
+        person.choose(1, name)
+        person.look()
+        assert mode.operation == name
+    for name in OPERATIONS:
+        mode.operation, mode.values = name, {}
+        mode.build()
+        person.look()
+        assert mode.arguments()[:3] == ["data", name, str(window.shop.folder / "demos.h5")]
 
 
 def test_leaving_a_running_demonstration_is_asked_twice(window):
