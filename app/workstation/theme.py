@@ -178,6 +178,8 @@ def switch(into: pygame_menu.Menu, name: str, on: bool, on_change: Callable[[boo
         name,
         on,
         onchange=on_change,
+        single_click=True,
+        infinite=True,
         state_text=("off", "on"),
         state_color=(look.RAISED, look.ACCENT),
         state_text_font_color=(look.QUIET, look.GROUND),

@@ -6,11 +6,12 @@ import math
 import os
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pygame
 import pygame_menu
-from pygame_menu.widgets import Button, DropSelect
+from pygame_menu.widgets import Button, DropSelect, TextInput
 
 from app.workstation.inputs import sdl
 from app.workstation.inputs.pad import DEAD_ZONE
@@ -82,7 +83,8 @@ class Person:
         self.look()
 
     def key(self, code: int, text: str = "") -> None:
-        post(pygame.KEYDOWN, key=code, mod=0, unicode=text)
+        # pygame-menu asks the keyboard itself whether a key is down, but for tests.
+        post(pygame.KEYDOWN, key=code, mod=0, unicode=text, test=True)
         post(pygame.KEYUP, key=code, mod=0)
         self.look()
 
@@ -117,6 +119,21 @@ class Person:
         row = names.index(name)
         box = widget._drop_frame.get_widgets()[row].get_rect(to_real_position=True)
         self.click(box.center)
+
+    def widget(self, kind: type, number: int = 0) -> Any:
+        """The ``number``-th widget of a kind in the menu, after a click on it, near its right end."""
+        menu = self.window.mode.menu
+        assert menu is not None
+        found = [w for w in menu.get_widgets() if isinstance(w, kind)][number]
+        area = found.get_rect(to_real_position=True)
+        self.click((area.right - 16, area.centery))
+        return found
+
+    def write(self, number: int, text: str) -> None:
+        """Write into the ``number``-th line of the menu, behind what is there."""
+        self.widget(TextInput, number)
+        for letter in text:
+            self.key(ord(letter), letter)
 
     def drag_node(
         self, node: int, by: tuple[int, int], frames: int = 20, *, shot: Callable[[], None] | None = None

@@ -11,6 +11,7 @@ import numpy as np
 import psutil
 import pygame
 import pytest
+from pygame_menu.widgets import ToggleSwitch
 
 from app.workstation.layout import LEAST
 from app.workstation.modes.data import OPERATIONS, DataMode
@@ -301,9 +302,13 @@ def test_what_is_chosen_with_the_mouse_is_chosen(window):
     person.choose(2, "napkin")
     now = window.shop.settings
     assert (now.source, now.task, now.cloth) == ("keyboard", "pickers", "napkin")
+    person.write(1, "7")
+    assert window.mode.seed in (7, 70)
     person.tab("Settings")
     person.choose(3, "double")
-    assert window.shop.settings.speed == "double"
+    noise = window.shop.settings.noise
+    person.widget(ToggleSwitch)
+    assert (window.shop.settings.speed, window.shop.settings.noise) == ("double", not noise)
     person.tab("Place")
     person.choose(0, "drag-rule")
     assert window.shop.settings.model == "drag-rule"
