@@ -91,6 +91,7 @@ class PlacingWork:
         pull = None if letter is None else letter.pull
         if self.state == "placed" and pull is not None and not self.paused:
             self._turn("disturbing")
+            self.message = "a hand pulls at the cloth"
         if self.paused or self.state not in PHASES:
             self._cadence.pause()
             return IDLE_S
@@ -126,6 +127,7 @@ class PlacingWork:
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
                 self.run.policy.resume()
                 self._turn("repairing")
+                self.message = f"{self.run.policy.name} goes on"
         elif stop is not None and pull is None and not self.run.disturbed:
             self._stopped_by = stop
             contact = 100 * self.run.seen.contact_portion

@@ -20,7 +20,7 @@ from sim.disturbances import DISTURBANCES
 
 NAMED = tuple(name for name in DISTURBANCES if name != "none")
 """Disturbances in the order of the keys."""
-DIGITS = "1234567890"
+DIGITS = "1234567890-="
 """Keys that begin them; more of them than keys can be clicked at."""
 STATES = {
     "ready": ("Ready", look.TEXT),

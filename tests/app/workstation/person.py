@@ -136,13 +136,19 @@ class Person:
             self.key(ord(letter), letter)
 
     def drag_node(
-        self, node: int, by: tuple[int, int], frames: int = 20, *, shot: Callable[[], None] | None = None
+        self,
+        node: int,
+        by: tuple[int, int],
+        frames: int = 20,
+        *,
+        until: Callable[[], bool] = lambda: True,
+        shot: Callable[[], None] | None = None,
     ) -> None:
         """Take hold of a node with the mouse, lead it by so many pixels, and let go."""
         moment, view = self.moment(), self.window.shop.place.view
         assert moment is not None
         x, y = self.window.pane.pixel_of(moment.nodes[node], view.size)
-        self.drag_pixel((x + view.left, y + view.top), by, frames, shot=shot)
+        self.drag_pixel((x + view.left, y + view.top), by, frames, until=until, shot=shot)
 
     def drag_pixel(
         self,

@@ -173,7 +173,13 @@ def disturb(album: Album) -> None:
     window.mode.build()
     person.menu("Lay and disturb")
     album.wait_for_state("placed")
-    person.drag_node(45, (-90, -120), frames=40, shot=lambda: album.shoot("disturb"))
+    person.drag_node(
+        45,
+        (-90, -120),
+        frames=40,
+        until=lambda: person.status["pulled_ticks"] >= 9,
+        shot=lambda: album.shoot("disturb"),
+    )
     album.wait_for_state("repairing")
     window.mode.stop()
 

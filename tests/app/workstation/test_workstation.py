@@ -147,7 +147,7 @@ def place_and_pull(person: Person, ticks: int | None) -> None:
     person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
     if ticks is None:
         person.wait(lambda: person.state() == "placed", "it to be placed", 90.0)
-    person.drag_node(45, (-50, -40), frames=25)
+    person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
     if ticks is None:
         person.wait(lambda: person.state() == "repairing", "the repair")
         person.wait(lambda: person.state() == "placed", "the repair's end", 60.0)
