@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,10 +18,12 @@ from data.types import Task
 if TYPE_CHECKING:
     from app.workstation.window import Window
 
-NO_DISPLAY = (
-    "there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); without one `layflat record --source"
-    " keyboard`, `gamepad` and `scripted`, `train`, `place`, `replay`, `data` and `demo` do the same in this terminal"
+INSTEAD = (
+    "without one `layflat record --source keyboard`, `gamepad` and `scripted`, `train`, `place`, `replay`, `data` and"
+    " `demo` do the same in this terminal"
 )
+NO_DISPLAY = f"there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); {INSTEAD}"
+UNSEEN = ("dummy", "offscreen")
 
 
 def app(folder: Path) -> int:
@@ -44,9 +47,13 @@ def opened(folder: Path, **options: Any) -> Iterator[Window]:
     except ImportError as error:
         raise LayflatError(f"the window needs pygame and pygame-menu ({error}); run `layflat doctor`") from None
     try:
-        window = Window(folder, make_work, **options)
+        pygame.display.init()
     except pygame.error as error:
-        raise LayflatError(f"no window can be opened on this display ({error}); {NO_DISPLAY.split('; ')[1]}") from None
+        raise LayflatError(f"no window can be opened on this display ({error}); {INSTEAD}") from None
+    if pygame.display.get_driver() in UNSEEN:
+        # SDL would rather draw where nobody sees it than say that a display does not answer.
+        raise LayflatError(f"the display {os.environ.get('DISPLAY', '')} does not answer; {INSTEAD}")
+    window = Window(folder, make_work, **options)
     try:
         yield window
     finally:

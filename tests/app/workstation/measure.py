@@ -46,6 +46,8 @@ def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool 
         mode.seed = seed
         person, last, began = Person(window), -1, time.perf_counter()
         mode.start()
+        person.wait(lambda: person.status.get("ticks", 0) >= AIR[0], "the first ticks", 60.0)
+        cpu, first = time.process_time(), person.status["ticks"]
         while person.state() != "placed":
             if redraw:
                 window.pane.orbit = window.pane.orbit.turned(1, 0)
@@ -60,6 +62,8 @@ def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool 
                 found[f"tick {phase}"].append(moment.work_s)
                 found["input"].append(moment.told_s - moment.work_s - moment.input_s)
             began = now
+        found["cpu"].append((time.process_time() - cpu) / (person.status["ticks"] - first))
+        found["frames"].append(float(person.frames))
     finally:
         window.close()
     return found
@@ -107,6 +111,7 @@ def main(folder: Path, seeds: int) -> None:
 def report(task: str, real: dict, fast: dict, bare: dict, kept: dict) -> None:
     print(f"\n{task}, real time")
     print("  input waits for its tick   ", told(real["input"]))
+    print("  processor time of the window for a tick", told(real["cpu"]))
     for phase in ("in the air", "on the table"):
         print(f"  {phase}: tick             ", told(real[f"tick {phase}"]))
         print(f"  {phase}: work of a frame  ", told(real[f"frame {phase}"]))

@@ -109,6 +109,24 @@ def test_without_a_display_it_says_what_works_instead(tmp_path):
     assert "--source keyboard" in NO_DISPLAY
 
 
+@pytest.mark.parametrize("arguments", [("app", "--folder", "."), ("record", "x.h5", "--source", "mouse")])
+def test_a_display_that_does_not_answer_is_said(tmp_path, arguments):
+    """SDL by itself would go on where nobody sees it."""
+    environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "-m", "app.cli", *arguments],
+        cwd=tmp_path,
+        env={**environment, "DISPLAY": ":9999"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 1
+    (sentence,) = [line for line in done.stderr.splitlines() if line.startswith("layflat:")]
+    assert "display :9999 does not answer" in sentence
+    assert not (tmp_path / "x.h5").exists()
+
+
 @pytest.fixture
 def display(tmp_path: Path) -> Iterator[str]:
     """A real X server."""
