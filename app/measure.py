@@ -20,7 +20,8 @@ from data.types import Episode, FloatArray, Task, action_size
 from perception.percept import Perceiver
 from policy.base import Policy
 from policy.features import input_set
-from policy.gp_model import GpModel, Hyperparameters
+from policy.gp_kernel import Hyperparameters
+from policy.gp_model import GpModel
 from policy.simple import Drag, Hold
 from policy.stopping import AnyOf
 from sim.placing import BenchSettings, Placing
