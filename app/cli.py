@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 import typer
 
 from app import checks
+from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
 from app.cli_options import (
     Cloth,
@@ -253,6 +254,31 @@ def flatten(
 
 
 @cli.command()
+def reproduce(
+    workers: Workers,
+    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Everything with few starts, under 15 minutes.")] = False,
+    seeds: Annotated[
+        int | None, typer.Option(callback=maybe_count, help="Starts of each experiment; 20, or 2 with --quick.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Run only this experiment; repeatable.")
+    ] = None,
+    report_only: Annotated[bool, typer.Option("--report-only", help="Run nothing, only write the page anew.")] = False,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Every experiment of the thesis, ours beside its.
+
+    Into DIR/report.html and DIR/table.md; the same command goes on where an earlier one stopped.
+    """
+    checks.require_simulator()
+    from app.reproduce.run import reproduce as run
+
+    run(out, quick=quick, seeds=seeds, seed=seed, only=only or [], workers=workers, report_only=report_only)
+
+
+@cli.command()
 def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
     """Measure how fast this machine simulates.
 
@@ -275,6 +301,8 @@ def doctor(debug: Debug = False) -> None:
     run()
 
 
+cli.command()(evaluate)
+cli.command()(disturb)
 cli.command()(replay)
 cli.add_typer(data_cli)
 

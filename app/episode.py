@@ -5,15 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol
-
-import numpy as np
 
 from app.provenance import provenance_now
-from data.types import Episode, Observation, Outcome, Phase, Step, StoppedBy, action_size
+from app.run import Hook, Run
+from app.schedule import ScheduledDisturbance, Watch
+from data.types import Episode, StoppedBy
 from policy.base import Policy
 from policy.recorded import Recorded
-from sim.disturbances import Plan
+from sim.disturbances import disturbance_spec
 from sim.placing import Placing
 
 PLACE_TICKS = 160
@@ -22,64 +21,13 @@ DISTURB_TICKS = 60
 """A disturbance that is not over by then is cut off."""
 
 
-class Hook(Protocol):
-    """Hears of each tick: progress, windows, films."""
-
-    def on_tick(self, step: Step, tick: int) -> None: ...
-
-
-class _Run:
-    """One episode in the making."""
-
-    def __init__(self, bench: Placing, policy: Policy, images: bool, hooks: Sequence[Hook]) -> None:
-        self.bench = bench
-        self.policy = policy
-        self.images = images
-        self.hooks = hooks
-        self.steps: list[Step] = []
-        self.zeros = np.zeros(action_size(bench.settings.task))
-        self.seen = bench.observe()
-        self.truth = bench.truth()
-
-    def kept(self, observation: Observation) -> Observation:
-        return observation if self.images else replace(observation, rgb=None, depth=None)
-
-    def tick(self, phase: Phase) -> StoppedBy | None:
-        """observe (done before) -> decide -> step -> record; says why the phase is over, or None."""
-        if phase == "disturb":
-            action, std, stop = self.zeros, None, None
-        else:
-            decision = self.policy.act(self.seen)
-            action, std, stop = decision.action, decision.std, decision.stop
-        step = Step(observation=self.kept(self.seen), truth=self.truth, action=action, action_std=std, phase=phase)
-        if stop is None:
-            self.bench.step(action)
-            self.steps.append(step)
-            if self.bench.instability() is not None:
-                # The nodes of a diverged cloth may not even be finite: the last sane ones stand for the end.
-                return "unstable"
-            self.seen, self.truth = self.bench.observe(), self.bench.truth()
-            for hook in self.hooks:
-                hook.on_tick(step, len(self.steps))
-        return stop
-
-    def phase(self, phase: Phase, ticks: int) -> StoppedBy:
-        """Ticks until the phase is over; says why."""
-        for _ in range(ticks):
-            stop = self.tick(phase)
-            if stop is not None:
-                return stop
-            if phase == "disturb" and not self.bench.disturbed:
-                break
-        return "tick_limit"
-
-
 def run_episode(
     bench: Placing,
     policy: Policy,
     *,
     seed: int,
     disturbance: str = "none",
+    schedule: Sequence[ScheduledDisturbance] = (),
     images: bool = False,
     max_ticks: int = PLACE_TICKS,
     hooks: Sequence[Hook] = (),
@@ -87,80 +35,81 @@ def run_episode(
 ) -> Episode:
     """Place the cloth from the start of ``seed`` until the policy stops; then disturb it, and let the policy go on.
 
-    The bench must have been reset to ``seed``. With ``images`` each step keeps the camera's frame (about 0.5 MB).
-    ``begin`` is told the episode before its first tick, and makes a hook of it: a journal (``SessionRecorder.begin``).
+    The bench must have been reset to ``seed``. A ``disturbance`` without a schedule comes once, when the policy has
+    stopped; with one, it is the name that the episode has for it (else the names of what comes). The rest is as in Run.
     """
-    began = time.monotonic()
-    policy.reset(seed)
-    run = _Run(bench, policy, images, hooks)
-    beginning = _beginning(run, seed, disturbance)
-    if begin is not None:
-        run.hooks = (*hooks, begin(beginning))
-    stopped_by = run.phase("place", max_ticks)
-    if disturbance != "none" and stopped_by != "unstable":
-        bench.disturb(disturbance, seed)
-        stopped_by = run.phase("disturb", DISTURB_TICKS)
-        if stopped_by != "unstable":
-            policy.resume()
-            stopped_by = run.phase("repair", REPAIR_TICKS)
-    outcome: Outcome = "success" if stopped_by != "unstable" and bench.success() else "failure"
-    return replace(
-        beginning,
-        steps=tuple(run.steps),
-        final_observation=run.kept(run.seen),
-        final_truth=run.truth,
-        stopped_by=stopped_by,
-        outcome=outcome,
-        wall_s=time.monotonic() - began,
-    )
+    if disturbance != "none" and not schedule:
+        schedule = (ScheduledDisturbance(spec=disturbance_spec(disturbance)),)
+    if disturbance == "none":
+        disturbance = "+".join(dict.fromkeys(item.spec.name for item in schedule)) or "none"
+    run = Run(bench, policy, seed=seed, disturbance=disturbance, images=images, hooks=hooks, begin=begin)
+    watch = Watch(schedule)
+    stopped_by = place(run, watch, max_ticks=max_ticks)
+    return run.episode(disturb_and_repair(run, watch, stopped_by))
 
 
-def _beginning(run: _Run, seed: int, disturbance: str) -> Episode:
-    """The episode as far as it is known before its first tick."""
-    bench, settings = run.bench, run.bench.settings
-    return Episode(
-        task=settings.task,
-        cloth=settings.cloth,
-        seed=seed,
-        source=run.policy.name,
-        steps=(),
-        final_observation=run.kept(run.seen),
-        final_truth=run.truth,
-        stopped_by="interrupted",
-        outcome="partial",
-        tick_s=settings.tick_s,
-        descriptor=settings.descriptor,
-        disturbance=disturbance,
-        disturbance_plan={} if disturbance == "none" else bench.disturbance_plan(disturbance, seed).described(),
-        start=bench.start,
-        bench=settings.described(),
-        initial_joints=bench.holder.joint_angles(),
-        provenance=provenance_now(),
-    )
+def place(run: Run, watch: Watch | None = None, *, max_ticks: int = PLACE_TICKS) -> StoppedBy:
+    """Let the policy place until it stops; what falls due meanwhile acts while it goes on, one after another.
+
+    Each disturbance gives it REPAIR_TICKS more. One that is not over when the policy stops is waited for, and the
+    policy goes on.
+    """
+    watch = watch or Watch()
+    while run.ticks < max_ticks + REPAIR_TICKS * len(run.disturbances):
+        due = None if run.disturbed else watch.now(run.ticks, run.seen.contact_portion)
+        if due is not None:
+            run.disturb(due.spec, due.repeat)
+        stop = run.tick("place")
+        if stop is not None:
+            return stop if stop == "unstable" or not run.disturbed else _wait_and_repair(run)
+    return "tick_limit" if not run.disturbed else _wait_and_repair(run)
+
+
+def disturb_and_repair(run: Run, watch: Watch, stopped_by: StoppedBy) -> StoppedBy:
+    """After a placing that was ``stopped_by``: disturb, let the policy repair, and so on until nothing is left.
+
+    A process may be forked before: then each copy goes on from the very same moment.
+    """
+    if stopped_by == "unstable":
+        return stopped_by
+    for due in watch.after_stop():
+        run.disturb(due.spec, due.repeat)
+        stopped_by = _wait_and_repair(run)
+        if stopped_by == "unstable":
+            break
+    return stopped_by
+
+
+def _wait_and_repair(run: Run) -> StoppedBy:
+    """Until the disturbance is over, and then until the policy stops again."""
+    stopped_by = run.phase("disturb", DISTURB_TICKS)
+    if stopped_by != "unstable":
+        run.policy.resume()
+        stopped_by = run.phase("repair", REPAIR_TICKS)
+    return stopped_by
 
 
 def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
     """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
 
-    The bench must have been reset to the episode's seed. A disturbance begins where it began, and ends when it ends.
+    The bench must have been reset to the episode's seed. Disturbances begin where they began, and end when they end;
+    pulls are repeated tick by tick.
     """
     began = time.monotonic()
-    run = _Run(bench, Recorded(recorded), images=False, hooks=())
-    phase: Phase = "place"
-    for step in recorded.steps:
-        if step.phase == "disturb" != phase:
-            bench.disturb(recorded.disturbance, recorded.seed)
-            if recorded.disturbance_plan and bench.disturbance is not None:
-                # As it was: what a name stands for may have changed since.
-                bench.disturbance.plan = Plan.recorded(recorded.disturbance_plan, bench.settings.spec)
-        phase = step.phase
-        if run.tick(phase) is not None:
+    run = Run(bench, Recorded(recorded), seed=recorded.seed)
+    befell = {record.first_tick: record for record in recorded.disturbances}
+    for tick, step in enumerate(recorded.steps):
+        if tick in befell:
+            run.disturb_as(befell[tick])
+        if run.tick(step.phase, step.pull, step.intervention) is not None:
             break
+    again = run.episode(recorded.stopped_by, recorded.outcome)
     return replace(
         recorded,
-        steps=tuple(run.steps),
-        final_observation=run.kept(run.seen),
-        final_truth=run.truth,
+        steps=again.steps,
+        disturbances=again.disturbances,
+        final_observation=again.final_observation,
+        final_truth=again.final_truth,
         wall_s=time.monotonic() - began,
         provenance=provenance_now(),
     )

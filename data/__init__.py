@@ -8,13 +8,14 @@ from data.repair import RepairReport, repair
 from data.running import Running
 from data.stats import ColumnStats, SessionStats, session_stats
 from data.store import EpisodeView, Session, open_session
-from data.types import DataError, Episode, Observation, Provenance, Step, Truth
+from data.types import DataError, DisturbanceRecord, Episode, Observation, Provenance, Pull, Step, Truth
 from data.validate import Violation, validate
 
 __all__ = [
     "ColumnStats",
     "DataError",
     "DemoInfo",
+    "DisturbanceRecord",
     "Episode",
     "EpisodeView",
     "JournalTicket",
@@ -22,6 +23,7 @@ __all__ = [
     "KeptEpisode",
     "Observation",
     "Provenance",
+    "Pull",
     "RepairReport",
     "Running",
     "Session",

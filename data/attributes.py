@@ -71,10 +71,22 @@ def digest(attributes: Mapping[str, Attribute]) -> str:
 
 def json_object(attributes: Mapping[str, Attribute], key: str) -> dict[str, Any]:
     """An attribute that holds a JSON object; DataError where it holds anything else."""
-    try:
-        value = json.loads(str(attributes[key]))
-    except (ValueError, RecursionError):
-        raise DataError(f"attribute {key} is {str(attributes[key])[:40]!r}; it must be JSON") from None
+    value = _json(attributes, key)
     if not isinstance(value, dict):
         raise DataError(f"attribute {key} is {str(value)[:40]!r}; it must be a JSON object")
     return value
+
+
+def json_objects(attributes: Mapping[str, Attribute], key: str) -> list[dict[str, Any]]:
+    """As json_object, of a list of objects."""
+    value = _json(attributes, key)
+    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        raise DataError(f"attribute {key} is {str(value)[:40]!r}; it must be a JSON list of objects")
+    return value
+
+
+def _json(attributes: Mapping[str, Attribute], key: str) -> Any:
+    try:
+        return json.loads(str(attributes[key]))
+    except (ValueError, RecursionError):
+        raise DataError(f"attribute {key} is {str(attributes[key])[:40]!r}; it must be JSON") from None

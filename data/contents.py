@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import h5py
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from data import schema
 from data.check import Violations
 from data.info import DemoInfo
+from data.rows import MAY_BE_UNKNOWN
 from data.types import ACTION_LIMIT_M, PHASES, DataError
 
 BLOCK_BYTES = 1 << 24
@@ -26,6 +28,7 @@ RANGES = {
     "word": (-1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE),
     "word_strength": (0.0, np.inf),
     "contact_portion": (0.0, CONTACT_MAX),
+    schema.INTERVENTION: (0, 1),
     schema.DEPTH: (0.0, np.inf),
 }
 """Least and greatest value by data set, or by its name under ``obs`` and ``next_obs``."""
@@ -45,7 +48,8 @@ def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> No
         (schema.DONES, _check_dones),
         (schema.REWARDS, _check_rewards),
         ("obs/word", _check_unit),
-        ("obs/time_s", _check_time),
+        ("obs/time_s", partial(_check_time, unstable=info.stopped_by == "unstable")),
+        (schema.PULL_NODE, _check_pulls),
     ):
         with found.at(f"{group.name}/{key}"):
             check(group)
@@ -73,11 +77,16 @@ def _check_values(dataset: h5py.Dataset, field: schema.Field) -> None:
         if rows.dtype.kind == "S":
             _all(np.isin(rows, [phase.encode() for phase in PHASES]), start, rows, f"one of {', '.join(PHASES)}")
             continue
-        if field.key == schema.ACTION_STD:
-            unknown = np.isnan(rows).all(axis=1)
-            rows = np.where(unknown[:, np.newaxis], 0.0, rows)
+        if field.key in MAY_BE_UNKNOWN:
+            rows = _known(rows, width=3 if field.key == schema.HAND else rows.shape[1])
         _all(np.isfinite(rows), start, rows, "finite")
         _all((rows >= low) & (rows <= high), start, rows, f"within {low:g} to {high:g}")
+
+
+def _known(rows: NDArray[Any], width: int) -> NDArray[Any]:
+    """With 0 for each place of so many columns of which nothing is known."""
+    places = rows.reshape(len(rows), -1, width)
+    return np.where(np.isnan(places).all(axis=2, keepdims=True), 0.0, places).reshape(rows.shape)
 
 
 def _all(fine: NDArray[np.bool_], start: int, rows: NDArray[Any], right: str) -> None:
@@ -111,11 +120,27 @@ def _check_unit(group: h5py.Group) -> None:
         raise DataError(f"row {wrong[0]} is of length {length[wrong[0]]:.6g}; it must be 1, or 0 without a direction")
 
 
-def _check_time(group: h5py.Group) -> None:
+def _check_time(group: h5py.Group, *, unstable: bool) -> None:
+    """Of a cloth that has diverged, what was seen before stands for the end."""
     time = np.append(group["obs/time_s"][:, 0], group["next_obs/time_s"][-1:, 0])
-    back = np.flatnonzero(np.diff(time) <= 0)
+    passed = np.diff(time)
+    back = np.flatnonzero((passed < 0) | ((passed == 0) & ~(unstable & (np.arange(len(passed)) == len(passed) - 1))))
     if back.size:
         raise DataError(f"does not rise after tick {back[0]}")
+
+
+def _check_pulls(group: h5py.Group) -> None:
+    if (schema.PULL_NODE in group) != (schema.PULL_TARGET in group):
+        raise DataError(f"there must be {schema.PULL_NODE} and {schema.PULL_TARGET}, or neither")
+    if schema.PULL_NODE not in group:
+        return
+    nodes, count = group[schema.PULL_NODE][()], group[schema.STATES].shape[1] // 3
+    wrong = np.flatnonzero((nodes < -1) | (nodes >= count))
+    if wrong.size:
+        raise DataError(f"row {wrong[0]} is node {nodes[wrong[0]]} of {count}; it must be one of them, or -1")
+    unlike = np.flatnonzero((nodes < 0) != np.isnan(group[schema.PULL_TARGET][()]).any(axis=1))
+    if unlike.size:
+        raise DataError(f"row {unlike[0]} has a node without a target, or a target without a node")
 
 
 def _check_next(group: h5py.Group, key: str) -> None:

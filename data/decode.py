@@ -11,22 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import schema
-from data.attributes import Attribute, json_object
+from data.attributes import Attribute, json_object, json_objects
 from data.check import stored_attributes
 from data.migrate import upgraded_demo
+from data.rows import read_rows
 from data.types import (
     ACTION_LIMIT_M,
     DataError,
+    DisturbanceRecord,
     Episode,
     Observation,
     Outcome,
     Phase,
     Provenance,
+    Pull,
     Step,
     StoppedBy,
     Task,
     Truth,
 )
+
+TOLD_BY_FEW = (schema.FORCE, schema.PULL_NODE, schema.PULL_TARGET, schema.INTERVENTION, schema.HAND)
+"""Data sets of which most episodes have none."""
 
 
 def read_demo(group: h5py.Group, *, images: bool) -> Episode:
@@ -60,9 +66,25 @@ def without_ticks(attributes: Mapping[str, Attribute], observation: Observation,
         provenance=_provenance(provenance),
         descriptor=str(attributes[schema.DESCRIPTOR]),
         bench=json_object(attributes, schema.BENCH),
-        disturbance_plan=json_object(attributes, schema.PLAN),
+        disturbances=disturbances_of(attributes),
         first_tick=int(attributes[schema.FIRST_TICK]),
     )
+
+
+def disturbances_of(attributes: Mapping[str, Attribute]) -> tuple[DisturbanceRecord, ...]:
+    """What befell the cloth."""
+    return tuple(_disturbance(told) for told in json_objects(attributes, schema.DISTURBANCES))
+
+
+def _disturbance(told: Mapping[str, Any]) -> DisturbanceRecord:
+    name, first, last, plan = (told.get(key) for key in ("name", "first_tick", "last_tick", "plan"))
+    known = type(name) is str and type(first) is int and type(last) in (int, type(None)) and type(plan) is dict
+    if not known or len(told) != 4:
+        raise DataError(
+            f"attribute {schema.DISTURBANCES} holds {str(dict(told))[:80]!r}; each must have"
+            " name, first_tick, last_tick and plan"
+        )
+    return DisturbanceRecord(**told)
 
 
 def observations_of(rows: Mapping[str, NDArray[Any]]) -> list[Observation]:
@@ -109,6 +131,7 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Trut
     if not np.array_equal(action_m / ACTION_LIMIT_M, _array(group, schema.ACTIONS)):
         raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
     phases = [bytes(phase).decode("ascii") for phase in _array(group, schema.PHASE)]
+    forces, nodes, targets, taken, hands = (read_rows(group, key, slice(None)) for key in TOLD_BY_FEW)
     return tuple(
         Step(
             observation=observations[i],
@@ -116,9 +139,25 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Trut
             action=action_m[i],
             action_std=None if np.isnan(std[i]).all() else std[i],
             phase=cast(Phase, phase),
+            pull=pull_of(nodes[i], targets[i]),
+            force_n=forces[i],
+            intervention=bool(taken[i]),
+            hand_m=hand_of(hands[i]),
         )
         for i, phase in enumerate(phases)
     )
+
+
+def pull_of(node: int, target_m: NDArray[np.float64]) -> Pull | None:
+    """As the data sets have it: node -1 where nothing was pulled at."""
+    return None if node == -1 else Pull(node=int(node), target_m=target_m)
+
+
+def hand_of(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """As the data sets have it: NaN for the hands that were not there."""
+    if np.isnan(row).all():
+        return None
+    return row[:3] if np.isnan(row[3:]).all() else row.reshape(2, 3)
 
 
 def _check_copies(attributes: Mapping[str, Attribute], observations: list[Observation], truths: list[Truth]) -> None:

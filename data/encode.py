@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 import h5py
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute, digest, set_attribute
-from data.types import ACTION_LIMIT_M, DataError, Episode, Observation, Task
+from data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Episode, FloatArray, Observation, Step, Task
 
 CHUNK_BYTES = 1 << 20
 PACKING = {"compression": "gzip", "compression_opts": 1}
@@ -41,7 +41,7 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.SEED: int(episode.seed),
         schema.SOURCE: episode.source,
         schema.DISTURBANCE: episode.disturbance,
-        schema.PLAN: _json(episode.disturbance_plan, schema.PLAN),
+        schema.DISTURBANCES: disturbances_text(episode.disturbances),
         schema.OUTCOME: episode.outcome,
         schema.SUCCESS: episode.outcome == "success",
         schema.STOPPED_BY: episode.stopped_by,
@@ -90,9 +90,37 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
         schema.CONTACT_TRUE: np.array([[truth.contact_portion_true] for truth in truths]),
         schema.FLAT_AREA: np.array([[truth.flat_area] for truth in truths]),
         **({schema.JOINTS: episode.initial_joints} if episode.initial_joints.size else {}),
+        **_told_by_few(steps),
         **{f"{schema.OBS}/{key}": rows[:-1] for key, rows in observed.items()},
         **{f"{schema.NEXT_OBS}/{key}": rows[1:] for key, rows in observed.items()},
     }
+
+
+def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
+    """Forces, pulls and interventions: those that any tick has."""
+    forces = np.array([step.force_n for step in steps])
+    nodes = np.array([-1 if step.pull is None else step.pull.node for step in steps])
+    nowhere = np.full(3, np.nan)
+    taken = np.array([step.intervention for step in steps])
+    found: dict[str, NDArray[Any]] = {}
+    if forces.view(np.uint64).any():  # Not by value: -0.0 is kept, too.
+        found[schema.FORCE] = forces
+    if (nodes >= 0).any():
+        found[schema.PULL_NODE] = nodes
+        found[schema.PULL_TARGET] = np.array([nowhere if s.pull is None else s.pull.target_m for s in steps])
+    if taken.any():
+        found[schema.INTERVENTION] = taken
+    if any(step.hand_m is not None for step in steps):
+        found[schema.HAND] = np.array([hand_row(step.hand_m) for step in steps])
+    return found
+
+
+def hand_row(hand_m: FloatArray | None) -> FloatArray:
+    """(6,) with NaN for the hands that are not there."""
+    row = np.full(6, np.nan)
+    if hand_m is not None:
+        row[: hand_m.size] = hand_m.ravel()
+    return row
 
 
 def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -196,9 +224,14 @@ def _check_storable(key: str, value: Attribute) -> None:
         raise DataError(f"{key} is {value}; it must fit into 64 bits")
 
 
-def _json(value: Mapping[str, object], key: str) -> str:
+def disturbances_text(records: Iterable[DisturbanceRecord]) -> str:
+    """What befell the cloth as JSON."""
+    return _json([vars(record) | {"plan": dict(record.plan)} for record in records], schema.DISTURBANCES)
+
+
+def _json(value: Mapping[str, object] | list[dict[str, object]], key: str) -> str:
     try:
-        return json.dumps(dict(value), allow_nan=False)
+        return json.dumps(value if isinstance(value, list) else dict(value), allow_nan=False)
     except ValueError:
         raise DataError(f"{key} is {value!r}; all its numbers must be finite") from None
     except TypeError:

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from data import schema
 from data.attributes import Attribute, json_object
 from data.check import check_claim, check_hard_links, check_stored_here
-from data.decode import observations_of, without_ticks
+from data.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
 from data.encode import attributes_of
+from data.migrate import PLAN, disturbances_from_2
 from data.types import (
     ACTION_LIMIT_M,
     FLAT_AREA,
@@ -43,8 +44,8 @@ UNKNOWN_SEED = -1
 UNKNOWN_SOURCE = "imported"
 _TOLD = (
     schema.TASK, schema.CLOTH, schema.TICK_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
-    schema.PLAN, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.BENCH, schema.FIRST_TICK,
-    schema.PROVENANCE,
+    schema.DISTURBANCES, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.BENCH,
+    schema.FIRST_TICK, schema.PROVENANCE,
 )  # fmt: skip
 """What only an attribute can tell; all others follow from the arrays, or are made anew."""
 
@@ -74,8 +75,11 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     )
     if not float(attributes[schema.TICK_S]) > 0:
         raise DataError(f"attribute {schema.TICK_S} is {attributes[schema.TICK_S]}; it must be above 0")
+    phases = _phases(rows, len(actions))
+    if schema.DISTURBANCES not in told:
+        attributes[schema.DISTURBANCES] = disturbances_from_2({PLAN: _plan(group)} | attributes, phases)
     known = without_ticks(attributes, observations[-1], truths[-1])
-    return replace(known, steps=_steps(rows, actions, observations, truths), initial_joints=joints)
+    return replace(known, steps=_steps(rows, actions, observations, truths, phases), initial_joints=joints)
 
 
 def _unknown(task: Task, observations: list[Observation], truths: list[Truth]) -> Episode:
@@ -107,13 +111,12 @@ def _told(group: h5py.Group) -> dict[str, Attribute]:
         if env.get("env_name") == name:
             found[schema.TASK] = task
     for attributes in (data.attrs, group.attrs):
-        found |= {key: _plain(attributes, key) for key in _TOLD if key in attributes}
+        found |= {key: _plain(attributes, key, schema.DEMO_ATTRIBUTES[key]) for key in _TOLD if key in attributes}
     return found
 
 
-def _plain(attributes: Any, key: str) -> Attribute:
+def _plain(attributes: Any, key: str, wanted: type) -> Attribute:
     """A value of the type that our own attribute has; whole numbers may stand for others."""
-    wanted = schema.DEMO_ATTRIBUTES[key]
     if attributes.get_id(key).shape != ():
         raise DataError(f"attribute {key} is an array; it must be one {wanted.__name__}")
     value: Any = attributes[key]
@@ -212,25 +215,59 @@ def _truths(rows: _Rows, count: int) -> list[Truth]:
     ]
 
 
+def _plan(group: h5py.Group) -> str:
+    """What version 2 told of a disturbance."""
+    return str(_plain(group.attrs, PLAN, str)) if PLAN in group.attrs else "{}"
+
+
+def _phases(rows: _Rows, count: int) -> NDArray[Any]:
+    """(count,) bytes."""
+    if not rows.has(schema.PHASE):
+        return np.full(count, b"place")
+    phases = rows.take(schema.PHASE, ndim=1, dtype="|S8")
+    if len(phases) != count:
+        raise DataError(f"{schema.PHASE} has {len(phases)} rows; it must have one for each of {count} actions")
+    return phases
+
+
+def _told_by_few(rows: _Rows, count: int) -> list[NDArray[Any]]:
+    """Rows of the data sets in the order of TOLD_BY_FEW, also where they are missing."""
+    found = []
+    for field in (field for key in TOLD_BY_FEW for field in schema.FIELDS if field.key == key):
+        shape = (count, *(n for n in field.shape[1:] if isinstance(n, int)))
+        there = rows.has(field.key)
+        values = rows.take(field.key, ndim=len(shape), dtype=field.dtype) if there else np.full(shape, field.absent)
+        if values.shape != shape:
+            raise DataError(f"{field.key} has shape {values.shape}; it must be {shape}")
+        found.append(values)
+    return found
+
+
 def _steps(
-    rows: _Rows, actions: NDArray[np.float64], observations: list[Observation], truths: list[Truth]
+    rows: _Rows,
+    actions: NDArray[np.float64],
+    observations: list[Observation],
+    truths: list[Truth],
+    phases: NDArray[Any],
 ) -> tuple[Step, ...]:
     metres = _metres(rows, actions)
     std: NDArray[np.float64] | None = None
     if rows.has(schema.ACTION_STD):
         std = rows.take(schema.ACTION_STD, ndim=2)
-    phases = [b"place"] * len(actions)
-    if rows.has(schema.PHASE):
-        phases = rows.take(schema.PHASE, ndim=1, dtype="|S8").tolist()
-    if len(phases) != len(actions) or (std is not None and std.shape != actions.shape):
-        raise DataError(f"{schema.PHASE} or {schema.ACTION_STD} has not one row for each of {len(actions)} actions")
+    if std is not None and std.shape != actions.shape:
+        raise DataError(f"{schema.ACTION_STD} has shape {std.shape}; it must be {actions.shape}")
+    forces, nodes, targets, taken, hands = _told_by_few(rows, len(actions))
     return tuple(
         Step(
             observation=observations[i],
             truth=truths[i],
             action=metres[i],
             action_std=None if std is None or np.isnan(std[i]).all() else std[i],
-            phase=cast(Phase, phases[i].decode("ascii", "replace")),
+            phase=cast(Phase, bytes(phases[i]).decode("ascii", "replace")),
+            pull=pull_of(int(nodes[i]), targets[i]),
+            force_n=forces[i],
+            intervention=bool(taken[i]),
+            hand_m=hand_of(hands[i]),
         )
         for i in range(len(actions))
     )

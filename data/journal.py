@@ -1,8 +1,9 @@
 """The running episode's journal: an append-only file that gives back all but the last second of a killed recording.
 
 ``FILE.h5.parts/running-<uid>.journal`` is made of frames, each with the length and the checksum (CRC-32) of its bytes:
-first what is known when an episode begins, then one for each tick, at last one that says how it ended. A frame that is
-not whole ends the journal. Whoever writes it holds it locked.
+first what is known when an episode begins, then one for each tick, at last one that says how it ended. Where a
+disturbance begins or is over, a frame between two ticks says what befell the cloth so far. A frame that is not whole
+ends the journal. Whoever writes it holds it locked.
 
 A thread of its own packs, writes and, twice a second, flushes to the disk: the loop's thread only hands over what is
 frozen anyway. Images are written as they are: half a megabyte a tick for the seconds of an episode, at less than what
@@ -19,23 +20,33 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import schema
 from data.durable import fsync_path, lock_for_life, os_reason, unlock
-from data.encode import attributes_of
-from data.types import ACTION_LIMIT_M, DataError, Episode, Observation, Step, Truth, WriteError, action_size
+from data.encode import attributes_of, disturbances_text, hand_row
+from data.types import (
+    ACTION_LIMIT_M,
+    DataError,
+    DisturbanceRecord,
+    Episode,
+    Observation,
+    Step,
+    Truth,
+    WriteError,
+    action_size,
+)
 
 MAGIC = b"LAYFLAT journal 1\n"
 FRAME = struct.Struct("<IIc")
 """Bytes of content, CRC-32 of kind and content, kind."""
-BEGINNING, TICK, END = b"B", b"T", b"E"
+BEGINNING, TICK, END, DISTURBED = b"B", b"T", b"E", b"D"
 SYNC_S = 0.5
 """Wall time after which what was written is flushed to the disk; with the flush itself well below a second."""
 WAITING_MAX = 64
@@ -67,6 +78,13 @@ class _Last(NamedTuple):
     attributes: bytes
 
 
+class _Disturbed(NamedTuple):
+    text: bytes
+
+
+_Item: TypeAlias = _Tick | _Last | _Disturbed
+
+
 class JournalWriter:
     """Writes one running episode; a hook of the loop."""
 
@@ -85,7 +103,7 @@ class JournalWriter:
             "joints": beginning.initial_joints.tolist(),
         }
         self._open(json.dumps(header).encode("ascii"))
-        self._queue: queue.Queue[_Tick | _Last | None] = queue.Queue(WAITING_MAX)
+        self._queue: queue.Queue[_Item | None] = queue.Queue(WAITING_MAX)
         self._thread = threading.Thread(target=self._write_on, name="journal", daemon=True)
         self._thread.start()
 
@@ -102,6 +120,12 @@ class JournalWriter:
     def on_tick(self, step: Step, tick: int) -> None:
         """As a hook of the loop."""
         self.step(step)
+
+    def on_disturbance(self, records: Sequence[DisturbanceRecord]) -> None:
+        """All that has befallen the cloth so far, in terms of the ticks that have been handed over."""
+        if self._problem is not None:
+            raise self._problem
+        self._queue.put(_Disturbed(disturbances_text(records).encode("ascii")))
 
     def finish(self, episode: Episode) -> None:
         """Say how it ended: from now on the journal gives back the whole episode. Never raises: it is told by keep."""
@@ -149,7 +173,7 @@ class JournalWriter:
         unsynced_since: float | None = None
         while True:
             wait_s = None if unsynced_since is None else max(0.0, unsynced_since + SYNC_S - time.monotonic())
-            item: _Tick | _Last | None = None
+            item: _Item | None = None
             late = False
             try:
                 item = self._queue.get(timeout=wait_s)
@@ -169,7 +193,9 @@ class JournalWriter:
             if ended:
                 return
 
-    def _frame(self, item: _Tick | _Last) -> tuple[bytes, bytes]:
+    def _frame(self, item: _Item) -> tuple[bytes, bytes]:
+        if isinstance(item, _Disturbed):
+            return frame(DISTURBED, item.text)
         record = np.zeros((), self._dtype)
         record["wall_s"] = item.wall_s
         if isinstance(item, _Last):
@@ -179,6 +205,10 @@ class JournalWriter:
         record["action_m"] = step.action
         record["action_std"] = np.nan if step.action_std is None else step.action_std
         record["phase"] = step.phase.encode("ascii")
+        record[schema.FORCE], record[schema.INTERVENTION] = step.force_n, step.intervention
+        record[schema.PULL_NODE] = -1 if step.pull is None else step.pull.node
+        record[schema.HAND] = hand_row(step.hand_m)
+        record[schema.PULL_TARGET] = np.nan if step.pull is None else step.pull.target_m
         _fill(record, step.observation, step.truth)
         return frame(TICK, record.tobytes())
 
@@ -208,14 +238,17 @@ def lengths_of(beginning: Episode, *, keep_images: bool) -> dict[str, int]:
     return _lengths(beginning.final_observation, beginning.final_truth, size, keep_images=keep_images)
 
 
-def record_dtype(lengths: Mapping[str, int]) -> np.dtype[Any]:
-    """One tick in bytes."""
+def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSION) -> np.dtype[Any]:
+    """One tick in bytes, as in this version of the schema (2 or later)."""
     columns: list[tuple[str, str, tuple[int, ...]]] = []
     for field in schema.OBSERVATION_FIELDS:
         if all(isinstance(n, int) or n in lengths for n in field.shape[1:]):
             shape = tuple(n if isinstance(n, int) else lengths[n] for n in field.shape[1:])
             columns.append((field.key, field.dtype, shape))
     columns += [("action_m", "<f8", (lengths["A"],)), ("action_std", "<f8", (lengths["A"],)), ("phase", "|S8", ())]
+    if version >= 3:
+        columns += [(schema.FORCE, "<f8", (3,)), (schema.PULL_NODE, "<i8", ()), (schema.PULL_TARGET, "<f8", (3,))]
+        columns += [(schema.INTERVENTION, "|u1", ()), (schema.HAND, "<f8", (6,))]
     columns += [("nodes", "<f8", (lengths["nodes"], 3))]
     columns += [(key, "<f8", ()) for key in ("contact_portion_true", "flat_area", "wall_s")]
     return np.dtype(columns)

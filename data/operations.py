@@ -24,7 +24,7 @@ from data.info import DemoInfo
 from data.opening import part_files, parts_folder
 from data.recorder import check_place, writing
 from data.store import Session, open_session
-from data.types import DataError, Episode
+from data.types import DataError, Episode, disturbances_within
 
 
 def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:
@@ -153,7 +153,12 @@ def trimmed(episode: Episode, start: int, stop: int) -> Episode:
     ticks = len(episode.steps)
     if not 0 <= start < stop <= ticks:
         raise DataError(f"ticks {start} to {stop} cannot be kept; the episode has ticks 0 to {ticks}")
-    cut = replace(episode, steps=episode.steps[start:stop], first_tick=episode.first_tick + start)
+    cut = replace(
+        episode,
+        steps=episode.steps[start:stop],
+        first_tick=episode.first_tick + start,
+        disturbances=disturbances_within(episode.disturbances, start, stop),
+    )
     if stop == ticks:
         return cut
     after = episode.steps[stop]

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute
-from data.decode import observations_of, without_ticks
+from data.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
 from data.durable import lock_for_life, unlock
-from data.journal import BEGINNING, END, FRAME, MAGIC, TICK, record_dtype
-from data.types import DataError, Episode, Observation, Phase, Step, StoppedBy, Truth
+from data.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, TICK, record_dtype
+from data.migrate import from_2
+from data.types import DataError, Episode, Observation, Phase, Step, StoppedBy, Truth, disturbances_within
 
 JOURNAL_GLOB = "running-*.journal"
+READ_VERSIONS = (2, schema.SCHEMA_VERSION)
+"""Of a journal; version 1 had none."""
 HEADER_BYTES_MAX = 1 << 24
 RECORD_BYTES_MAX = 1 << 28
 
@@ -96,9 +99,10 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
         return None
     header = json.loads(frames[0][1])
     attributes: dict[str, Attribute] = header["attributes"]
-    if attributes[schema.VERSION] != schema.SCHEMA_VERSION:
-        raise DataError(f"it is of version {attributes[schema.VERSION]} of the format, not {schema.SCHEMA_VERSION}")
-    dtype = record_dtype(header["lengths"])
+    version = attributes[schema.VERSION]
+    if version not in READ_VERSIONS:
+        raise DataError(f"it is of version {version} of the format, not {' or '.join(map(str, READ_VERSIONS))}")
+    dtype = record_dtype(header["lengths"], int(version))
     if not 0 < dtype.itemsize <= RECORD_BYTES_MAX:
         raise DataError(f"a tick of {dtype.itemsize} bytes cannot be")
     ticks = [content for kind, content in frames if kind == TICK]
@@ -111,7 +115,15 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
         end = None  # A tick was refused before the end.
     if len(ticks) < 2:
         return None
-    episode = _episode(attributes, np.frombuffer(b"".join(ticks), dtype), header["joints"])
+    records = np.frombuffer(b"".join(ticks), dtype)
+    befell = next((content for kind, content in reversed(frames) if kind == DISTURBED), None)
+    if end is None and befell is not None:
+        attributes = attributes | {schema.DISTURBANCES: befell.decode("ascii")}
+    if version == 2:
+        # Of the tick that was going on, its phase is known: whether a disturbance was over.
+        phases = records["phase"][: None if end is None else -1]
+        attributes = from_2(attributes if end is not None else attributes | {schema.STOPPED_BY: stopped_by}, phases)
+    episode = _episode(attributes, records, header["joints"])
     if end is None:
         episode = replace(episode, outcome="partial", stopped_by=stopped_by)
     return Recovered(uid=str(attributes[schema.UID]), episode=episode, whole=end is not None)
@@ -121,6 +133,7 @@ def _episode(attributes: Mapping[str, Attribute], records: NDArray[Any], joints:
     """The last record is the state after the last tick."""
     observations, truths = _observations(records), _truths(records)
     episode = without_ticks(attributes, observations[-1], truths[-1])
+    told = set(records.dtype.names or ()) >= {*TOLD_BY_FEW}
     steps = tuple(
         Step(
             observation=observation,
@@ -128,10 +141,26 @@ def _episode(attributes: Mapping[str, Attribute], records: NDArray[Any], joints:
             action=record["action_m"],
             action_std=None if np.isnan(record["action_std"]).all() else record["action_std"],
             phase=cast(Phase, bytes(record["phase"]).decode("ascii")),
+            **(_told_by_few(record) if told else {}),
         )
         for observation, truth, record in zip(observations[:-1], truths[:-1], records, strict=False)
     )
-    return replace(episode, steps=steps, wall_s=float(records[-1]["wall_s"]), initial_joints=np.array(joints))
+    return replace(
+        episode,
+        steps=steps,
+        disturbances=disturbances_within(episode.disturbances, 0, len(steps)),
+        wall_s=float(records[-1]["wall_s"]),
+        initial_joints=np.array(joints),
+    )
+
+
+def _told_by_few(record: NDArray[Any]) -> dict[str, Any]:
+    return {
+        "pull": pull_of(int(record[schema.PULL_NODE]), record[schema.PULL_TARGET]),
+        "force_n": record[schema.FORCE],
+        "intervention": bool(record[schema.INTERVENTION]),
+        "hand_m": hand_of(record[schema.HAND]),
+    }
 
 
 def _observations(records: NDArray[Any]) -> list[Observation]:

@@ -14,6 +14,8 @@ from data.types import DataError
 
 PER_TICK = {field.key: field for field in schema.FIELDS if field.shape[0] == "N"}
 """Data sets with one row per tick."""
+MAY_BE_UNKNOWN = (schema.ACTION_STD, schema.PULL_TARGET, schema.HAND)
+"""NaN there says that there is none."""
 
 
 def read_rows(group: h5py.Group, key: str, ticks: slice) -> NDArray[Any]:
@@ -23,10 +25,13 @@ def read_rows(group: h5py.Group, key: str, ticks: slice) -> NDArray[Any]:
         raise DataError(
             f"{key!r} is no data set of an episode; known ones are {', '.join(f.key for f in schema.FIELDS)}"
         )
+    if key not in group and field.absent is not None:
+        shape = (len(group[schema.PHASE]), *(n for n in field.shape[1:] if isinstance(n, int)))
+        return np.full(shape, field.absent, field.dtype)[ticks]
     if key not in group:
         raise DataError(f"{group.name} was recorded without {key}")
     rows: NDArray[Any] = group[key][ticks]
-    if rows.dtype.kind == "f" and key != schema.ACTION_STD and not np.isfinite(rows).all():
+    if rows.dtype.kind == "f" and key not in MAY_BE_UNKNOWN and not np.isfinite(rows).all():
         raise DataError(f"{group.name}/{key} holds a value that is not finite")
     return rows
 

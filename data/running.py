@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from data.journal import JournalTicket
-from data.types import Episode, Step
+from data.types import DisturbanceRecord, Episode, Step
 
 if TYPE_CHECKING:
     from data.recorder import KeptEpisode, SessionRecorder
@@ -29,6 +30,10 @@ class Running:
     def on_tick(self, step: Step, tick: int) -> None:
         """As a hook of the loop."""
         self._writer.step(step)
+
+    def on_disturbance(self, records: Sequence[DisturbanceRecord]) -> None:
+        """What has befallen the cloth so far."""
+        self._writer.on_disturbance(records)
 
     def keep(self, episode: Episode) -> KeptEpisode:
         """The whole episode, durable on return, as SessionRecorder.keep; its outcome is the caller's to say.

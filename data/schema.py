@@ -14,6 +14,7 @@ Whatever a policy may see lies under ``obs`` and ``next_obs``; what only the sim
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from dataclasses import dataclass, replace
 from data.types import ACTION_NAMES, Task
 
 SCHEMA = "layflat-session"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Raised by one whenever a reader of the old form would misread the new one; data.migrate reads the older ones."""
 
 DATA = "data"
@@ -61,8 +62,8 @@ OUTCOME = "outcome"
 SUCCESS = "success"
 STOPPED_BY = "stopped_by"
 DISTURBANCE = "disturbance"
-PLAN = "disturbance_plan"
-"""JSON object: what chance made of the disturbance."""
+DISTURBANCES = "disturbances"
+"""JSON list of objects: name, first_tick, last_tick (null: not over), plan (an object)."""
 WALL_S = "wall_s"
 START = "start"
 """JSON object: name -> number."""
@@ -116,7 +117,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     SEED: int,
     SOURCE: str,
     DISTURBANCE: str,
-    PLAN: str,
+    DISTURBANCES: str,
     OUTCOME: str,
     SUCCESS: bool,
     STOPPED_BY: str,
@@ -148,6 +149,8 @@ class Field:
     columns: tuple[str, ...] = ()
     """Names of the columns; empty where the task, the cloth or the image decides on them."""
     optional: bool = False
+    absent: float | None = None
+    """What every tick has where the data set is missing."""
     packed: bool = False
     """Compressed without loss: worth its time for images only."""
 
@@ -170,15 +173,25 @@ FINAL_STATE = f"{TRUTH}/final_state"
 CONTACT_TRUE = f"{TRUTH}/contact_portion_true"
 FLAT_AREA = f"{TRUTH}/flat_area"
 JOINTS = f"{TRUTH}/initial_joints"
+FORCE = "force_n"
+PULL_NODE = "pull_node"
+PULL_TARGET = "pull_target_m"
+"""NaN where nothing is pulled at, and -1 for its node."""
+INTERVENTION = "intervention"
+HAND = "hand_m"
+"""NaN where no hand drew the holder; of one hand, the second place is NaN.
+
+These five are missing where no tick has any."""
 RGB = "rgb"
 DEPTH = "depth"
 
+_XYZ = ("x", "y", "z")
 _CORNERS = ("x1", "y1", "z1", "x2", "y2", "z2")
 
 OBSERVATION_FIELDS: tuple[Field, ...] = (
     Field(key="time_s", dtype="<f8", shape=("N", 1), unit="s", columns=("time",)),
     Field(key="corner_positions", dtype="<f8", shape=("N", 6), unit="m", frame="world", columns=_CORNERS),
-    Field(key="holder_position", dtype="<f8", shape=("N", 3), unit="m", frame="world", columns=("x", "y", "z")),
+    Field(key="holder_position", dtype="<f8", shape=("N", 3), unit="m", frame="world", columns=_XYZ),
     Field(key="word", dtype="<f8", shape=("N", 2), unit="1", frame="table", columns=("x", "y")),
     Field(key="word_strength", dtype="<f8", shape=("N", 1), unit="1", columns=("strength",)),
     Field(key="contact_portion", dtype="<f8", shape=("N", 1), unit="1", columns=("portion",)),
@@ -222,6 +235,29 @@ FIELDS: tuple[Field, ...] = (
     Field(key=CONTACT_TRUE, dtype="<f8", shape=("N+1", 1), unit="1", columns=("portion",)),
     Field(key=FLAT_AREA, dtype="<f8", shape=("N+1", 1), unit="1", columns=("area",)),
     Field(key=JOINTS, dtype="<f8", shape=("J",), unit="rad", optional=True),
+    Field(key=FORCE, dtype="<f8", shape=("N", 3), unit="N", frame="world", columns=_XYZ, optional=True, absent=0.0),
+    Field(key=PULL_NODE, dtype="<i8", shape=("N",), unit="1", optional=True, absent=-1),
+    Field(
+        key=PULL_TARGET,
+        dtype="<f8",
+        shape=("N", 3),
+        unit="m",
+        frame="world",
+        columns=_XYZ,
+        optional=True,
+        absent=math.nan,
+    ),
+    Field(
+        key=HAND,
+        dtype="<f8",
+        shape=("N", 6),
+        unit="m",
+        frame="world",
+        columns=_CORNERS,
+        optional=True,
+        absent=math.nan,
+    ),
+    Field(key=INTERVENTION, dtype="|u1", shape=("N",), unit="1", optional=True, absent=0),
     *_under(OBS),
     *_under(NEXT_OBS),
 )

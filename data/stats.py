@@ -72,7 +72,9 @@ def column_stats(session: Session) -> dict[str, ColumnStats]:
     """Of all data sets that have numbers per tick, without images and ``next_obs``."""
     running: dict[str, _Running] = {}
     for key, field in PER_TICK.items():
-        if np.dtype(field.dtype).kind == "S" or key.startswith(NEXT_OBS) or key.endswith((f"/{RGB}", f"/{DEPTH}")):
+        if np.dtype(field.dtype).kind in "Si" or key.startswith(NEXT_OBS) or key.endswith((f"/{RGB}", f"/{DEPTH}")):
+            continue
+        if field.absent is not None and not any(key in session.group(name) for name in session.names):
             continue
         for name in session.names:
             rows = session.array(name, key).astype(float)

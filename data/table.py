@@ -8,7 +8,7 @@ from pathlib import Path
 
 from data.durable import PART_SUFFIX, written_aside
 from data.store import Session
-from data.types import ACTION_NAMES, DataError, Episode, FloatArray, Observation, Task
+from data.types import ACTION_NAMES, DataError, Episode, FloatArray, Observation, Step, Task
 
 EPISODES_CSV, TICKS_CSV = "episodes.csv", "ticks.csv"
 EPISODE_COLUMNS = (
@@ -30,6 +30,7 @@ EPISODE_COLUMNS = (
 _CORNERS = tuple(f"corner{corner}_{axis}_m" for corner in (1, 2) for axis in "xyz")
 _HOLDER = tuple(f"holder_{axis}_m" for axis in "xyz")
 _SEEN = ("time_s", *_CORNERS, *_HOLDER, "word_x", "word_y", "word_strength", "contact_portion")
+_BEFELL = (*(f"force_{axis}_n" for axis in "xyz"), "pull_node", *(f"pull_{axis}_m" for axis in "xyz"), "intervention")
 _TRUE = ("contact_portion_true", "flat_area")
 
 
@@ -37,7 +38,7 @@ def tick_columns(task: Task) -> tuple[str, ...]:
     """Columns of ticks.csv; the actions are displacements in metres."""
     actions = tuple(f"{name}_m" for name in ACTION_NAMES[task])
     stds = tuple(f"std_{name}" for name in actions)
-    return ("episode", "tick", "phase", *_SEEN, *_TRUE, *actions, *stds)
+    return ("episode", "tick", "phase", *_SEEN, *_TRUE, *actions, *stds, *_BEFELL)
 
 
 def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None) -> int:
@@ -96,11 +97,11 @@ def _tick_rows(name: str, episode: Episode) -> Iterator[list[object]]:
     for tick, seen in enumerate(episode.observations()):
         true = [float(truths[tick].contact_portion_true), float(truths[tick].flat_area)]
         phase: str = ""
-        done: list[object] = [""] * (2 * size)
+        done: list[object] = [""] * (2 * size + len(_BEFELL))
         if tick < len(episode.steps):
             step = episode.steps[tick]
             phase = step.phase
-            done = [*step.action.tolist(), *_plain(step.action_std, size)]
+            done = [*step.action.tolist(), *_plain(step.action_std, size), *_befell(step)]
         yield [name, tick, phase, *_seen(seen), *true, *done]
 
 
@@ -113,6 +114,11 @@ def _seen(seen: Observation) -> list[float]:
         float(seen.word_strength),
         float(seen.contact_portion),
     ]
+
+
+def _befell(step: Step) -> list[object]:
+    pull = [""] * 4 if step.pull is None else [step.pull.node, *step.pull.target_m.tolist()]
+    return [*step.force_n.tolist(), *pull, int(step.intervention)]
 
 
 def _plain(std: FloatArray | None, size: int) -> list[object]:

@@ -7,7 +7,7 @@ radians. Simulated time is the clock.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -65,6 +65,11 @@ def frozen_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, dty
     return array
 
 
+def frozen_hand(value: ArrayLike) -> FloatArray:
+    """A place for the one holder, (3,) m, or for each of two pickers, (2, 3) m."""
+    return frozen_array(value, (3,) if np.ndim(value) == 1 else (2, 3), "hand")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Observation:
     """What a policy may see at the start of a tick."""
@@ -116,6 +121,41 @@ class Truth:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Pull:
+    """Where a person's hand drew the cloth in one tick."""
+
+    node: int
+    """Cloth node that the hand holds."""
+    target_m: FloatArray
+    """(3,) m, world: where it is drawn to by the end of the tick; a bounded force may leave it behind."""
+
+    def __post_init__(self) -> None:
+        _set(self, "target_m", frozen_array(self.target_m, (3,), "target_m"))
+        if self.node < 0:
+            raise DataError(f"the pulled node is {self.node}; it must be at least 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbanceRecord:
+    """One disturbance that befell the cloth, as chance made it."""
+
+    name: str
+    first_tick: int
+    """It acts from this one of the episode's ticks on; 0 also where it began before ticks that were cut off."""
+    last_tick: int | None = None
+    """The last tick before it was over, coming to rest included; None where the episode ended before."""
+    plan: Mapping[str, Any] = field(default_factory=dict)
+    """JSON values by name: where, along which path, how strong; empty where only its name and the seed are known."""
+
+    def __post_init__(self) -> None:
+        if self.first_tick < 0 or (self.last_tick is not None and self.last_tick < self.first_tick):
+            raise DataError(
+                f"disturbance {self.name} lasts from tick {self.first_tick} to {self.last_tick};"
+                " it must begin at 0 or later, and end no earlier than it begins"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """One tick: what was seen, what was done, in which phase."""
 
@@ -126,8 +166,20 @@ class Step:
     action_std: FloatArray | None = None
     """(A,) m, the policy's confidence where it has one."""
     phase: Phase = "place"
+    pull: Pull | None = None
+    """What a person pulled at."""
+    force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) N, world: mean total force of disturbances and pulls on the cloth in this tick."""
+    intervention: bool = False
+    """A person decided although a policy has the lead."""
+    hand_m: FloatArray | None = None
+    """(3,) m, or (2, 3) m for two pickers, world: where a person's hand drew the holder, which gave way; ``action`` is
+    what the holder then did."""
 
     def __post_init__(self) -> None:
+        if self.hand_m is not None:
+            _set(self, "hand_m", frozen_hand(self.hand_m))
+        _set(self, "force_n", frozen_array(self.force_n, (3,), "force_n"))
         _set(self, "action", frozen_array(self.action, (None,), "action"))
         if self.action_std is not None:
             _set(self, "action_std", frozen_array(self.action_std, self.action.shape, "action_std"))
@@ -165,7 +217,7 @@ class Episode:
     outcome: Outcome
     tick_s: float = TICK_S
     disturbance: str = "none"
-    """Name of the disturbance, or "none"."""
+    """Name of the disturbance, or of the suite of them; or "none"."""
     wall_s: float = 0.0
     start: Mapping[str, float] = field(default_factory=dict)
     """What was random about the start, by name (friction, mass, hem side, ...)."""
@@ -176,13 +228,14 @@ class Episode:
     """Settings of the bench, by name: with task, cloth, seed and tick_s they make the same start again."""
     initial_joints: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(J,) rad: joints of the arm before the first tick; none where no arm holds the cloth."""
-    disturbance_plan: Mapping[str, Any] = field(default_factory=dict)
-    """JSON values by name: what chance made of ``disturbance`` (where, along which path, how strong)."""
+    disturbances: tuple[DisturbanceRecord, ...] = ()
+    """All that befell the cloth, in their order; a person's pulls are in the steps."""
     first_tick: int = 0
     """Ticks of the recorded episode that were cut off before these; action replay needs 0."""
 
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
+        _set(self, "disturbances", tuple(self.disturbances))
         if self.task not in TASKS:
             raise DataError(f"task is {self.task!r}; it must be one of {', '.join(TASKS)}")
         if self.stopped_by not in STOPS:
@@ -194,6 +247,9 @@ class Episode:
         if self.first_tick < 0:
             raise DataError(f"first_tick is {self.first_tick}; it must be at least 0")
         _set(self, "initial_joints", frozen_array(self.initial_joints, (None,), "initial_joints"))
+        for record in self.disturbances if self.steps else ():
+            if max(record.first_tick, record.last_tick or 0) >= len(self.steps):
+                raise DataError(f"disturbance {record.name} is not within the episode's {len(self.steps)} ticks")
         size = len(ACTION_NAMES[self.task])
         for tick, step in enumerate(self.steps):
             if step.action.shape != (size,):
@@ -219,6 +275,19 @@ class Episode:
     @property
     def unstable(self) -> bool:
         return self.stopped_by == "unstable"
+
+
+def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: int) -> tuple[DisturbanceRecord, ...]:
+    """What of them is left when only the ticks ``start`` to ``stop - 1`` are kept, which are then counted from 0."""
+    return tuple(
+        replace(
+            record,
+            first_tick=max(record.first_tick - start, 0),
+            last_tick=None if record.last_tick is None or record.last_tick >= stop else record.last_tick - start,
+        )
+        for record in records
+        if record.first_tick < stop and (record.last_tick is None or record.last_tick >= start)
+    )
 
 
 def action_size(task: Task) -> int:

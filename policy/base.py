@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array
+from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array, frozen_hand
 
 
 class PolicyError(ValueError):
@@ -24,9 +24,16 @@ class Decision:
     """Not None: the policy has finished and says why; the action is not carried out."""
     reason: str = ""
     """One clause for a person: "descending", "output below 2 mm for 8 ticks", ..."""
+    hand: FloatArray | None = None
+    """(3,) m, or (2, 3) m for two pickers: kinesthetic teaching. Where a person's hand draws the holder, which gives
+    way; what the holder then does is recorded instead of ``action``."""
+    intervention: bool = False
+    """A person decided although a policy has the lead."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "action", frozen_array(self.action, (None,), "action"))
+        if self.hand is not None:
+            object.__setattr__(self, "hand", frozen_hand(self.hand))
         if self.std is not None:
             object.__setattr__(self, "std", frozen_array(self.std, self.action.shape, "std"))
 

@@ -1,10 +1,5 @@
 """Forces on the cloth that nobody asked for: a stick, a hand, a gust.
 
-Bullet ignores a force applied to a deformable, without a word. Light invisible bodies ("hands") anchored to a patch of
-nodes take the force instead. In free flight momentum is then force times time: within 1 % for one node and 4 % for a
-patch pushed along the cloth. A patch lifted off it loses up to 10 %, since Bullet's implicit damping does not act back
-on anchored nodes; in a short jab that error (10 to 40 ms times the force) is as large as the impulse.
-
 Like a person's stick or a mouse drag, the hands follow a path at a speed of their own with a bounded force: a bare
 force for a fixed time gives erratic displacements.
 """
@@ -12,19 +7,13 @@ force for a fixed time gives erratic displacements.
 from __future__ import annotations
 
 import numpy as np
-import pybullet as bullet
 
 from data.types import FloatArray
 from sim.cloth import Cloth
 from sim.disturbances import DisturbanceSpec, Plan
+from sim.hands import Hands
 from sim.world import World
 
-HAND_MASS_KG = 0.003
-"""Nine hands of 1 g on a patch make the towel diverge, even without a force."""
-HAND_STIFFNESS_1_S2 = 5000.0
-"""Spring from each hand to its target, N/m per kg of hand and node. Explicit: stiffness * step^2 must stay below 1."""
-HAND_DAMPING_1_S = 90.0
-"""N s/m per kg of hand and node: above half of critical (141)."""
 ARRIVED_M = 0.008
 """The hands let go once their target has come to its end and they are this close to it."""
 
@@ -40,7 +29,7 @@ class Disturbance:
         self.plan: Plan = spec.schedule(rng, cloth.spec)
         self._steps = 0
         self._settled_steps: int | None = None
-        self._hands: _Hands | None = None
+        self._hands: _PathHands | None = None
         self._gust: _Gust | None = None
         self._impulse = np.zeros(3)
         self._at: FloatArray | None = None
@@ -94,7 +83,7 @@ class Disturbance:
 
     def _begin(self) -> None:
         if self.plan.nodes:
-            self._hands = _Hands(self._world, self._cloth, self.plan)
+            self._hands = _PathHands(self._world, self._cloth, self.plan)
         elif any(self.plan.wind_m_s2):
             self._gust = _Gust(self._world, self._cloth.spec.mass_kg, np.array(self.plan.wind_m_s2))
 
@@ -108,63 +97,22 @@ class Disturbance:
         self._settled_steps = 0
 
 
-class _Hands:
-    """Light bodies on the nodes of a patch, pulled along a common path."""
+class _PathHands(Hands):
+    """Hands on a patch that follow the path of a plan together."""
 
     def __init__(self, world: World, cloth: Cloth, plan: Plan) -> None:
-        self._world = world
-        self._cloth = cloth
+        super().__init__(world, cloth, plan.nodes, plan.force_limit_n)
         self._plan = plan
-        self._start = cloth.nodes()[list(plan.nodes)]
-        node_kg = cloth.spec.mass_kg / (cloth.spec.rows * cloth.spec.columns)
-        # The spring is explicit, so its gains follow from the step where the step is long.
-        self._stiffness = min(HAND_STIFFNESS_1_S2, 0.3 / world.step_s**2) * (HAND_MASS_KG + node_kg)
-        self._damping = min(HAND_DAMPING_1_S, 0.5 / world.step_s) * (HAND_MASS_KG + node_kg)
-        self._forces_n_s = np.zeros(3)
-        self._bodies: list[int] = []
-        self._anchors: list[int] = []
-        for node, place in zip(plan.nodes, self._start, strict=True):
-            body = bullet.createMultiBody(HAND_MASS_KG, basePosition=place.tolist(), physicsClientId=world.client)
-            bullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0, physicsClientId=world.client)
-            self._bodies.append(int(body))
-            self._anchors.append(cloth.anchor(node, body))
-
-    def positions(self) -> FloatArray:
-        client = self._world.client
-        return np.array([bullet.getBasePositionAndOrientation(b, physicsClientId=client)[0] for b in self._bodies])
-
-    def _velocities(self) -> FloatArray:
-        client = self._world.client
-        return np.array([bullet.getBaseVelocity(b, physicsClientId=client)[0] for b in self._bodies])
-
-    def impulse(self) -> FloatArray:
-        """(3,) N s: what was put in less what the hands themselves carry."""
-        momentum: FloatArray = self._forces_n_s - HAND_MASS_KG * self._velocities().sum(axis=0)
-        return momentum
 
     def arrived(self, time_s: float) -> bool:
         """Whether the targets are at the path's end and the hands near them."""
         offset, _, ended = self._plan.target(time_s)
-        return ended and float(np.linalg.norm((self._start + offset - self.positions()).mean(axis=0))) < ARRIVED_M
+        return ended and float(np.linalg.norm((self.start + offset - self.positions()).mean(axis=0))) < ARRIVED_M
 
     def follow(self, time_s: float) -> None:
         """Push all hands towards their targets for one substep."""
         offset, velocity, _ = self._plan.target(time_s)
-        positions = self.positions()
-        lag = self._start + offset - positions
-        force = self._stiffness * lag + self._damping * (velocity - self._velocities())
-        size = np.linalg.norm(force, axis=1, keepdims=True)
-        force *= np.minimum(1.0, self._plan.force_limit_n / len(self._bodies) / np.maximum(size, 1e-12))
-        # A hand is a tool of ours, not a load on the cloth: its weight is carried.
-        carried = force - HAND_MASS_KG * np.array(self._world.gravity_m_s2)
-        for body, newtons, place in zip(self._bodies, carried.tolist(), positions.tolist(), strict=True):
-            bullet.applyExternalForce(body, -1, newtons, place, bullet.WORLD_FRAME, physicsClientId=self._world.client)
-        self._forces_n_s += force.sum(axis=0) * self._world.step_s
-
-    def let_go(self) -> None:
-        for anchor, body in zip(self._anchors, self._bodies, strict=True):
-            self._cloth.release(anchor)
-            bullet.removeBody(body, physicsClientId=self._world.client)
+        self.draw(self.start + offset, velocity)
 
 
 class _Gust:

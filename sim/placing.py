@@ -10,17 +10,18 @@ import numpy as np
 
 from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
 from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
-from perception.percept import Perceiver, PerceptionConfig
+from perception.percept import Perceiver, Percept, PerceptionConfig
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from sim.crumple import crumple
 from sim.disturbance import Disturbance
-from sim.disturbances import Plan, disturbance_spec
+from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
 from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
-from sim.world import SimError, World
+from sim.pull import Pull, picked_node
+from sim.world import GRAVITY_M_S2, SimError, World
 
 START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
@@ -91,6 +92,8 @@ class Placing:
     def __init__(self, settings: BenchSettings) -> None:
         self.settings = settings
         self.world: World | None = None
+        self.percept: Percept | None = None
+        """What perception made of the last observation; None without a camera."""
         self._pinhole = default_pinhole()
         self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
 
@@ -111,6 +114,9 @@ class Placing:
         )
         self.air = Air(self.cloth)
         self.disturbance: Disturbance | None = None
+        self._pull: Pull | None = None
+        self._pull_target: FloatArray | None = None
+        self._force_n = np.zeros(3)
         self._nodes = self.cloth.nodes()
         if settings.camera:
             self._start_camera(seed)
@@ -156,7 +162,7 @@ class Placing:
         word, strength, contact = np.zeros(2), 0.0, 0.0
         if self.settings.camera:
             rgb, depth = self.camera.capture(self._nodes)
-            percept = self._calibrated.perceive(rgb, depth)
+            percept = self.percept = self._calibrated.perceive(rgb, depth)
             word, strength = percept.word, percept.strength
             contact = min(1.0, percept.contact_portion)
         return Observation(
@@ -180,28 +186,120 @@ class Placing:
 
     def step(self, action: FloatArray) -> None:
         """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
-        world = self._running()
+        self._running()
         self.holder.start_tick(np.asarray(action, dtype=float), self.settings.substeps)
+        self._advance()
+
+    def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
+        """One tick of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
+
+        ``hand_target_m``: where the hand is to be at the tick's end, (3,) m for the hanger, which follows it along x
+        and z on a spring of bounded force, (2, 3) m for the pickers, which follow it at a bounded speed. None: nobody
+        holds on, and a hanger stays where it was left.
+        """
+        self._running()
+        shape = (3,) if self.settings.task == "hanger" else (2, 3)
+        hand = None if hand_target_m is None else np.array(hand_target_m, dtype=float)
+        if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
+            raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
+        before = self._held_at()
+        spec = self.settings.spec
+        # A cloth that leaves the table along it is held up by its holder alone.
+        load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
+        self.holder.start_guided_tick(hand, self.settings.substeps, load)
+        self._advance()
+        return self._held_at() - before
+
+    def _held_at(self) -> FloatArray:
+        """(A,) m: what the actions displace."""
+        if self.settings.task == "hanger":
+            return self.holder.position()[[0, 2]]
+        return self.holder.corner_positions().ravel()
+
+    def _advance(self) -> None:
+        """The substeps of one tick."""
+        world = self._running()
+        self._follow_pull()
+        impulse = self._impulse_n_s()
         for _ in range(self.settings.substeps):
             # What sets gravity comes first: the arm carries its weight in the gravity of now.
             self.air.before_substep()
             if self.disturbance is not None:
                 self.disturbance.before_substep()
+            if self._pull is not None:
+                self._pull.before_substep()
             self.holder.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
+        self._force_n = (self._impulse_n_s() - impulse) / (self.settings.substeps * world.step_s)
         if self.disturbance is not None and self.disturbance.done:
             self.disturbance = None
 
-    def disturb(self, name: str, seed: int) -> None:
-        """Begin a disturbance by name; it acts in the following ticks until ``disturbed`` is false."""
-        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
-        self.disturbance = Disturbance(self._running(), self.cloth, disturbance_spec(name), rng)
+    def _impulse_n_s(self) -> FloatArray:
+        """(3,) N s that the disturbance and the pull of now have given so far."""
+        acting = (self.disturbance, self._pull)
+        return sum((given.impulse_n_s for given in acting if given is not None), np.zeros(3))
 
-    def disturbance_plan(self, name: str, seed: int) -> Plan:
+    def force_n(self) -> FloatArray:
+        """(3,) N, world: mean total force of disturbances and pulls on the cloth in the last tick."""
+        return self._force_n.copy()
+
+    def disturb(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> None:
+        """Begin a disturbance, by name or as it is; it acts in the following ticks until ``disturbed`` is false.
+
+        ``repeat`` counts the disturbances of one episode, so that each has a chance of its own. One that still acts
+        is cut off.
+        """
+        world, spec = self._running(), _spec(what)
+        if self.disturbance is not None:
+            self.disturbance.stop()
+        self.disturbance = Disturbance(world, self.cloth, spec, _chance(seed, repeat))
+
+    def disturbance_plan(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> Plan:
         """What ``disturb`` would do."""
-        rng = np.random.default_rng([seed, DISTURBANCE_STREAM])
-        return disturbance_spec(name).schedule(rng, self.settings.spec)
+        return _spec(what).schedule(_chance(seed, repeat), self.settings.spec)
+
+    def pull(self, node: int, target_m: FloatArray) -> None:
+        """From the next tick on a hand of bounded force draws ``node`` to ``target_m`` (3,) m, world.
+
+        Call it again, at most once a tick, to lead the hand on; it stays at its target until ``let_go``. Another node
+        is another hand: the first lets go. Works at any time, also beside a disturbance.
+        """
+        world, target = self._running(), np.array(target_m, dtype=float)
+        if target.shape != (3,) or not np.isfinite(target).all():
+            raise SimError(f"the pull's target is {target.tolist()}; it must be three finite numbers: x, y, z in m")
+        if self._pull is not None and self._pull.node != node:
+            self.let_go()
+        if self._pull is None:
+            self._pull = Pull(world, self.cloth, node)
+        self._pull_target = target
+
+    def _follow_pull(self) -> None:
+        if self._pull is not None and self._pull_target is not None:
+            self._pull.start_tick(self._pull_target, self.settings.substeps * self._running().step_s)
+
+    def let_go(self) -> None:
+        """End the pull, if there is one."""
+        if self._pull is not None:
+            self._pull.let_go()
+        self._pull = self._pull_target = None
+
+    @property
+    def pulled(self) -> int | None:
+        """The node that is pulled at, or None."""
+        return None if self._pull is None else self._pull.node
+
+    @property
+    def pulling(self) -> tuple[int, FloatArray] | None:
+        """The node that is pulled at and its target (3,) m, or None."""
+        if self._pull is None or self._pull_target is None:
+            return None
+        return self._pull.node, self._pull_target
+
+    def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
+        """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""
+        self._running()
+        return picked_node(self._nodes, self.settings.spec.triangles(), ray_origin, ray_direction)
 
     @property
     def disturbed(self) -> bool:
@@ -229,3 +327,12 @@ class Placing:
         if self.world is not None:
             self.world.close()
             self.world = None
+
+
+def _spec(what: str | DisturbanceSpec) -> DisturbanceSpec:
+    return disturbance_spec(what) if isinstance(what, str) else what
+
+
+def _chance(seed: int, repeat: int) -> np.random.Generator:
+    """The first of an episode draws what it always drew."""
+    return np.random.default_rng([seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])])

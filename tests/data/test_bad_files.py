@@ -97,7 +97,7 @@ def test_foreign_hdf5_is_refused_and_not_touched(tmp_path):
             if path is newer:
                 f["data"].attrs.update({"schema": "layflat-session", "schema_version": 99})
     foreign = "another program"
-    for path, message in ((plain, foreign), (robomimic, foreign), (newer, "version 99.*versions 1 to 2")):
+    for path, message in ((plain, foreign), (robomimic, foreign), (newer, "version 99.*versions 1 to 3")):
         before = path.read_bytes()
         _refused(path, message)
         with pytest.raises(DataError, match=message):

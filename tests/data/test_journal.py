@@ -16,7 +16,8 @@ from data import SessionRecorder, open_session, repair, validate
 from data.journal import SYNC_S, JournalTicket
 from data.opening import parts_folder
 from data.recovery import journals, read_journal
-from data.types import ACTION_LIMIT_M, DataError, Step
+from data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Pull, Step
+from tests.data.old_files import FILES, version_2_episode
 
 
 @pytest.fixture
@@ -24,15 +25,25 @@ def ticket(tmp_path) -> JournalTicket:
     return JournalTicket(path=tmp_path / "running-a.journal", uid="a", keep_images=True)
 
 
+BEFELL = DisturbanceRecord(name="push", first_tick=1, last_tick=2, plan={"at": [1, 2]})
+
+
 @pytest.fixture
 def written(ticket, make_episode, beginning_of):
     """A finished episode and the bytes of its journal, without the frame of its end and with it."""
-    episode = make_episode(
-        ticks=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance_plan={"at": [1, 2]}
-    )
-    journal = ticket.begin(beginning_of(episode))
-    for step in episode.steps:
+    episode = make_episode(ticks=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance="push")
+    first, *others = episode.steps
+    pulled = {"pull": Pull(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
+    changes = [pulled, {"phase": "disturb", "intervention": True}, {"hand_m": [0.1, 0.2, 0.3]}]
+    steps = [first, *(replace(step, **change) for step, change in zip(others, changes, strict=True))]
+    episode = replace(episode, steps=steps, disturbances=[BEFELL])
+    journal = ticket.begin(replace(beginning_of(episode), disturbances=()))
+    for tick, step in enumerate(episode.steps):
+        if tick == BEFELL.first_tick:
+            journal.on_disturbance([replace(BEFELL, last_tick=None)])
         journal.step(step)
+        if tick == BEFELL.last_tick:
+            journal.on_disturbance([BEFELL])
     deadline = time.monotonic() + 10
     size = -1
     while size != ticket.path.stat().st_size and time.monotonic() < deadline:
@@ -41,6 +52,13 @@ def written(ticket, make_episode, beginning_of):
     running = ticket.path.read_bytes()
     journal.finish(episode)
     return episode, running, ticket.path.read_bytes()
+
+
+def _left(found, prefix_of, episode):
+    """What is to be found of the episode in its first ticks; by hand, as in prefix_of."""
+    ticks = len(found.steps)
+    befell = [] if ticks < 2 else [replace(BEFELL, last_tick=None if ticks == 2 else 2)]
+    return prefix_of(episode, ticks, wall_s=found.wall_s, disturbances=befell)
 
 
 def _read(path: Path, content: bytes):
@@ -64,7 +82,7 @@ def test_a_journal_cut_anywhere_holds_the_ticks_before(written, ticket, prefix_o
         lengths.append(ticks)
         if found is not None:
             assert not found.whole
-            assert differences(found.episode, prefix_of(episode, ticks, wall_s=found.episode.wall_s)) == []
+            assert differences(found.episode, _left(found.episode, prefix_of, episode)) == []
     assert lengths == sorted(lengths)
     # The observation that the last tick began with stands for the end.
     assert set(lengths) == set(range(len(episode.steps)))
@@ -78,8 +96,16 @@ def test_a_wrong_bit_ends_the_journal_and_is_never_read_as_something_else(writte
         damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
         found = _read(ticket.path, bytes(damaged))
         if found is not None:
-            ticks = len(found.episode.steps)
-            assert differences(found.episode, prefix_of(episode, ticks, wall_s=found.episode.wall_s)) == []
+            assert differences(found.episode, _left(found.episode, prefix_of, episode)) == []
+
+
+def test_a_journal_of_version_2_is_read(tmp_path, make_episode, prefix_of, differences):
+    path = tmp_path / "running-b.journal"
+    path.write_bytes((FILES / "version-2.journal").read_bytes())
+    found = read_journal(path)
+    assert (found.uid, found.whole) == ("b" * 32, False)
+    wanted = prefix_of(version_2_episode(make_episode, 3), 4, wall_s=found.episode.wall_s)
+    assert differences(found.episode, wanted) == []
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"LAYFLAT journal 1\n", bytes(4096)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -15,10 +16,9 @@ from hypothesis import strategies as st
 
 from data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
 from data.opening import parts_folder
-from data.types import DataError
-
-VERSION_1 = Path(__file__).parent / "files" / "version-1.h5"
-"""Written by layflat 0.1.0 from ``make_episode(ticks=3, seed=s, nodes=4, images=True, with_std=s == 1)``, s = 0, 1."""
+from data.schema import SCHEMA_VERSION
+from data.types import DataError, DisturbanceRecord, Pull
+from tests.data.old_files import FILES, version_2_episodes
 
 
 def _by_uid(path):
@@ -207,12 +207,13 @@ def _expected_version_1(make_episode):
     return [make_episode(ticks=3, seed=seed, nodes=4, images=True, with_std=bool(seed)) for seed in range(2)]
 
 
-def test_version_1_is_read_as_it_was_and_written_anew(tmp_path, make_episode, differences):
-    path, wanted = tmp_path / "old.h5", _expected_version_1(make_episode)
-    path.write_bytes(VERSION_1.read_bytes())
+@pytest.mark.parametrize(("version", "expected"), [(1, _expected_version_1), (2, version_2_episodes)])
+def test_an_older_version_is_read_as_it_was_and_written_anew(version, expected, tmp_path, make_episode, differences):
+    path, wanted = tmp_path / "old.h5", expected(make_episode)
+    path.write_bytes((FILES / f"version-{version}.h5").read_bytes())
     with open_session(path) as session:
-        assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[], []]
-        assert {info.version for info in session.infos().values()} == {1}
+        assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[]] * len(wanted)
+        assert {info.version for info in session.infos().values()} == {version}
         uids = [info.uid for info in session.infos().values()]
         assert session.info("demo_0").contact_final == wanted[0].final_observation.contact_portion
     assert validate(path) == ()
@@ -221,15 +222,15 @@ def test_version_1_is_read_as_it_was_and_written_anew(tmp_path, make_episode, di
         operation(path, target)
         assert validate(target) == ()
         with open_session(target) as session:
-            assert {info.version for info in session.infos().values()} == {2}
+            assert {info.version for info in session.infos().values()} == {SCHEMA_VERSION}
             assert differences(session["demo_1"], wanted[1]) == []
             assert session.info("demo_1").uid == uids[1]
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
-        assert recorder.keep(make_episode(seed=9)).name == "demo_2"
+        assert recorder.keep(make_episode(seed=9)).name == f"demo_{len(wanted)}"
     with open_session(path) as session:
-        assert [differences(a, b) for a, b in zip(session, wanted, strict=False)] == [[], []]
-        assert [info.uid for info in session.infos().values()][:2] == uids
-        assert {info.version for info in session.infos().values()} == {2}
+        assert [differences(a, b) for a, b in zip(session, wanted, strict=False)] == [[]] * len(wanted)
+        assert [info.uid for info in session.infos().values()][: len(wanted)] == uids
+        assert {info.version for info in session.infos().values()} == {SCHEMA_VERSION}
     assert validate(path) == ()
 
 
@@ -328,3 +329,36 @@ def test_nothing_to_repair(tmp_path):
         repair(tmp_path / "s.h5")
     assert (tmp_path / "s.h5").read_bytes() == b"no session"
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
+
+
+def test_what_befell_the_cloth_is_counted_from_the_ticks_that_are_kept(tmp_path, make_session, make_episode):
+    """Of three disturbances in the ticks 1 to 2, 4 to 6, and from 8 on."""
+    lasting = [(1, 2), (4, 6), (8, None)]
+    befell = [DisturbanceRecord(name=str(n), first_tick=a, last_tick=b) for n, (a, b) in enumerate(lasting)]
+    path = make_session("s.h5", [make_episode(ticks=10, disturbances=befell)])
+    for (start, stop), wanted in {
+        (0, 10): [("0", 1, 2), ("1", 4, 6), ("2", 8, None)],
+        (3, 10): [("1", 1, 3), ("2", 5, None)],
+        (5, 9): [("1", 0, 1), ("2", 3, None)],
+        (0, 6): [("0", 1, 2), ("1", 4, None)],
+        (7, 8): [],
+    }.items():
+        trim(path, tmp_path / "t.h5", name="demo_0", start=start, stop=stop, force=True)
+        with open_session(tmp_path / "t.h5") as session:
+            assert [(r.name, r.first_tick, r.last_tick) for r in session[0].disturbances] == wanted
+
+
+def test_what_few_episodes_have_costs_the_others_nothing(make_session, make_episode):
+    plain, pulled = make_episode(ticks=4), make_episode(ticks=4, seed=1)
+    steps = [*pulled.steps[:3], replace(pulled.steps[3], pull=Pull(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0])]
+    path = make_session("s.h5", [plain, replace(pulled, steps=steps)])
+    with h5py.File(path) as f:
+        assert not {"force_n", "pull_node", "pull_target_m", "intervention", "hand_m"} & set(f["data/demo_0"])
+        assert {"force_n", "pull_node", "pull_target_m"} <= set(f["data/demo_1"])
+    with open_session(path) as session:
+        rows = session.arrays(["force_n", "pull_node", "pull_target_m", "intervention"])
+    assert rows["force_n"].tolist() == [[0, 0, 0]] * 7 + [[0, 0, 2]]
+    assert rows["pull_node"].tolist() == [-1] * 7 + [2]
+    assert np.isnan(rows["pull_target_m"][:7]).all()
+    assert rows["pull_target_m"][7].tolist() == [0, 0, 0.1]
+    assert not rows["intervention"].any()

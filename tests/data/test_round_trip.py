@@ -23,9 +23,11 @@ from data.types import (
     STOPS,
     TASKS,
     DataError,
+    DisturbanceRecord,
     Episode,
     Observation,
     Provenance,
+    Pull,
     Step,
     Truth,
 )
@@ -53,9 +55,20 @@ def observations(draw, rgb_shape, depth_shape):
 
 
 @st.composite
+def disturbances(draw, ticks):
+    first = draw(st.integers(0, ticks - 1))
+    return DisturbanceRecord(
+        name=draw(any_text),
+        first_tick=first,
+        last_tick=draw(st.none() | st.integers(first, ticks - 1)),
+        plan=draw(st.dictionaries(any_text, st.lists(finite | st.integers(), max_size=2), max_size=2)),
+    )
+
+
+@st.composite
 def episodes(draw):
     task = draw(st.sampled_from(TASKS))
-    nodes = draw(st.integers(0, 4))
+    nodes, three = draw(st.integers(0, 4)), arrays(np.float64, 3, elements=finite)
     shape = st.none() | st.tuples(st.integers(0, 3), st.integers(0, 3))
     observation = observations(draw(shape), draw(shape))
     truth = st.builds(
@@ -69,13 +82,18 @@ def episodes(draw):
         action=arrays(np.float64, size, elements=st.floats(-ACTION_LIMIT_M, ACTION_LIMIT_M)),
         action_std=st.none() | arrays(np.float64, size, elements=finite),
         phase=st.sampled_from(PHASES),
+        pull=st.none() | st.builds(Pull, node=st.integers(0, 2**40), target_m=three),
+        force_n=st.just(np.zeros(3)) | three,
+        intervention=st.booleans(),
+        hand_m=st.none() | three | arrays(np.float64, (2, 3), elements=finite),
     )
+    ticks = draw(st.integers(1, 3))
     return Episode(
         task=task,
         cloth=draw(text),
         seed=draw(st.integers(-(2**63) + 1, 2**63 - 1)),
         source=draw(text),
-        steps=tuple(draw(st.lists(step, min_size=1, max_size=3))),
+        steps=tuple(draw(step) for _ in range(ticks)),
         final_observation=draw(observation),
         final_truth=draw(truth),
         stopped_by=draw(st.sampled_from(STOPS)),
@@ -97,7 +115,7 @@ def episodes(draw):
         descriptor=draw(st.sampled_from(DESCRIPTORS)),
         bench=draw(st.dictionaries(any_text, text | finite | st.booleans(), max_size=3)),
         initial_joints=draw(arrays(np.float64, st.integers(0, 3), elements=finite)),
-        disturbance_plan=draw(st.dictionaries(text, st.lists(finite | st.integers(), max_size=2), max_size=2)),
+        disturbances=draw(st.lists(disturbances(ticks), max_size=3)),
         first_tick=draw(st.integers(0, 2**40)),
     )
 

@@ -18,6 +18,7 @@ import perception.descriptors
 from data import SessionRecorder, open_session, session_stats, validate
 from data.assemble import SessionFile
 from data.encode import LIBVER
+from data.schema import SCHEMA_VERSION
 from data.types import DataError
 
 
@@ -159,7 +160,7 @@ def test_every_data_set_says_its_unit_frame_and_columns(path):
         units = {item.name.rpartition("/")[2]: item.attrs["unit"] for item in items}
         assert units["action_m"] == units["depth"] == units["states"] == b"m"
         assert json.loads(f["data/demo_0/action_m"].attrs["columns"]) == ["dx", "dz"]
-        assert f["data"].attrs["schema_version"] == 2
+        assert f["data"].attrs["schema_version"] == SCHEMA_VERSION
 
 
 def test_the_descriptors_are_those_of_perception():

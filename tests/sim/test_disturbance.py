@@ -18,8 +18,9 @@ from hypothesis import strategies as st
 from perception import Perceiver
 from sim.camera import Camera
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from sim.disturbance import HAND_MASS_KG, Disturbance
+from sim.disturbance import Disturbance
 from sim.disturbances import DISTURBANCES, DisturbanceSpec, disturbance_spec
+from sim.hands import HAND_MASS_KG
 from sim.pickers import Pickers
 from sim.world import GRAVITY_M_S2, SimError, World
 
@@ -276,7 +277,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
 _SCRIPT = """
 import sys, hashlib, numpy as np
 from sim.cloth import Cloth, cloth_spec
-from sim.disturbance import HAND_MASS_KG, Disturbance
+from sim.disturbance import Disturbance
 from sim.disturbances import disturbance_spec
 from sim.world import World
 spec = cloth_spec("napkin")

@@ -1,0 +1,215 @@
+"""`layflat evaluate` and `layflat disturb`: policies compared from the same starts, through the same disturbances."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from app import checks
+from app.batch.local import Engine, local_engine
+from app.batch.plan import SCRIPTED, Entrant, Plan
+from app.batch.results import Results
+from app.batch.run import run_batch
+from app.batch.suites import cases_of
+from app.errors import LayflatError, WrongCall
+from app.progress import Progress
+from data.types import TASKS
+from policy import model as model_files
+from policy.gp_model import GpModel
+from policy.registry import MADE
+from sim.placing import Start
+
+EPISODE_S = 12.0
+CASE_S = 6.0
+"""Core-seconds of a placing, and of what follows in each case, for the first estimate of the time left."""
+DEFAULT_CLOTH = "towel"
+_SPEC = re.compile(r"(?:(?P<name>[^=/]+)=)?(?P<who>.+?)(?:\+(?P<rule>[a-z-]+))?")
+
+
+def evaluate(
+    policies: Sequence[str],
+    *,
+    out: Path,
+    episodes: int,
+    seed: int,
+    disturb: Sequence[str],
+    cloths: Sequence[str],
+    tasks: Sequence[str],
+    start: Start,
+    limit_s: float,
+    workers: int,
+    engine: str,
+    address: str | None,
+    force: bool,
+) -> Results:
+    """Run ``policies`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, all else in ``out``.
+
+    A policy is ``[NAME=]MODEL.npz[+RULE]`` or the name of one that needs no training.
+    """
+    entrants = entrants_of(policies, tasks)
+    taught = dict.fromkeys(entrant.model.cloth for entrant in entrants if entrant.model is not None)
+    plan = Plan(
+        entrants=entrants,
+        cloths=tuple(cloths or taught or [DEFAULT_CLOTH]),
+        seeds=tuple(seed + k for k in range(episodes)),
+        cases=tuple(case for what in disturb for case in cases_of(what)),
+        start=start,
+        limit_s=limit_s,
+    )
+    seconds = len(plan.seeds) * len(plan.cloths) * len(entrants) * (EPISODE_S + CASE_S * len(plan.cases))
+    with Progress({"episodes": seconds / workers}) as progress:
+        progress.phase("episodes", items=plan.episodes)
+        results = run_batch(
+            plan, out, workers=workers, engine=engine_of(engine, workers, address), force=force, progress=progress
+        )
+    show(results.summary)
+    print(f"results: {out}")
+    if results.rows["crashed"].all():
+        raise LayflatError(f"every episode crashed; the first: {results.rows['reason'].iloc[0]}")
+    return results
+
+
+def engine_of(name: str, workers: int, address: str | None) -> Engine:
+    if name == "local":
+        if address is not None:
+            raise WrongCall("--address is where a Ray cluster is; give --engine ray with it")
+        return local_engine(workers)
+    raise WrongCall(f"engine {name!r} is unknown; known ones are local, ray")
+
+
+@dataclass(frozen=True)
+class _Given:
+    """One policy of the command line, taken apart."""
+
+    name: str | None
+    stem: str
+    model: GpModel | None
+    made: str | None
+
+    @property
+    def usual_name(self) -> str:
+        if self.model is None:
+            return str(self.made)
+        return self.model.policy if self.made is None else f"{self.model.policy}+{self.made}"
+
+
+def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant, ...]:
+    """One entrant for each policy and task; those whose usual names are the same are told apart by their files."""
+    given = [_given(text) for text in policies]
+    taught = dict.fromkeys(one.model.layout.task for one in given if one.model is not None)
+    wanted = tuple(
+        task for task in TASKS if task in [checks.known_name("task", name, TASKS) for name in tasks or taught]
+    )
+    if not wanted:
+        raise WrongCall("a policy without a model can do any task; give --task hanger or --task pickers")
+    found = [(task, one) for task in wanted for one in given if one.model is None or one.model.layout.task == task]
+    left_out = [one for one in given if one.model is not None and one.model.layout.task not in wanted]
+    if left_out:
+        raise WrongCall(f"{left_out[0].stem} was taught another task than {', '.join(wanted)}; leave it out")
+    usual = [(task, one.name or one.usual_name) for task, one in found]
+    return tuple(
+        Entrant(
+            name=f"{name}@{_plain(one.stem)}" if one.name is None and usual.count((task, name)) > 1 else name,
+            task=task,
+            model=one.model,
+            made=one.made,
+        )
+        for (task, one), (_, name) in zip(found, usual, strict=True)
+    )
+
+
+def _given(text: str) -> _Given:
+    if text in (*MADE, SCRIPTED):
+        return _Given(None, text, None, text)
+    parts = _SPEC.fullmatch(text)
+    if parts is None or Path(text).exists():
+        return _Given(None, Path(text).stem, _load(Path(text)), None)
+    name, who, rule = parts["name"], parts["who"], parts["rule"]
+    if rule is not None and rule not in MADE:
+        who, rule = f"{who}+{rule}", None
+    if who in (*MADE, SCRIPTED) and rule is None:
+        return _Given(name, who, None, who)
+    if Path(who).suffix != ".npz":
+        known = ", ".join((*MADE, SCRIPTED))
+        raise WrongCall(f"policy {text!r} is neither a model's file (MODEL.npz) nor one of {known}")
+    return _Given(name, Path(who).stem, _load(Path(who)), rule)
+
+
+def _load(path: Path) -> GpModel:
+    return model_files.load(checks.readable_file(path, "a model that `layflat train` wrote"))
+
+
+def _plain(stem: str) -> str:
+    return re.sub(r"[^A-Za-z0-9.]+", "-", stem).strip("-")
+
+
+def show(summary: Mapping[str, Any]) -> None:
+    """Print one line per group, and one per difference between two policies, on stdout."""
+    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
+    console = Console(width=None if sys.stdout.isatty() else 200)
+    table = Table(title=None)
+    for name in ("policy", "task", "cloth", "disturbance"):
+        table.add_column(name)
+    for name in (
+        "n",
+        "final contact [95 %]",
+        "min",
+        "max",
+        "regained [95 %]",
+        "flat area",
+        "success [95 %]",
+        "crashed",
+    ):
+        table.add_column(name, justify="right")
+    for group in summary["groups"]:
+        final = group["contact_final"]
+        low, high = group["success_wilson95"]
+        table.add_row(
+            *(group[name] for name in ("policy", "task", "cloth", "disturbance")),
+            str(group["n"]),
+            _with_interval(final),
+            _percent(final["min"]),
+            _percent(final["max"]),
+            _with_interval(group["gain"]),
+            "-" if group["flat_area_final"]["mean"] is None else f"{group['flat_area_final']['mean']:.3f}",
+            f"{_percent(group['success_rate'])} [{_percent(low)}, {_percent(high)}]",
+            str(group["crashed"]),
+        )
+    console.print(table)
+    if summary["paired"]:
+        console.print(_differences(summary["paired"]))
+
+
+def _differences(paired: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table(title=None)
+    for name in ("difference", "task", "cloth", "disturbance"):
+        table.add_column(name)
+    for name in ("pairs", "final contact, points [95 %]", "regained, points [95 %]", "success, points [95 %]"):
+        table.add_column(name, justify="right")
+    for pair in paired:
+        table.add_row(
+            f"{pair['b']} - {pair['a']}",
+            *(pair[name] for name in ("task", "cloth", "disturbance")),
+            str(pair["contact_final"]["n"]),
+            *(_with_interval(pair[name], signed=True) for name in ("contact_final", "gain", "success")),
+        )
+    return table
+
+
+def _with_interval(measure: Mapping[str, Any], *, signed: bool = False) -> str:
+    if measure["mean"] is None:
+        return "-"
+    low, high = measure["ci95"]
+    interval = "" if low is None else f" [{_percent(low, signed)}, {_percent(high, signed)}]"
+    return _percent(measure["mean"], signed) + interval
+
+
+def _percent(share: float | None, signed: bool = False) -> str:
+    return "-" if share is None else f"{round(100 * share, 1) + 0.0:{'+' if signed else ''}.1f}"

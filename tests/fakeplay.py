@@ -1,0 +1,135 @@
+"""Episodes without a simulator, made in an instant, and everything that can go wrong with them."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+
+from app.batch.plan import Case, Entrant, Group, Plan
+from app.schedule import ScheduledDisturbance, When
+from data.types import Episode, Observation, Phase, Step, Truth
+from sim.disturbances import DISTURBANCES
+
+Fault = Literal["kill", "segfault", "hang", "exception", "exit", "disk"]
+FAULTS: tuple[Fault, ...] = get_args(Fault)
+PLACING = "placing"
+"""Where a fault may be instead of in a case."""
+
+
+@dataclass(frozen=True)
+class Scripted:
+    """Which faults come: by group and where in it, one for each attempt; None or nothing: none."""
+
+    faults: Mapping[tuple[str, str], tuple[Fault | None, ...]] = field(default_factory=dict)
+    tick_s: float = 0.0
+    """Wall time of a placing and of each case."""
+
+    def __call__(self, group: Group) -> FakePlaying:
+        return FakePlaying(self, group)
+
+    def suffer(self, group: Group, where: str) -> None:
+        planned = self.faults.get((key_of(group), where), ())
+        if len(planned) >= group.attempt and planned[group.attempt - 1] is not None:
+            _suffer(planned[group.attempt - 1])
+        time.sleep(self.tick_s)
+
+
+class FakePlaying:
+    """A group's episode as numbers that follow from its name."""
+
+    def __init__(self, script: Scripted, group: Group) -> None:
+        self._script = script
+        self._group = group
+        self._placed = False
+
+    def place(self) -> None:
+        self._script.suffer(self._group, PLACING)
+        self._placed = True
+
+    def finish(self, case: Case) -> Episode:
+        if not self._placed:
+            self.place()
+        self._script.suffer(self._group, case.name)
+        return fake_episode(self._group, case)
+
+
+def key_of(group: Group) -> str:
+    return f"{group.entrant.task} {group.cloth} {group.entrant.name} {group.seed}"
+
+
+def _suffer(fault: Fault | None) -> None:
+    if fault == "kill":
+        os.kill(os.getpid(), signal.SIGKILL)
+    elif fault == "segfault":
+        ctypes.string_at(0)
+    elif fault == "hang":
+        while True:
+            ctypes.CDLL(None).sleep(1)
+    elif fault == "exception":
+        raise RuntimeError('the solver\nhas lost its way, and "says" so')
+    elif fault == "exit":
+        os._exit(7)
+    elif fault == "disk":
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))
+
+
+def fake_episode(group: Group, case: Case) -> Episode:
+    """Three ticks of placing, and two for each disturbance; the same numbers whoever makes them, and wherever."""
+    words = f"{key_of(group)} {case.name}".encode()
+    rng = np.random.default_rng(list(words))
+    phases: list[Phase] = ["place"] * 3
+    for item in case.schedule:
+        phases += ["disturb", "repair"] * item.repeats
+    contact = rng.uniform(0, 1, len(phases) + 1)
+    observations = [_observation(0.1 * tick, float(value)) for tick, value in enumerate(contact)]
+    truths = [Truth(nodes=np.zeros((4, 3)), contact_portion_true=float(c), flat_area=0.5 + float(c)) for c in contact]
+    size = 2 if group.entrant.task == "hanger" else 6
+    steps = tuple(
+        Step(observation=seen, truth=truth, action=np.zeros(size), phase=phase)
+        for seen, truth, phase in zip(observations, truths, phases, strict=False)
+    )
+    return Episode(
+        task=group.entrant.task,
+        cloth=group.cloth,
+        seed=group.seed,
+        source="fake",
+        steps=steps,
+        final_observation=observations[-1],
+        final_truth=truths[-1],
+        stopped_by="converged",
+        outcome="success",
+        descriptor=group.entrant.descriptor,
+        wall_s=0.5,
+    )
+
+
+def _observation(time_s: float, contact: float) -> Observation:
+    return Observation(
+        time_s=time_s,
+        corner_positions=np.zeros((2, 3)),
+        holder_position=np.zeros(3),
+        word=np.zeros(2),
+        word_strength=0.0,
+        contact_portion=contact,
+    )
+
+
+def fake_plan(seeds: int = 4, *, policies: tuple[str, ...] = ("hold", "drag-rule"), limit_s: float = 60.0) -> Plan:
+    """Each start undisturbed, pushed after the stop, and pushed on the way."""
+    push = ScheduledDisturbance(spec=DISTURBANCES["push"], repeats=2)
+    early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=When(moment="tick", value=1))
+    return Plan(
+        entrants=tuple(Entrant(name=name, task="hanger", made=name) for name in policies),
+        cloths=("towel",),
+        seeds=tuple(range(seeds)),
+        cases=(Case(name="push", schedule=(push,)), Case(name="mix/early", schedule=(early,))),
+        limit_s=limit_s,
+    )
