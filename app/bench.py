@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app import checks, measure, measure_data, measure_sight
+from app import checks, measure, measure_data, measure_recipes, measure_sight
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -29,7 +29,8 @@ SECONDS = {
     "fine physics": 18.0,
     "seeing": 12.0,
     "sight": 6.0,
-    "predicting": 1.0,
+    "predicting": 4.0,
+    "recipes": 25.0,
     **measure_data.SECONDS,
 }
 """Expected wall time of each kind of measurement."""
@@ -103,6 +104,14 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
     yield Measurement(kind="sight", task=TASKS[0], cloth=CLOTH, work=measure_sight.sight, arguments=())
     for task in TASKS:
         yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
+    for across in measure_recipes.ACROSS:
+        yield Measurement(
+            kind="recipes",
+            task=TASKS[0],
+            cloth=f"{across} x {across}",
+            work=measure_recipes.recipes,
+            arguments=(across, CLOTH),
+        )
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
         yield Measurement(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
 
@@ -114,7 +123,10 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
         lines = measure_data.lines_of(item.kind, samples)
         return [Row(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
     if item.kind == "predicting":
-        return [_plain(f"{item.task} GP, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
+        name = f"{item.task} GP, {measure.GP_POINTS} points / GPy"
+        return [_beside(name, samples["predict"], samples["GPy"], "ms")]
+    if item.kind == "recipes":
+        return [_faster(*line) for line in measure_recipes.lines_of(int(str(item.arguments[0])), samples)]
     if item.kind == "sight":
         return _sight_rows(samples)
     if item.kind == "seeing":
@@ -159,6 +171,13 @@ def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER
     theirs = float(np.median(theirs_s))
     ratio = float(np.median(ours_s / theirs_s))
     return Row(name=name, value=1e3 * theirs * ratio, unit=unit, baseline=1e3 * theirs, samples=len(ours_s))
+
+
+def _faster(name: str, ours_s: FloatArray, theirs_s: FloatArray) -> Row:
+    """Simulated over wall time of both, from wall s per simulated s of neighbouring blocks."""
+    theirs = 1 / float(np.median(theirs_s))
+    ratio = float(np.median(theirs_s / ours_s))
+    return Row(name=name, value=ratio * theirs, unit=RTF, baseline=theirs, samples=len(ours_s))
 
 
 def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> Row:
