@@ -21,6 +21,7 @@ GP_INPUTS = {
     "gp-baseline": "position",
     "gp-contact": "position+contact",
     "gp-direction": "position+word",
+    "gp-finish": "all",
 }
 
 
