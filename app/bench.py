@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app import checks, measure, measure_data, measure_recipes, measure_sight
+from app import checks, measure, measure_batch, measure_data, measure_recipes, measure_sight
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -31,6 +31,7 @@ SECONDS = {
     "sight": 6.0,
     "predicting": 4.0,
     "recipes": 25.0,
+    "batch": 70.0,
     **measure_data.SECONDS,
 }
 """Expected wall time of each kind of measurement."""
@@ -64,6 +65,8 @@ class Measurement:
     cloth: str
     work: Callable[..., dict[str, FloatArray]]
     arguments: tuple[object, ...]
+    forks: bool = False
+    """It makes processes itself."""
 
     @property
     def title(self) -> str:
@@ -79,13 +82,20 @@ def bench(json: Path | None, *, force: bool) -> list[Row]:
     with Progress({item.title: SECONDS[item.kind] for item in plan}) as progress:
         for item in plan:
             progress.phase(item.title)
-            with fresh_processes(1) as pool:
-                samples = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
-            rows += rows_of(item, samples, rows)
+            rows += rows_of(item, measured(item), rows)
     if json is not None:
         write_json(json, content(rows))
     show(rows)
     return rows
+
+
+def measured(item: Measurement) -> dict[str, FloatArray]:
+    """What came of it: in a process of its own, or, where it makes its own processes, from here."""
+    if item.forks:
+        return item.work(*item.arguments)
+    with fresh_processes(1) as pool:
+        samples: dict[str, FloatArray] = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
+    return samples
 
 
 def measurements(folder: Path | None) -> Iterator[Measurement]:
@@ -114,6 +124,10 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
         )
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
         yield Measurement(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
+    task = TASKS[0]
+    yield Measurement(
+        kind="batch", task=task, cloth=CLOTH, work=measure_batch.scaling, arguments=(task, CLOTH, folder), forks=True
+    )
 
 
 def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]) -> list[Row]:
@@ -127,6 +141,8 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
         return [_beside(name, samples["predict"], samples["GPy"], "ms")]
     if item.kind == "recipes":
         return [_faster(*line) for line in measure_recipes.lines_of(int(str(item.arguments[0])), samples)]
+    if item.kind == "batch":
+        return [_more_workers(samples)]
     if item.kind == "sight":
         return _sight_rows(samples)
     if item.kind == "seeing":
@@ -178,6 +194,13 @@ def _faster(name: str, ours_s: FloatArray, theirs_s: FloatArray) -> Row:
     theirs = 1 / float(np.median(theirs_s))
     ratio = float(np.median(theirs_s / ours_s))
     return Row(name=name, value=ratio * theirs, unit=RTF, baseline=theirs, samples=len(ours_s))
+
+
+def _more_workers(samples: dict[str, FloatArray]) -> Row:
+    """Episodes a minute of the most workers, beside those of one."""
+    few, many = (60 / float(samples[str(workers)][0]) for workers in measure_batch.WORKERS)
+    name = f"batch of {measure_batch.EPISODES}, {measure_batch.WORKERS[-1]} workers / 1"
+    return Row(name=name, value=many, unit="episodes / min", baseline=few)
 
 
 def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> Row:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
-from app import bench, measure, measure_data, measure_recipes, measure_sight
+from app import bench, measure, measure_batch, measure_data, measure_recipes, measure_sight
 from data.types import TASKS, TICK_S
 from perception.word import AXIAL, LETTER
 from sim.recipes import RECIPES, SITUATIONS
+from tests.fakeplay import Scripted
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
@@ -24,6 +27,7 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
         "predicting": ("predict", "GPy"),
         "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_recipes.OURS, *RECIPES)),
+        "batch": tuple(str(workers) for workers in measure_batch.WORKERS),
         "recording": ("tick", "hand over", "journal", "keep", "raw", "size", *PACKED),
         "opening": ("open", "read", "arrays", "growth", "episodes"),
     }[kind]
@@ -123,6 +127,15 @@ def test_recipes_are_compared_with_ours_of_as_many_nodes():
             row = rows[f"bare cloth {across} x {across} flat / {name}"]
             assert row.unit == bench.RTF
             assert row.ratio == pytest.approx(1.0)
+
+
+def test_a_batch_is_really_shared_by_workers(tmp_path):
+    """Of episodes that only wait, two at a time take half as long."""
+    # OpenCV's threads, which other tests have started here, do not survive the forks of a batch.
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, Scripted(tick_s=0.4)).result()
+    assert walls["1"] > 1.5 * walls["2"]
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
