@@ -4,7 +4,8 @@ What a process does not know it answers with zero, so that the thesis's policy s
 taught (section 5-1). Here, with all inputs divided by their scales (``docs/policies.md`` has the reasons):
 
 - it asks the processes no farther than RADIUS from the nearest demonstrated tick, so that their mean never fades;
-- in the air it is drawn back to where that tick was, in proportion to how far outside of RADIUS it is;
+- in the air it is drawn back to where that tick was, in proportion to how far outside of RADIUS it is; on the table it
+  is drawn down to the height at which the demonstrations ended, since a held edge that hovers keeps its wrinkles;
 - while the cloth is not flat it makes at least the smallest move that helps, on the table to the front;
 - it stops because the cloth is flat, or because nothing helps any more, and not because its output is small.
 """
@@ -62,8 +63,9 @@ class FinishPolicy:
         self.task: Task = model.layout.task
         self._stop = finished() if stop is None else stop
         self._points = model.inputs / model.input_scale
-        names = model.layout.names
-        self._places = [names.index(name) for name in POSITION_COLUMNS[self.task] if name in names]
+        self._places = [model.layout.names.index(name) for name in POSITION_COLUMNS[self.task]]
+        self._is_height = np.array([name.startswith("z") for name in POSITION_COLUMNS[self.task]])
+        self._rest = resting_place(model)[self._places]
 
     def reset(self, seed: int) -> None:
         self._stop.reset()
@@ -72,9 +74,12 @@ class FinishPolicy:
         self._stop.reset()
 
     def act(self, observation: Observation) -> Decision:
-        near = self.nearest(self.model.layout.vector(observation))
+        features = self.model.layout.vector(observation)
+        near = self.nearest(features)
         means, stds = self.model.predict(near.query[np.newaxis])
-        wanted, why = self._useful(means[0] + self._pull(near, observation), observation)
+        wanted, why = self._useful(
+            means[0] + PULL * self._drawn(near, features[self._places], observation), observation
+        )
         action = np.clip(wanted, -self.model.action_limit_m, self.model.action_limit_m)
         stop = self._stop.update(observation, action)
         if stop is not None:
@@ -93,10 +98,12 @@ class FinishPolicy:
         back = (1 - share) * (self.model.inputs[k] - features)[self._places]
         return Nearest(distance=float(distances[k]), query=query * self.model.input_scale, way_back=back)
 
-    def _pull(self, near: Nearest, observation: Observation) -> FloatArray:
-        if observation.contact_portion >= PULL_BELOW_CONTACT:
-            return np.zeros_like(near.way_back)
-        return PULL * near.way_back
+    def _drawn(self, near: Nearest, place: FloatArray, observation: Observation) -> FloatArray:
+        """(A,) m: the way that the holder is free to go from its ``place`` (A,)."""
+        if observation.contact_portion < PULL_BELOW_CONTACT:
+            return near.way_back
+        down = np.where(self._is_height, np.minimum(self._rest - place, 0.0), 0.0)
+        return down if observation.contact_portion >= ON_TABLE_CONTACT else np.zeros_like(down)
 
     def _useful(self, wanted: FloatArray, observation: Observation) -> tuple[FloatArray, str]:
         """``wanted``, or the smallest move that helps; and a clause that says which."""
@@ -106,8 +113,20 @@ class FinishPolicy:
         if observation.contact_portion >= FLAT_CONTACT:
             return np.zeros_like(wanted), "flat"
         if observation.contact_portion >= ON_TABLE_CONTACT or norm < LOST_M:
-            return least, "not flat yet: smallest useful move to the front"
-        return wanted * float(np.linalg.norm(least)) / norm, "not flat yet: smallest useful move"
+            return np.where(
+                least > 0, np.maximum(wanted, least), wanted
+            ), "not flat yet: smallest useful move to the front"
+        return wanted * float(np.linalg.norm(least)) / norm, "not flat yet: a useful move"
+
+
+def resting_place(model: GpModel) -> FloatArray:
+    """(D,) median of the demonstrated ticks in which the cloth lay flat, or of all where none did."""
+    names = model.layout.names
+    flat = (
+        model.inputs[:, names.index("contact")] >= FLAT_CONTACT if "contact" in names else np.zeros(model.points, bool)
+    )
+    rest: FloatArray = np.median(model.inputs[flat] if flat.any() else model.inputs, axis=0)
+    return rest
 
 
 def finished() -> StopRule:

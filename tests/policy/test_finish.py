@@ -125,8 +125,20 @@ def test_on_the_table_nothing_is_pushed_back(model, observe):
 def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
     still = FinishPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
     wrinkled = still.act(observe(*GOAL, contact=0.9))
-    np.testing.assert_allclose(wrinkled.action, along_x("hanger", finish.USEFUL_M))
+    np.testing.assert_allclose(wrinkled.action, along_x("hanger", finish.USEFUL_M), atol=1e-9)
     assert not still.act(observe(*GOAL, contact=0.995)).action.any()
+
+
+def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of):
+    """To the height at which the cloth was flat when it was taught; never up, and not while it is laid."""
+    model = model_of("hanger", "all")
+    ticks = model.inputs.copy()
+    ticks[:, 1], ticks[:, 4] = 0.3, 0.4
+    ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
+    policy = FinishPolicy(replace(model, inputs=ticks, alpha=0 * model.alpha), stop=AnyOf())
+    for z, contact, down in ((0.018, 0.9, True), (0.004, 0.9, False), (0.018, 0.7, False)):
+        dz = policy.act(observe(0.2, z, contact=contact)).action[1]
+        assert dz == pytest.approx(finish.PULL * (0.008 - z) if down else 0.0, abs=1e-9)
 
 
 def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
