@@ -77,9 +77,8 @@ class FinishPolicy:
         features = self.model.layout.vector(observation)
         near = self.nearest(features)
         means, stds = self.model.predict(near.query[np.newaxis])
-        wanted, why = self._useful(
-            means[0] + PULL * self._drawn(near, features[self._places], observation), observation
-        )
+        drawn = PULL * self._drawn(near, features[self._places], observation)
+        wanted, why = self._useful(means[0] + drawn, observation)
         action = np.clip(wanted, -self.model.action_limit_m, self.model.action_limit_m)
         stop = self._stop.update(observation, action)
         if stop is not None:
@@ -113,19 +112,16 @@ class FinishPolicy:
         if observation.contact_portion >= FLAT_CONTACT:
             return np.zeros_like(wanted), "flat"
         if observation.contact_portion >= ON_TABLE_CONTACT or norm < LOST_M:
-            return np.where(
-                least > 0, np.maximum(wanted, least), wanted
-            ), "not flat yet: smallest useful move to the front"
+            forward = np.where(least > 0, np.maximum(wanted, least), wanted)
+            return forward, "not flat yet: a useful move to the front"
         return wanted * float(np.linalg.norm(least)) / norm, "not flat yet: a useful move"
 
 
 def resting_place(model: GpModel) -> FloatArray:
     """(D,) median of the demonstrated ticks in which the cloth lay flat, or of all where none did."""
-    names = model.layout.names
-    flat = (
-        model.inputs[:, names.index("contact")] >= FLAT_CONTACT if "contact" in names else np.zeros(model.points, bool)
-    )
-    rest: FloatArray = np.median(model.inputs[flat] if flat.any() else model.inputs, axis=0)
+    names, ticks = model.layout.names, model.inputs
+    flat = ticks[ticks[:, names.index("contact")] >= FLAT_CONTACT] if "contact" in names else ticks[:0]
+    rest: FloatArray = np.median(flat if len(flat) else ticks, axis=0)
     return rest
 
 
