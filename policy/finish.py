@@ -4,9 +4,9 @@ What a process does not know it answers with zero, so that the thesis's policy s
 taught (section 5-1). Here, with all inputs divided by their scales (``docs/policies.md`` has the reasons):
 
 - it asks the processes no farther than RADIUS from the nearest demonstrated tick, so that their mean never fades;
-- in the air it is drawn back to where that tick was, in proportion to how far outside of RADIUS it is; on the table it
-  is drawn down to the height at which the demonstrations ended, since a held edge that hovers keeps its wrinkles;
-- while the cloth is not flat it makes at least the smallest move that helps, on the table to the front;
+- in the air it is drawn back to where that tick was, in proportion to how far outside of RADIUS it is;
+- while the cloth is not flat it makes at least the smallest move that helps: on the table to the front, and down to the
+  height at which the demonstrations ended, since a held edge that hovers keeps its wrinkles;
 - it stops because the cloth is flat, or because nothing helps any more, and not because its output is small.
 """
 
@@ -77,8 +77,9 @@ class FinishPolicy:
         features = self.model.layout.vector(observation)
         near = self.nearest(features)
         means, stds = self.model.predict(near.query[np.newaxis])
-        drawn = PULL * self._drawn(near, features[self._places], observation)
-        wanted, why = self._useful(means[0] + drawn, observation)
+        in_the_air = observation.contact_portion < PULL_BELOW_CONTACT
+        wanted = means[0] + PULL * near.way_back if in_the_air else means[0]
+        wanted, why = self._useful(wanted, features[self._places], observation)
         action = np.clip(wanted, -self.model.action_limit_m, self.model.action_limit_m)
         stop = self._stop.update(observation, action)
         if stop is not None:
@@ -97,15 +98,8 @@ class FinishPolicy:
         back = (1 - share) * (self.model.inputs[k] - features)[self._places]
         return Nearest(distance=float(distances[k]), query=query * self.model.input_scale, way_back=back)
 
-    def _drawn(self, near: Nearest, place: FloatArray, observation: Observation) -> FloatArray:
-        """(A,) m: the way that the holder is free to go from its ``place`` (A,)."""
-        if observation.contact_portion < PULL_BELOW_CONTACT:
-            return near.way_back
-        down = np.where(self._is_height, np.minimum(self._rest - place, 0.0), 0.0)
-        return down if observation.contact_portion >= ON_TABLE_CONTACT else np.zeros_like(down)
-
-    def _useful(self, wanted: FloatArray, observation: Observation) -> tuple[FloatArray, str]:
-        """``wanted``, or the smallest move that helps; and a clause that says which."""
+    def _useful(self, wanted: FloatArray, place: FloatArray, observation: Observation) -> tuple[FloatArray, str]:
+        """``wanted``, or the smallest move that helps the holder at ``place`` (A,); and a clause that says which."""
         least, norm = along_x(self.task, USEFUL_M), float(np.linalg.norm(wanted))
         if norm >= np.linalg.norm(least):
             return wanted, f"output {1000 * norm:.1f} mm"
@@ -113,8 +107,16 @@ class FinishPolicy:
             return np.zeros_like(wanted), "flat"
         if observation.contact_portion >= ON_TABLE_CONTACT or norm < LOST_M:
             forward = np.where(least > 0, np.maximum(wanted, least), wanted)
-            return forward, "not flat yet: a useful move to the front"
+            return forward + self._down(place), "not flat yet: a useful move to the front"
         return wanted * float(np.linalg.norm(least)) / norm, "not flat yet: a useful move"
+
+    def _down(self, place: FloatArray) -> FloatArray:
+        """(A,) m: towards the height at which the demonstrations ended; never up, and no faster than a useful move.
+
+        Only where the processes ask for next to nothing: on top of a landing it would throw the cloth into folds.
+        """
+        away = np.where(self._is_height, self._rest - place, 0.0)
+        return np.clip(PULL * away, -USEFUL_M, 0.0)
 
 
 def resting_place(model: GpModel) -> FloatArray:

@@ -130,15 +130,30 @@ def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
 
 
 def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of):
-    """To the height at which the cloth was flat when it was taught; never up, and not while it is laid."""
+    """To the height at which the cloth was flat when it was taught; never up, slowly, and not while it is laid."""
     model = model_of("hanger", "all")
     ticks = model.inputs.copy()
     ticks[:, 1], ticks[:, 4] = 0.3, 0.4
     ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
     policy = FinishPolicy(replace(model, inputs=ticks, alpha=0 * model.alpha), stop=AnyOf())
-    for z, contact, down in ((0.018, 0.9, True), (0.004, 0.9, False), (0.018, 0.7, False)):
-        dz = policy.act(observe(0.2, z, contact=contact)).action[1]
-        assert dz == pytest.approx(finish.PULL * (0.008 - z) if down else 0.0, abs=1e-9)
+    for z, want in ((0.018, finish.PULL * (0.008 - 0.018)), (0.004, 0.0), (0.3, -finish.USEFUL_M)):
+        assert policy.act(observe(0.2, z, contact=0.9)).action[1] == pytest.approx(want, abs=1e-9)
+
+
+def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
+    """Nothing is added to what the processes say on the table, where they say something."""
+    model = model_of("hanger", "all")
+    ticks = model.inputs.copy()
+    ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
+    model = replace(model, inputs=ticks)
+    landing = next(tick for tick in ticks[5:] if np.linalg.norm(model.predict([tick])[0]) > 0.006)
+    seen = observe(landing[0], landing[1], contact=0.85)
+    policy = FinishPolicy(model, stop=AnyOf())
+    near = policy.nearest(model.layout.vector(seen))
+    mean = model.predict([near.query])[0][0]
+    assert np.linalg.norm(mean) >= finish.USEFUL_M
+    limit = model.action_limit_m
+    np.testing.assert_allclose(policy.act(seen).action, np.clip(mean, -limit, limit), atol=1e-12)
 
 
 def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
