@@ -35,7 +35,7 @@ from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted"]
-PolicyName = Literal["gp-word", "gp-baseline"]
+PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
@@ -122,7 +122,9 @@ def record(
 def train(
     data: DataFile,
     model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
-    policy: Annotated[PolicyName, typer.Option(help="What to learn: with the cloth's state or without.")] = "gp-word",
+    policy: Annotated[
+        PolicyName, typer.Option(help="What to learn: with all of the cloth's state, none, or a part.")
+    ] = "gp-word",
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -249,6 +251,31 @@ def flatten(
         workers=workers,
         force=force,
     )
+
+
+@cli.command()
+def reproduce(
+    workers: Workers,
+    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Everything with few starts, under 15 minutes.")] = False,
+    seeds: Annotated[
+        int | None, typer.Option(callback=maybe_count, help="Starts of each experiment; 20, or 2 with --quick.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Run only this experiment; repeatable.")
+    ] = None,
+    report_only: Annotated[bool, typer.Option("--report-only", help="Run nothing, only write the page anew.")] = False,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Every experiment of the thesis, ours beside its.
+
+    Into DIR/report.html and DIR/table.md; the same command goes on where an earlier one stopped.
+    """
+    checks.require_simulator()
+    from app.reproduce.run import reproduce as run
+
+    run(out, quick=quick, seeds=seeds, seed=seed, only=only or [], workers=workers, report_only=report_only)
 
 
 @cli.command()

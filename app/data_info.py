@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from data import schema
 from data.info import DemoInfo
 from data.stats import ColumnStats, session_stats
 from data.store import Session, open_session
-from data.types import OUTCOMES, Task
+from data.types import OUTCOMES, DisturbanceRecord, Task
 from data.validate import validate as violations_of
 
 ROWS_MAX = 20
@@ -100,7 +100,7 @@ def print_page(session: Session, infos: Mapping[str, DemoInfo], out: Console) ->
         low, middle, high = np.quantile(values, [0.0, 0.5, 1.0])
         table.add_row(what, *(_number(what, value) for value in (low, middle, high)))
     out.print(table)
-    out.print(episode_table(infos))
+    out.print(episode_table(infos, session.disturbances))
 
 
 def ranges(rows: Sequence[DemoInfo]) -> dict[str, list[float]]:
@@ -114,7 +114,10 @@ def ranges(rows: Sequence[DemoInfo]) -> dict[str, list[float]]:
     }
 
 
-def episode_table(infos: Mapping[str, DemoInfo]) -> Table:
+def episode_table(
+    infos: Mapping[str, DemoInfo], befell: Callable[[str], Sequence[DisturbanceRecord]] = lambda name: ()
+) -> Table:
+    """``befell`` is asked of the disturbed episodes that are shown."""
     table = Table("episode", "seed", "source", "outcome", "stopped by", "disturbance", "ticks", "contact", "flat area")
     names = list(infos)
     shown = names if len(names) <= ROWS_MAX else [*names[: ROWS_MAX // 2], "", *names[-ROWS_MAX // 2 :]]
@@ -124,13 +127,30 @@ def episode_table(infos: Mapping[str, DemoInfo]) -> Table:
             continue
         row = infos[name]
         contact = f"{100 * row.contact_start:.0f} to {100 * row.contact_final:.0f} %"
-        cells = (str(row.seed), row.source, row.outcome, row.stopped_by, row.disturbance, str(row.ticks), contact)
+        disturbed = row.disturbance if row.disturbance == "none" else told(row.disturbance, befell(name))
+        cells = (str(row.seed), row.source, row.outcome, row.stopped_by, disturbed, str(row.ticks), contact)
         table.add_row(name, *cells, f"{row.flat_area_final:.3f}")
     return table
 
 
+def told(disturbance: str, befell: Sequence[DisturbanceRecord]) -> str:
+    """Which disturbances, and when they began: "thesis at 61, 95", "gusts: wind at 5, push at 40"."""
+    ticks: dict[str, list[str]] = {}
+    for record in befell:
+        ticks.setdefault(record.name, []).append(str(record.first_tick))
+    parts = ", ".join(f"{name} at {', '.join(begun)}" for name, begun in ticks.items())
+    return parts if list(ticks) == [disturbance] else ": ".join(filter(None, (disturbance, parts)))
+
+
 def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, Any]:
     """The page as a JSON object."""
+
+    def befell(name: str) -> list[dict[str, Any]]:
+        if infos[name].disturbance == "none":
+            return []
+        keys = ("name", "first_tick", "last_tick")
+        return [{key: getattr(record, key) for key in keys} for record in session.disturbances(name)]
+
     return {
         "file": str(session.path),
         "task": session.task,
@@ -140,7 +160,7 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
         "ticks": sum(row.ticks for row in infos.values()),
         "outcomes": Counter(row.outcome for row in infos.values()),
         "sources": Counter(row.source for row in infos.values()),
-        "episodes": [{"name": name, **vars(row)} for name, row in infos.items()],
+        "episodes": [{"name": name, **vars(row), "disturbances": befell(name)} for name, row in infos.items()],
     }
 
 

@@ -24,7 +24,7 @@ from app.picture import write_png
 from app.progress import Progress
 from app.provenance import provenance_now
 from app.record import keep_all
-from app.report import FRAME_WIDTH, ReportInput, TaskResults, pictured_run, write_report
+from app.report.demo import FRAME_WIDTH, ReportInput, TaskResults, pictured_run, write_report
 from app.rows import COLUMNS, row_of, write_json
 from app.strips import disturbance_ticks, placing_ticks, sheet, strip
 from app.summary import summary

@@ -39,6 +39,7 @@ REQUIRED = {
     "typer": "typer",
     "rich": "rich",
     "pebble": "pebble",
+    "platformdirs": "platformdirs",
 }
 """Package name on its registry -> what is imported."""
 

@@ -36,10 +36,12 @@ def run_episode(
     """Place the cloth from the start of ``seed`` until the policy stops; then disturb it, and let the policy go on.
 
     The bench must have been reset to ``seed``. A ``disturbance`` without a schedule comes once, when the policy has
-    stopped; with one, it is the name that the episode has for it. The rest is as in Run.
+    stopped; with one, it is the name that the episode has for it (else the names of what comes). The rest is as in Run.
     """
     if disturbance != "none" and not schedule:
         schedule = (ScheduledDisturbance(spec=disturbance_spec(disturbance)),)
+    if disturbance == "none":
+        disturbance = "+".join(dict.fromkeys(item.spec.name for item in schedule)) or "none"
     run = Run(bench, policy, seed=seed, disturbance=disturbance, images=images, hooks=hooks, begin=begin)
     watch = Watch(schedule)
     stopped_by = place(run, watch, max_ticks=max_ticks)

@@ -18,8 +18,17 @@ from policy.features import FeatureLayout
 
 matplotlib.use("Agg")
 
-POLICY_COLOURS: Mapping[str, str] = {"gp-baseline": "#c2571a", "gp-word": "#0f766e"}
-OTHER_COLOURS = ("#6d5bd0", "#b8336a", "#4d7c0f", "#0369a1")
+POLICY_COLOURS: Mapping[str, str] = {
+    "gp-baseline": "#c2571a",
+    "gp-word": "#0f766e",
+    "gp-contact": "#6d5bd0",
+    "gp-direction": "#b8336a",
+    "gp-baseline+drag-rule": "#4d7c0f",
+    "word": "#0f766e",
+    "stretch-right": "#c2571a",
+    "random": "#667382",
+}
+OTHER_COLOURS = ("#0369a1", "#a16207", "#475569", "#9f1239")
 INK = "#1d2733"
 MUTED = "#667382"
 STYLE: Any = {

@@ -14,7 +14,7 @@ from app import checks
 from app.draw import Drawer
 from app.errors import WrongCall
 from app.progress import Progress
-from app.strips import film_frame, moment
+from app.strips import caption, film_frame
 from app.video import write_video
 from data.types import Episode
 from sim.cloth import CLOTHS, cloth_spec
@@ -56,7 +56,7 @@ def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
         for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             image = stage.render(truth.nodes, seen.holder_position, WIDTH, HEIGHT)
             contact = min(max(seen.contact_portion, 0.0), 1.0)
-            yield film_frame(image, WIDTH, f"{moment(episode, tick)}  contact {100 * contact:.0f} %")
+            yield film_frame(image, WIDTH, f"{caption(episode, tick)}  contact {100 * contact:.0f} %")
 
 
 def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
@@ -72,4 +72,4 @@ def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
                 stage = stage or stack.enter_context(Stage(episode.task, episode.cloth))
                 rgb, depth = stage.capture(truth.nodes, seen.holder_position)
                 seen = replace(seen, rgb=rgb, depth=depth)
-            yield film_frame(drawer(seen), WIDTH, moment(episode, tick))
+            yield film_frame(drawer(seen), WIDTH, caption(episode, tick))

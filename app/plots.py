@@ -13,12 +13,14 @@ from matplotlib.figure import Figure
 
 from app.atomic import replacing
 from app.figures import DPI, MUTED, STYLE
+from app.rows import disturbed_spans
 from data.types import ACTION_NAMES, OUTCOMES, Episode, FloatArray, Outcome, Task, actions_of
 
 COLOURS: Mapping[Outcome, str] = {"success": "#0f766e", "failure": "#c2571a", "partial": "#6d5bd0"}
 AXIS_COLOURS: Mapping[str, str] = {"x": "#0369a1", "y": "#4d7c0f", "z": "#b8336a"}
 LINE_STYLES = ("-", "--")
 """Of the first and the second picker."""
+MARK_COLOUR, PERSON_COLOUR = "#b3372b", "#f2c14e"
 THIN, THICK = 0.8, 2.2
 CROWD = 12
 """From so many curves on each is drawn fainter."""
@@ -33,8 +35,12 @@ class Curves:
     outcome: Outcome
     time_s: FloatArray
     """(T + 1,) s, 0 at the first tick."""
-    disturbed_s: float | None
-    """When the disturbance began, where there is one."""
+    disturbances_s: tuple[float, ...]
+    """When each disturbance began."""
+    pulls_s: tuple[float, ...]
+    """When a person took hold of the cloth."""
+    interventions_s: tuple[tuple[float, float], ...]
+    """From when to when a person decided although a policy had the lead."""
     corners_m: FloatArray
     """(T + 1, 2, 3)"""
     holder_m: FloatArray
@@ -46,19 +52,28 @@ class Curves:
     word_deg: FloatArray
     """(T + 1,) direction of WORD, 0 along +x; NaN where there is none."""
 
+    @property
+    def disturbed_s(self) -> float | None:
+        """When the first disturbance began, where there is one."""
+        return self.disturbances_s[0] if self.disturbances_s else None
+
 
 def curves_of(name: str, episode: Episode) -> Curves:
     """The episode without what no plot shows, so that thousands fit into memory."""
     seen = episode.observations()
     word = np.array([o.word for o in seen])
     angle = np.degrees(np.arctan2(word[:, 1], word[:, 0]))
-    bounds = episode.phase_bounds("disturb")
+    held = [-1 if step.pull is None else step.pull.node for step in episode.steps]
+    pulled = [tick for tick, node in enumerate(held) if node >= 0 and (tick == 0 or held[tick - 1] != node)]
+    taken = _runs([step.intervention for step in episode.steps])
     return Curves(
         name=name,
         task=episode.task,
         outcome=episode.outcome,
         time_s=episode.tick_s * np.arange(len(seen), dtype=np.float64),
-        disturbed_s=None if bounds is None else bounds[0] * episode.tick_s,
+        disturbances_s=tuple(episode.tick_s * begun for begun, _ in disturbed_spans(episode)),
+        pulls_s=tuple(episode.tick_s * tick for tick in pulled),
+        interventions_s=tuple((episode.tick_s * first, episode.tick_s * end) for first, end in taken),
         corners_m=np.array([o.corner_positions for o in seen]),
         holder_m=np.array([o.holder_position for o in seen]),
         actions_m=actions_of(episode.steps),
@@ -67,11 +82,27 @@ def curves_of(name: str, episode: Episode) -> Curves:
     )
 
 
+def _runs(marked: Sequence[bool]) -> list[tuple[int, int]]:
+    """First tick of each unbroken series that is marked, and the tick after its last."""
+    edges = np.flatnonzero(np.diff([False, *marked, False]))
+    return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
+
+
 def aligned_curves(episodes: Sequence[Curves]) -> tuple[list[Curves], bool]:
-    """Curves whose time 0 is the beginning of the disturbance, if all of them have one; and whether it is."""
+    """Curves whose time 0 is the beginning of the first disturbance, if all of them have one; and whether it is."""
     if not all(curves.disturbed_s is not None for curves in episodes):
         return list(episodes), False
-    return [replace(c, time_s=c.time_s - (c.disturbed_s or 0.0), disturbed_s=0.0) for c in episodes], True
+    return [_later(curves, -(curves.disturbed_s or 0.0)) for curves in episodes], True
+
+
+def _later(curves: Curves, by_s: float) -> Curves:
+    return replace(
+        curves,
+        time_s=curves.time_s + by_s,
+        disturbances_s=tuple(moment + by_s for moment in curves.disturbances_s),
+        pulls_s=tuple(moment + by_s for moment in curves.pulls_s),
+        interventions_s=tuple((first + by_s, end + by_s) for first, end in curves.interventions_s),
+    )
 
 
 def plot_session(path: Path, title: str, episodes: Iterable[Curves]) -> int:
@@ -87,15 +118,33 @@ def plot_session(path: Path, title: str, episodes: Iterable[Curves]) -> int:
         _draw_contact(panels["contact"], all_curves)
         _draw_word(panels["word"], all_curves)
         panels["word"].set_xlim(panels["contact"].get_xlim())
-        begun = {curves.disturbed_s for curves in all_curves if curves.disturbed_s is not None}
         for key in ("actions", "contact", "word"):
             panels[key].set_xlabel("time since the disturbance began (s)" if aligned else "time (s)")
             panels[key].grid(axis="y")
-            for moment_s in begun:
-                panels[key].axvline(moment_s, color="#b3372b", linewidth=1, alpha=_alpha(len(begun)), zorder=0)
+            _mark(panels[key], all_curves, named=key == "contact")
         with replacing(path) as aside:
             figure.savefig(aside, format="png", dpi=DPI, metadata={"Software": None})
     return len(all_curves)
+
+
+def _mark(axis: Axes, episodes: Sequence[Curves], *, named: bool) -> None:
+    """What befell the cloth, and who took the lead."""
+    begun = {moment for curves in episodes for moment in curves.disturbances_s}
+    held = {moment for curves in episodes for moment in curves.pulls_s}
+    taken = {span for curves in episodes for span in curves.interventions_s}
+    for moments, style, name in ((begun, "-", "disturbance"), (held, ":", "pulled by hand")):
+        for number, moment_s in enumerate(sorted(moments)):
+            axis.axvline(
+                moment_s, color=MARK_COLOUR, linestyle=style, linewidth=1, alpha=_alpha(len(moments)), zorder=0,
+                label=None if number else name,
+            )  # fmt: skip
+    for number, (first, end) in enumerate(sorted(taken)):
+        axis.axvspan(
+            first, end, color=PERSON_COLOUR, alpha=0.5 * _alpha(len(taken)), zorder=0, linewidth=0,
+            label=None if number else "a person decides",
+        )  # fmt: skip
+    if named and (begun or held or taken):
+        axis.legend(loc="lower right", fontsize=8)
 
 
 def _alpha(count: int) -> float:

@@ -107,7 +107,6 @@ def rerun(recorded: Episode) -> Episode:
 
 def _check_can_run(recorded: Episode) -> None:
     checks.known_name("cloth", recorded.cloth, CLOTHS)
-    checks.known_name("disturbance", recorded.disturbance, DISTURBANCES)
     if recorded.seed < 0:
         raise WrongCall(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
     if recorded.first_tick > 0:
@@ -116,11 +115,14 @@ def _check_can_run(recorded: Episode) -> None:
             " replay it with --mode state"
         )
     settings = settings_of(recorded)
-    try:
-        if recorded.disturbance_plan:
-            Plan.recorded(recorded.disturbance_plan, settings.spec)
-    except SimError as error:
-        raise WrongCall(str(error)) from None
+    for record in recorded.disturbances:
+        if not record.plan:
+            checks.known_name("disturbance", record.name, DISTURBANCES)
+            continue
+        try:
+            Plan.recorded(record.plan, settings.spec)
+        except SimError as error:
+            raise WrongCall(str(error)) from None
 
 
 def _rerun_here(recorded: Episode) -> Episode:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -42,9 +43,50 @@ def placed_tick(episode: Episode) -> int | None:
 
 
 def disturbed_tick(episode: Episode) -> int | None:
-    """As placed_tick, of the moment the (last) disturbance was over."""
+    """As placed_tick, of the moment the last disturbance was over: the end, where the episode ended before."""
+    spans = disturbed_spans(episode)
+    return spans[-1][1] if spans else None
+
+
+def disturbed_spans(episode: Episode) -> tuple[tuple[int, int], ...]:
+    """Indices into ``observations()`` of when each disturbance began, and of when it was over.
+
+    Where none is told of, a phase ``disturb`` counts as one.
+    """
+    end = len(episode.steps)
+    told = ((r.first_tick, end if r.last_tick is None else r.last_tick + 1) for r in episode.disturbances)
     bounds = episode.phase_bounds("disturb")
-    return bounds[1] if bounds else None
+    return tuple(told) or ((bounds,) if bounds else ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbedContact:
+    """What one disturbance did to the camera's contact portion, and what came of it; all in 0..1."""
+
+    name: str
+    before: float
+    """When it began."""
+    after: float
+    """When it was over."""
+    final: float
+    """When the next one began, or at the end."""
+
+
+def disturbed_contacts(episode: Episode) -> tuple[DisturbedContact, ...]:
+    """One for each disturbance of the episode, in their order (the thesis's Table 4-2 has repeated ones)."""
+    contact = np.clip(episode.contact(), 0.0, 1.0)
+    spans = disturbed_spans(episode)
+    names = [record.name for record in episode.disturbances] or [episode.disturbance] * len(spans)
+    finals = [*(begun for begun, _ in spans[1:]), len(episode.steps)]
+    return tuple(
+        DisturbedContact(
+            name=name,
+            before=float(contact[begun]),
+            after=float(contact[over]),
+            final=float(contact[final]),
+        )
+        for name, (begun, over), final in zip(names, spans, finals, strict=False)
+    )
 
 
 def row_of(episode: Episode) -> dict[str, Any]:

@@ -115,6 +115,7 @@ class Run:
             pull=pull,
             force_n=self._force(),
             intervention=intervention,
+            hand_m=hand,
         )
         self.steps.append(step)
         if self.bench.instability() is not None:

@@ -17,7 +17,7 @@ class When:
     """The moment at which a disturbance begins."""
 
     moment: Moment = "stopped"
-    """After the policy has stopped, at a tick of placing, or when the camera's contact portion first reaches a value."""
+    """After the policy has stopped, at a tick of placing, or when the camera first sees a contact portion."""
     value: float = 0.0
     """The tick, or the contact portion."""
 

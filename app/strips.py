@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.rows import placed_tick
+from app.rows import disturbed_spans, placed_tick
 from data.types import Episode, Observation
 
 Draw = Callable[[Observation], NDArray[np.uint8]]
@@ -46,11 +46,11 @@ def placing_ticks(episode: Episode) -> list[int]:
 
 
 def disturbance_ticks(episode: Episode) -> list[int]:
-    """Ten moments: start, middle and stop of placing, twice in the disturbance, then the repair to its end."""
-    bounds = episode.phase_bounds("disturb")
-    if bounds is None:
+    """Ten moments: start, middle and stop of placing, twice in the (last) disturbance, then the repair to its end."""
+    spans = disturbed_spans(episode)
+    if not spans:
         return []
-    begin, over = bounds
+    begin, over = spans[-1]
     before = _spread(0, begin, 3)
     return [*before, (begin + over + 1) // 2, over, *_spread(over, len(episode.steps), REPAIR_FRAMES + 1)[1:]]
 
@@ -82,17 +82,35 @@ def moment(episode: Episode, tick: int) -> str:
         return "stopped"
     if tick >= len(episode.steps):
         return "end"
-    bounds = episode.phase_bounds("disturb")
-    if bounds and tick == bounds[1]:
+    if any(tick == over for _, over in disturbed_spans(episode)):
         return "disturbed"
     return PHASE_WORDS[episode.steps[tick].phase]
+
+
+def befalls(episode: Episode, tick: int) -> str:
+    """What acts on the cloth in a tick, and who decides: "wind 0.40 N", "a hand 0.12 N, a person decides", or ""."""
+    if tick >= len(episode.steps):
+        return ""
+    step = episode.steps[tick]
+    spans = disturbed_spans(episode)
+    acting = [r.name for r, (begun, over) in zip(episode.disturbances, spans, strict=False) if begun <= tick < over]
+    names = [*acting, *(["a hand"] if step.pull is not None else [])]
+    force = float(np.linalg.norm(step.force_n))
+    told = " and ".join(names) + (f" {force:.2f} N" if names and force else "")
+    led = ["guided by hand"] if step.hand_m is not None else []
+    return ", ".join(filter(None, (told, *led, "a person decides" if step.intervention else "")))
 
 
 def film_frames(episode: Episode, draw: Draw, width: int) -> Iterator[NDArray[np.uint8]]:
     """Every observation with an image, ``width`` pixels wide, with the phase written on it."""
     for tick, observation in enumerate(episode.observations()):
         if observation.rgb is not None:
-            yield film_frame(draw(observation), width, moment(episode, tick))
+            yield film_frame(draw(observation), width, caption(episode, tick))
+
+
+def caption(episode: Episode, tick: int) -> str:
+    """What goes on at a moment, and what befalls the cloth."""
+    return "  ".join(filter(None, (moment(episode, tick), befalls(episode, tick))))
 
 
 def film_frame(image: NDArray[np.uint8], width: int, text: str) -> NDArray[np.uint8]:

@@ -8,23 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app import thesis_numbers
 from app.rows import disturbed_tick, placed_tick, row_of
 from app.summary import statistics
+from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import FLAT_AREA, Episode, FloatArray
 
-BASELINE, PROPOSED = "gp-baseline", "gp-word"
-
-THESIS_PLACING: Mapping[str, tuple[float, float, float]] = {
-    BASELINE: (0.9909, 0.9662, 0.9448),
-    PROPOSED: (0.9830, 0.9651, 0.9146),
-}
-"""Table 4-1: largest, mean and least final contact portion."""
-
-THESIS_DISTURBANCE: Mapping[str, tuple[tuple[float, float, float], ...]] = {
-    BASELINE: ((0.9526, 0.9141, 0.9125), (0.9633, 0.8937, 0.8983), (0.9909, 0.9004, 0.9024)),
-    PROPOSED: ((0.9623, 0.8390, 0.9253), (0.9830, 0.9055, 0.9532), (0.9660, 0.7827, 0.8899)),
-}
-"""Table 4-2: contact portion after placing, after the disturbance, and final, three experiments each."""
+THESIS_PLACING, THESIS_DISTURBANCE = thesis_numbers.PLACING, thesis_numbers.DISTURBANCE
 
 
 @dataclass(frozen=True)

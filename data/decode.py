@@ -31,7 +31,7 @@ from data.types import (
     Truth,
 )
 
-TOLD_BY_FEW = (schema.FORCE, schema.PULL_NODE, schema.PULL_TARGET, schema.INTERVENTION)
+TOLD_BY_FEW = (schema.FORCE, schema.PULL_NODE, schema.PULL_TARGET, schema.INTERVENTION, schema.HAND)
 """Data sets of which most episodes have none."""
 
 
@@ -131,7 +131,7 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Trut
     if not np.array_equal(action_m / ACTION_LIMIT_M, _array(group, schema.ACTIONS)):
         raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
     phases = [bytes(phase).decode("ascii") for phase in _array(group, schema.PHASE)]
-    forces, nodes, targets, taken = (read_rows(group, key, slice(None)) for key in TOLD_BY_FEW)
+    forces, nodes, targets, taken, hands = (read_rows(group, key, slice(None)) for key in TOLD_BY_FEW)
     return tuple(
         Step(
             observation=observations[i],
@@ -142,6 +142,7 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Trut
             pull=pull_of(nodes[i], targets[i]),
             force_n=forces[i],
             intervention=bool(taken[i]),
+            hand_m=hand_of(hands[i]),
         )
         for i, phase in enumerate(phases)
     )
@@ -150,6 +151,13 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Trut
 def pull_of(node: int, target_m: NDArray[np.float64]) -> Pull | None:
     """As the data sets have it: node -1 where nothing was pulled at."""
     return None if node == -1 else Pull(node=int(node), target_m=target_m)
+
+
+def hand_of(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """As the data sets have it: NaN for the hands that were not there."""
+    if np.isnan(row).all():
+        return None
+    return row[:3] if np.isnan(row[3:]).all() else row.reshape(2, 3)
 
 
 def _check_copies(attributes: Mapping[str, Attribute], observations: list[Observation], truths: list[Truth]) -> None:

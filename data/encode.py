@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute, digest, set_attribute
-from data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Episode, Observation, Step, Task
+from data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Episode, FloatArray, Observation, Step, Task
 
 CHUNK_BYTES = 1 << 20
 PACKING = {"compression": "gzip", "compression_opts": 1}
@@ -110,7 +110,17 @@ def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
         found[schema.PULL_TARGET] = np.array([nowhere if s.pull is None else s.pull.target_m for s in steps])
     if taken.any():
         found[schema.INTERVENTION] = taken
+    if any(step.hand_m is not None for step in steps):
+        found[schema.HAND] = np.array([hand_row(step.hand_m) for step in steps])
     return found
+
+
+def hand_row(hand_m: FloatArray | None) -> FloatArray:
+    """(6,) with NaN for the hands that are not there."""
+    row = np.full(6, np.nan)
+    if hand_m is not None:
+        row[: hand_m.size] = hand_m.ravel()
+    return row
 
 
 def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:

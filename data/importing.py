@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from data import schema
 from data.attributes import Attribute, json_object
 from data.check import check_claim, check_hard_links, check_stored_here
-from data.decode import TOLD_BY_FEW, observations_of, pull_of, without_ticks
+from data.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
 from data.encode import attributes_of
 from data.migrate import PLAN, disturbances_from_2
 from data.types import (
@@ -256,7 +256,7 @@ def _steps(
         std = rows.take(schema.ACTION_STD, ndim=2)
     if std is not None and std.shape != actions.shape:
         raise DataError(f"{schema.ACTION_STD} has shape {std.shape}; it must be {actions.shape}")
-    forces, nodes, targets, taken = _told_by_few(rows, len(actions))
+    forces, nodes, targets, taken, hands = _told_by_few(rows, len(actions))
     return tuple(
         Step(
             observation=observations[i],
@@ -267,6 +267,7 @@ def _steps(
             pull=pull_of(int(nodes[i]), targets[i]),
             force_n=forces[i],
             intervention=bool(taken[i]),
+            hand_m=hand_of(hands[i]),
         )
         for i in range(len(actions))
     )

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.durable import fsync_path, lock_for_life, os_reason, unlock
-from data.encode import attributes_of, disturbances_text
+from data.encode import attributes_of, disturbances_text, hand_row
 from data.types import (
     ACTION_LIMIT_M,
     DataError,
@@ -207,6 +207,7 @@ class JournalWriter:
         record["phase"] = step.phase.encode("ascii")
         record[schema.FORCE], record[schema.INTERVENTION] = step.force_n, step.intervention
         record[schema.PULL_NODE] = -1 if step.pull is None else step.pull.node
+        record[schema.HAND] = hand_row(step.hand_m)
         record[schema.PULL_TARGET] = np.nan if step.pull is None else step.pull.target_m
         _fill(record, step.observation, step.truth)
         return frame(TICK, record.tobytes())
@@ -247,7 +248,7 @@ def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSIO
     columns += [("action_m", "<f8", (lengths["A"],)), ("action_std", "<f8", (lengths["A"],)), ("phase", "|S8", ())]
     if version >= 3:
         columns += [(schema.FORCE, "<f8", (3,)), (schema.PULL_NODE, "<i8", ()), (schema.PULL_TARGET, "<f8", (3,))]
-        columns += [(schema.INTERVENTION, "|u1", ())]
+        columns += [(schema.INTERVENTION, "|u1", ()), (schema.HAND, "<f8", (6,))]
     columns += [("nodes", "<f8", (lengths["nodes"], 3))]
     columns += [(key, "<f8", ()) for key in ("contact_portion_true", "flat_area", "wall_s")]
     return np.dtype(columns)

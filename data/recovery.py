@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute
-from data.decode import TOLD_BY_FEW, observations_of, pull_of, without_ticks
+from data.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
 from data.durable import lock_for_life, unlock
 from data.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, TICK, record_dtype
 from data.migrate import from_2
@@ -159,6 +159,7 @@ def _told_by_few(record: NDArray[Any]) -> dict[str, Any]:
         "pull": pull_of(int(record[schema.PULL_NODE]), record[schema.PULL_TARGET]),
         "force_n": record[schema.FORCE],
         "intervention": bool(record[schema.INTERVENTION]),
+        "hand_m": hand_of(record[schema.HAND]),
     }
 
 

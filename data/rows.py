@@ -14,7 +14,7 @@ from data.types import DataError
 
 PER_TICK = {field.key: field for field in schema.FIELDS if field.shape[0] == "N"}
 """Data sets with one row per tick."""
-MAY_BE_UNKNOWN = (schema.ACTION_STD, schema.PULL_TARGET)
+MAY_BE_UNKNOWN = (schema.ACTION_STD, schema.PULL_TARGET, schema.HAND)
 """NaN there says that there is none."""
 
 

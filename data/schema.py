@@ -178,7 +178,10 @@ PULL_NODE = "pull_node"
 PULL_TARGET = "pull_target_m"
 """NaN where nothing is pulled at, and -1 for its node."""
 INTERVENTION = "intervention"
-"""These four are missing where no tick has any."""
+HAND = "hand_m"
+"""NaN where no hand drew the holder; of one hand, the second place is NaN.
+
+These five are missing where no tick has any."""
 RGB = "rgb"
 DEPTH = "depth"
 
@@ -241,6 +244,16 @@ FIELDS: tuple[Field, ...] = (
         unit="m",
         frame="world",
         columns=_XYZ,
+        optional=True,
+        absent=math.nan,
+    ),
+    Field(
+        key=HAND,
+        dtype="<f8",
+        shape=("N", 6),
+        unit="m",
+        frame="world",
+        columns=_CORNERS,
         optional=True,
         absent=math.nan,
     ),

@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from data import schema
 from data.attributes import Attribute
-from data.check import check_demo, check_hard_link, stored_digest
-from data.decode import read_demo
+from data.check import check_demo, check_hard_link, stored_attributes, stored_digest
+from data.decode import disturbances_of, read_demo
 from data.encode import AGREED
 from data.index import IndexLine, read_index
 from data.info import DemoInfo
+from data.migrate import upgraded_demo
 from data.opening import Vanished, blaming, check_session, open_file, part_files
 from data.rows import read_rows, stacked
-from data.types import DataError, Episode, Outcome, Task
+from data.types import DataError, DisturbanceRecord, Episode, Outcome, Task
 
 
 def open_session(path: str | Path) -> Session:
@@ -94,6 +95,12 @@ class Session(Sequence[Episode]):
     def episodes(self, *, images: bool = True) -> Iterator[Episode]:
         """All in order, one in memory at a time."""
         return (self.episode(name, images=images) for name in self._demos)
+
+    def disturbances(self, name: str) -> tuple[DisturbanceRecord, ...]:
+        """What befell the cloth of an episode; its arrays are not read."""
+        with blaming(self._demo(name).file):
+            group = self.group(name)
+            return disturbances_of(upgraded_demo(stored_attributes(group), group))
 
     def view(self, names: Sequence[str], *, images: bool = True) -> EpisodeView:
         """These episodes as a sequence; each is read when it is asked for."""

@@ -65,6 +65,11 @@ def frozen_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, dty
     return array
 
 
+def frozen_hand(value: ArrayLike) -> FloatArray:
+    """A place for the one holder, (3,) m, or for each of two pickers, (2, 3) m."""
+    return frozen_array(value, (3,) if np.ndim(value) == 1 else (2, 3), "hand")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Observation:
     """What a policy may see at the start of a tick."""
@@ -167,8 +172,13 @@ class Step:
     """(3,) N, world: mean total force of disturbances and pulls on the cloth in this tick."""
     intervention: bool = False
     """A person decided although a policy has the lead."""
+    hand_m: FloatArray | None = None
+    """(3,) m, or (2, 3) m for two pickers, world: where a person's hand drew the holder, which gave way; ``action`` is
+    what the holder then did."""
 
     def __post_init__(self) -> None:
+        if self.hand_m is not None:
+            _set(self, "hand_m", frozen_hand(self.hand_m))
         _set(self, "force_n", frozen_array(self.force_n, (3,), "force_n"))
         _set(self, "action", frozen_array(self.action, (None,), "action"))
         if self.action_std is not None:

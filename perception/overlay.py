@@ -67,8 +67,13 @@ def _tint(canvas: NDArray[np.uint8], mask: BoolArray, to_canvas: NDArray[np.floa
     """Blend the contact's colour in, with a soft edge."""
     size = (canvas.shape[1], canvas.shape[0])
     cover = cv2.warpPerspective(mask.astype(np.float32), to_canvas, size, flags=cv2.INTER_LINEAR)
-    alpha = (TINT * np.asarray(cover))[..., None]
-    canvas[:] = np.rint(canvas * (1 - alpha) + np.array(CONTACT) * alpha).astype(np.uint8)
+    rows, columns = (np.flatnonzero(np.asarray(cover).any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return
+    # Only where there is contact: blending the whole picture would take longer than seeing it.
+    part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    alpha = (TINT * np.asarray(cover)[part])[..., None]
+    canvas[part] = np.rint(canvas[part] * (1 - alpha) + np.array(CONTACT) * alpha).astype(np.uint8)
 
 
 def _outline(

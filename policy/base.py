@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-
-from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array
+from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array, frozen_hand
 
 
 class PolicyError(ValueError):
@@ -35,8 +33,7 @@ class Decision:
     def __post_init__(self) -> None:
         object.__setattr__(self, "action", frozen_array(self.action, (None,), "action"))
         if self.hand is not None:
-            hand = np.asarray(self.hand, dtype=float)
-            object.__setattr__(self, "hand", frozen_array(hand, (3,) if hand.ndim == 1 else (2, 3), "hand"))
+            object.__setattr__(self, "hand", frozen_hand(self.hand))
         if self.std is not None:
             object.__setattr__(self, "std", frozen_array(self.std, self.action.shape, "std"))
 

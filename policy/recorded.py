@@ -17,7 +17,7 @@ class Recorded:
     def __init__(self, episode: Episode) -> None:
         self.name = episode.source
         self.task = episode.task
-        self._actions = [step.action for step in episode.steps if step.phase != "disturb"]
+        self._steps = [step for step in episode.steps if step.phase != "disturb"]
         self._next = 0
 
     def reset(self, seed: int) -> None:
@@ -27,7 +27,8 @@ class Recorded:
         """The recording goes on after its stop by itself."""
 
     def act(self, observation: Observation) -> Decision:
-        if self._next >= len(self._actions):
+        if self._next >= len(self._steps):
             return Decision(action=np.zeros(action_size(self.task)), stop="tick_limit", reason="the recording is over")
         self._next += 1
-        return Decision(action=self._actions[self._next - 1], reason="as recorded")
+        step = self._steps[self._next - 1]
+        return Decision(action=step.action, hand=step.hand_m, reason="as recorded")

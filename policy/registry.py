@@ -56,8 +56,10 @@ def _gp(name: str, inputs: str) -> Trainer:
 TRAINED: Mapping[str, Trainer] = {
     "gp-word": _gp("gp-word", "all"),
     "gp-baseline": _gp("gp-baseline", "position"),
+    "gp-contact": _gp("gp-contact", "position+contact"),
+    "gp-direction": _gp("gp-direction", "position+word"),
 }
-"""Policies that are learned from demonstrations."""
+"""Policies that are learned from demonstrations: the thesis's two, and the ablations of what they see in between."""
 
 TRAINABLE = tuple(TRAINED)
 

@@ -7,8 +7,8 @@ towel and to a napkin.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -17,7 +17,7 @@ from data.types import FloatArray
 from sim.cloth import ClothSpec
 from sim.world import GRAVITY_M_S2, SimError
 
-Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "wind"]
+Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "fold", "wind"]
 Range: TypeAlias = tuple[float, float]
 """Least and greatest value of what is drawn uniformly."""
 Waypoint: TypeAlias = tuple[float, float]
@@ -41,7 +41,9 @@ class DisturbanceSpec:
     path: tuple[Waypoint, ...] = ()
     """Corners of the hands' path; the start is (0, 0)."""
     scale: Range = (1.0, 1.0)
-    """Factor on the path."""
+    """Factor on the path, or on the wind."""
+    either_side: bool = False
+    """Mirrored at y = 0 in every other draw."""
     speed_m_s: float = 0.15
     """Of the hands' target along the path."""
     force_weights: float = 3.0
@@ -60,6 +62,10 @@ class DisturbanceSpec:
             low, high = getattr(self, field)
             if not 0 <= low <= high <= 1:
                 raise SimError(f"disturbance {self.name}: {field} is {low}..{high}; it must rise within 0..1")
+        for field in ("heading_deg", "scale"):
+            low, high = getattr(self, field)
+            if not low <= high:
+                raise SimError(f"disturbance {self.name}: {field} is {low}..{high}; it must rise")
         for field in ("speed_m_s", "force_weights", "time_limit_s"):
             if not getattr(self, field) > 0:
                 raise SimError(f"disturbance {self.name}: {field} is {getattr(self, field)}; it must be above 0")
@@ -70,10 +76,37 @@ class DisturbanceSpec:
         if (self.kind == "wind") != (self.wind_m_s2 != 0):
             raise SimError(f"disturbance {self.name}: wind_m_s2 is {self.wind_m_s2} in a {self.kind}")
 
+    @staticmethod
+    def from_mapping(values: Mapping[str, Any]) -> DisturbanceSpec:
+        """A disturbance from plain values by field, as TOML has them; SimError for each that is wrong.
+
+        ``like`` names a preset that gives what is not said; without it ``kind`` has to be given. A range is a list of
+        two numbers, or one number where nothing is left to chance; ``path`` is a list of [forward, up].
+        """
+        given = dict(values)
+        name = given.pop("name", given.get("like"))
+        if not isinstance(name, str) or not name:
+            raise SimError(f"a disturbance's name is {name!r}; it must be a word")
+        like = given.pop("like", None)
+        unknown = sorted(set(given) - set(_READERS))
+        if unknown:
+            known = ", ".join(("name", "like", *_READERS))
+            raise SimError(f"disturbance {name}: unknown field {unknown[0]!r}; the known ones are {known}")
+        fresh = {field: _READERS[field](name, field, value) for field, value in given.items()}
+        if like is not None:
+            if not isinstance(like, str):
+                raise SimError(f"disturbance {name}: like is {like!r}; it must be the name of a disturbance")
+            return replace(disturbance_spec(like), name=name, **fresh)
+        if "kind" not in fresh:
+            raise SimError(f"disturbance {name}: it has neither a kind nor a disturbance that it is like")
+        return DisturbanceSpec(name=name, **fresh)
+
     def schedule(self, rng: np.random.Generator, cloth: ClothSpec) -> Plan:
         """What will happen to this cloth; draws the same number of values whatever the kind."""
         along, across = rng.uniform(*self.along), rng.uniform(*self.across)
         heading, scale = math.radians(rng.uniform(*self.heading_deg)), rng.uniform(*self.scale)
+        if rng.uniform() < 0.5 and self.either_side:
+            across, heading = 1.0 - across, -heading
         forward = np.array([math.cos(heading), math.sin(heading), 0.0])
         size = scale * cloth.length_m
         corners = [np.zeros(3), *(size * (ahead * forward + up * np.array([0.0, 0.0, 1.0])) for ahead, up in self.path)]
@@ -139,6 +172,68 @@ class Plan:
         return self.path_m[-1], np.zeros(3), True
 
 
+def _word(name: str, field: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a word")
+    return value
+
+
+def _number(name: str, field: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a finite number")
+    return float(value)
+
+
+def _pair(name: str, field: str, value: Any) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be two numbers")
+    return _number(name, field, value[0]), _number(name, field, value[1])
+
+
+def _range(name: str, field: str, value: Any) -> Range:
+    if isinstance(value, list | tuple):
+        return _pair(name, field, value)
+    number = _number(name, field, value)
+    return number, number
+
+
+def _yes_or_no(name: str, field: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be true or false")
+    return value
+
+
+def _patch(name: str, field: str, value: Any) -> tuple[int, int]:
+    rows, columns = _pair(name, field, value)
+    if rows != int(rows) or columns != int(columns):
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be two whole numbers of nodes")
+    return int(rows), int(columns)
+
+
+def _path(name: str, field: str, value: Any) -> tuple[Waypoint, ...]:
+    if not isinstance(value, list | tuple):
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a list of [forward, up]")
+    return tuple(_pair(name, field, corner) for corner in value)
+
+
+_READERS: Mapping[str, Callable[[str, str, Any], Any]] = {
+    "kind": _word,
+    "along": _range,
+    "across": _range,
+    "patch": _patch,
+    "heading_deg": _range,
+    "path": _path,
+    "scale": _range,
+    "either_side": _yes_or_no,
+    "speed_m_s": _number,
+    "force_weights": _number,
+    "wind_m_s2": _number,
+    "time_limit_s": _number,
+    "settle_s": _number,
+}
+"""What reads each field of a plain mapping."""
+
+
 def _patch_nodes(cloth: ClothSpec, along: float, across: float, patch: tuple[int, int]) -> tuple[int, ...]:
     """Nodes of a patch around a place, moved inwards where it would leave the cloth; never the held corners."""
     rows, columns = min(patch[0], cloth.rows), min(patch[1], cloth.columns)
@@ -166,6 +261,22 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
             heading_deg=(-90.0, 90.0), path=((0.12, 0.02),), speed_m_s=0.6, time_limit_s=0.4,
         ),
         DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
+        DisturbanceSpec(
+            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=8.0, scale=(0.9, 1.1), time_limit_s=0.5
+        ),
+        DisturbanceSpec(
+            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=8.0, scale=(0.9, 1.1), either_side=True,
+            time_limit_s=0.5,
+        ),
+        DisturbanceSpec(
+            name="fold-corner", kind="fold", along=(0.0, 0.0), across=(0.0, 0.0), patch=(2, 2),
+            heading_deg=(-55.0, -35.0), path=((0.1, 0.12), (0.5, 0.12), (0.6, 0.03)), scale=(0.8, 1.1),
+            either_side=True, speed_m_s=0.25, time_limit_s=2.0,
+        ),
+        DisturbanceSpec(
+            name="fold-edge", kind="fold", along=(0.0, 0.0), across=(0.5, 0.5), patch=(1, 99),
+            path=((0.1, 0.12), (0.4, 0.12), (0.5, 0.03)), scale=(0.8, 1.1), speed_m_s=0.25, time_limit_s=2.0,
+        ),
         DisturbanceSpec(
             name="thesis", kind="push", along=(0.45, 0.65), across=(0.35, 0.65), heading_deg=(-15.0, 15.0),
             path=((0.02, 0.1), (0.15, 0.06)), scale=(0.64, 0.76), time_limit_s=0.8,

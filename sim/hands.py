@@ -32,7 +32,7 @@ class Hands:
         """Take hold of ``nodes`` where they are now; ``force_limit_n`` is that of all hands together."""
         self._world = world
         self._cloth = cloth
-        self._force_limit_n = force_limit_n
+        self.force_limit_n = force_limit_n
         self.start: FloatArray = cloth.nodes()[list(nodes)]
         """(K, 3) m: where the hands took hold."""
         node_kg = cloth.spec.mass_kg / (cloth.spec.rows * cloth.spec.columns)
@@ -68,7 +68,7 @@ class Hands:
         lag = targets - positions
         force = self._stiffness * lag + self._damping * (velocity - self._velocities())
         size = np.linalg.norm(force, axis=1, keepdims=True)
-        force *= np.minimum(1.0, self._force_limit_n / len(self._bodies) / np.maximum(size, 1e-12))
+        force *= np.minimum(1.0, self.force_limit_n / len(self._bodies) / np.maximum(size, 1e-12))
         # A hand is a tool of ours, not a load on the cloth: its weight is carried.
         carried = force - HAND_MASS_KG * np.array(self._world.gravity_m_s2)
         for body, newtons, place in zip(self._bodies, carried.tolist(), positions.tolist(), strict=True):

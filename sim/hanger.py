@@ -9,6 +9,7 @@ import pybullet as bullet
 
 from data.types import FloatArray, Task
 from sim.cloth import HELD_STRETCH, Cloth
+from sim.guiding import WALL_STIFFNESS_N_M, Guiding
 from sim.impedance import STIFFNESS_N_M, CartesianImpedance, hanger_pose
 from sim.panda import JOINTS, TORQUE_LIMIT_N_M, WRIST_LINK, inverse_kinematics, load_arm
 from sim.world import SimError
@@ -57,6 +58,7 @@ class Hanger:
         self._posture_step = np.zeros(JOINTS)
         """Of one substep."""
         self._resting = False
+        self._guiding: Guiding | None = None
         self.arm = load_arm(self._client, float(self._clips[0, 1] - self._clips[1, 1]))
         for joint, angle in enumerate(self._posture):
             bullet.resetJointState(self.arm, joint, float(angle), 0.0, physicsClientId=self._client)
@@ -103,26 +105,80 @@ class Hanger:
         if self._resting:
             self._drive_joints(self._posture, np.zeros(JOINTS), np.zeros(JOINTS))
             self._resting = False
+        self._end_guiding()
         step = np.asarray(action, dtype=float)
         if step.shape != (2,) or not np.isfinite(step).all():
             raise SimError(f"the action is {step.tolist()}; it must be two finite numbers: dx, dz in m")
         real = self.position()[_AXES]
         wanted = np.clip(self._set_point[_AXES] + step, real - MAX_LEAD_M, real + MAX_LEAD_M)
         self._target[_AXES] = np.clip(wanted, WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        self._lead(substeps)
+
+    def _lead(self, substeps: int) -> None:
+        """Set point and posture go evenly to the target in one tick."""
         duration = substeps * self._cloth.world.step_s
         self._velocity = (self._target - self._set_point) / duration
         self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
         self._set_point_step = self._velocity * self._cloth.world.step_s
         self._posture_step = self._posture_speed * self._cloth.world.step_s
 
+    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Begin one tick of kinesthetic teaching: the arm yields in x and z to a hand at ``hand_m`` (3,) m, or to none.
+
+        ``load_n``: weight of the cloth that hangs in the clips, which the arm carries besides its own.
+        """
+        if self._control != "impedance":
+            raise SimError("position control does not yield; make the hanger with control='impedance'")
+        place = self.position()
+        if self._guiding is None:
+            held_n = STIFFNESS_N_M * (self._set_point - place)
+            self._guiding = Guiding(place, held_n, load_n, self._cloth.world.step_s)
+            self._impedance.yield_in_plane(True)
+        if hand_m is not None:
+            hand_m = np.array(hand_m, dtype=float)
+            hand_m[_AXES] = np.clip(hand_m[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        self._guiding.start_tick(place, hand_m, substeps, load_n)
+        # The springs are off along x and z: there the set point only has to lie where the arm's elbow belongs.
+        self._target[_AXES] = np.clip(place[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        self._lead(substeps)
+
+    def _end_guiding(self) -> None:
+        """The springs take over what the arm carries now, so that nothing jumps."""
+        if self._guiding is None:
+            return
+        place = self.position()
+        self._set_point[_AXES] = (place + self._guiding.carried_n(place) / STIFFNESS_N_M)[_AXES]
+        self._set_point[_AXES] = np.clip(self._set_point[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        self._guiding = None
+        self._impedance.yield_in_plane(False)
+
+    def hand_force_n(self) -> FloatArray:
+        """(3,) N, world: mean force of the guiding hand on the hanger in the last tick; zeros without."""
+        return np.zeros(3) if self._guiding is None else self._guiding.hand_force_n()
+
     def before_substep(self) -> None:
         self._set_point += self._set_point_step
         self._posture += self._posture_step
+        if self._guiding is not None:
+            self._torque = self._guided_substep(self._guiding)
+            return
         if self._control == "impedance":
             self._torque = self._impedance.apply(self._set_point, self._velocity, self._posture)
         else:
             # Straight lines in joint space: 20 mm of travel bend by less than 0.1 mm.
             self._drive_joints(self._posture, self._posture_speed, TORQUE_LIMIT_N_M)
+
+    def _guided_substep(self, guiding: Guiding) -> FloatArray:
+        place = self.position()
+        force = guiding.hand_push_n(place)
+        bullet.applyExternalForce(
+            self.arm, WRIST_LINK, force.tolist(), place.tolist(), bullet.WORLD_FRAME, physicsClientId=self._client
+        )
+        inside = place.copy()
+        inside[_AXES] = np.clip(place[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        carried = guiding.carried_n(place) + WALL_STIFFNESS_N_M * (inside - place)
+        # Damped against rest, not against the set point, which only follows.
+        return self._impedance.apply(self._set_point, np.zeros(3), self._posture, carried)
 
     def _drive_joints(self, angles: FloatArray, speeds: FloatArray, torque_limits: FloatArray) -> None:
         """Motors on all joints (7,): rad, rad/s, N m."""

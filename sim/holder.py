@@ -31,6 +31,12 @@ class Holder(Protocol):
     def start_tick(self, action: FloatArray, substeps: int) -> None:
         """Begin one tick: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
 
+    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Begin one tick in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for two pickers; None: no hand.
+
+        ``load_n``: weight of the cloth that hangs from the holder.
+        """
+
     def before_substep(self) -> None:
         """Called before each substep: move the kinematic bodies or apply the torques."""
 

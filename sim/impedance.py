@@ -15,12 +15,17 @@ ROTATIONAL_STIFFNESS_N_M_RAD = 60.0
 DAMPING_RATIO = 1.0
 POSTURE_STIFFNESS_N_M_RAD = 10.0
 """Of the one motion that leaves the hanger where it is (the elbow going round)."""
+COMPLIANT_DAMPING_N_S_M = 12.0
+"""Along x and z while the arm yields: a hand feels 0.6 N of it at 5 cm/s."""
 REFRESH_SUBSTEPS = 12
 """Jacobian, inertia and gravity hold for so many substeps; springs and dampers see fresh joints in each.
 
 Taken half way ahead they are as good as fresh ones: 10 and 20 mm ticks lag the same with 1, 12 and 24."""
 
 _STIFFNESS = np.array([STIFFNESS_N_M] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
+_KEPT = np.array([0.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+"""Of stiffness and damping while the arm yields: y and the rotations."""
+_COMPLIANT_DAMPING = np.diag(COMPLIANT_DAMPING_N_S_M * np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
 _ROOT_STIFFNESS = np.sqrt(_STIFFNESS)
 _ELBOW_DAMPING = 2.0 * np.sqrt(POSTURE_STIFFNESS_N_M_RAD)
 """Times the root of the inertia: critical."""
@@ -55,13 +60,23 @@ class CartesianImpedance:
         self._input = np.zeros(2 * JOINTS + 6)
         self._torque = np.zeros(JOINTS)
         self._age = REFRESH_SUBSTEPS
+        self._compliant = False
         self.jacobian = np.zeros((6, JOINTS))
         """Of the corners' midpoint: m/rad above, rotation below; as of the last refresh."""
 
-    def apply(self, set_point: FloatArray, velocity: FloatArray, posture: FloatArray) -> FloatArray:
+    def yield_in_plane(self, compliant: bool) -> None:
+        """From now on the hanger has no springs along x and z and little damping, or (False) all of both again."""
+        if compliant != self._compliant:
+            self._compliant = compliant
+            self._age = REFRESH_SUBSTEPS
+
+    def apply(
+        self, set_point: FloatArray, velocity: FloatArray, posture: FloatArray, force: FloatArray | None = None
+    ) -> FloatArray:
         """Send the torques (7,) N m of this substep; a view that the next call overwrites.
 
-        ``set_point`` (3,) m and ``velocity`` (3,) m/s of the corners' midpoint, world; ``posture`` (7,) rad.
+        ``set_point`` (3,) m and ``velocity`` (3,) m/s of the corners' midpoint, world; ``posture`` (7,) rad; ``force``
+        (3,) N, world, is exerted at the corners' midpoint besides.
         """
         states = bullet.getJointStates(self._arm, self._joints, physicsClientId=self._client)
         angles, speeds = [s[0] for s in states], [s[1] for s in states]
@@ -75,6 +90,8 @@ class CartesianImpedance:
         torque = self._torque
         np.matmul(self._gain, self._input, out=torque)
         torque += self._offset
+        if force is not None:
+            torque += self.jacobian[:3].T @ force
         np.minimum(torque, TORQUE_LIMIT_N_M, out=torque)
         np.maximum(torque, _TORQUE_LOW_N_M, out=torque)
         bullet.setJointMotorControlArray(
@@ -101,7 +118,11 @@ class CartesianImpedance:
         damping = _critical_damping(task_inertia)
         elbow_damping = _ELBOW_DAMPING * _root(inertia)
 
-        spring, damper = jacobian.T * _STIFFNESS, jacobian.T @ damping
+        stiffness = _STIFFNESS
+        if self._compliant:
+            # Kept apart: a product of both would not be positive any more, and would drive the arm.
+            stiffness, damping = _STIFFNESS * _KEPT, _COMPLIANT_DAMPING + _KEPT[:, None] * damping * _KEPT
+        spring, damper = jacobian.T * stiffness, jacobian.T @ damping
         # Error at angles q: error0 - J (q - angles), with set point and posture added by the caller's values.
         constant = np.concatenate([-place, _rotation_error(rotation)]) + jacobian @ np.array(angles)
         gain = self._gain

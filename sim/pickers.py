@@ -7,6 +7,7 @@ import pybullet as bullet
 
 from data.types import FloatArray, Task
 from sim.cloth import Cloth
+from sim.guiding import HAND_SPEED_M_S
 
 MIN_HEIGHT_M = 0.004
 """A picker never goes below the height at which cloth rests."""
@@ -49,7 +50,18 @@ class Pickers:
 
     def start_tick(self, action: FloatArray, substeps: int) -> None:
         """``action`` (6,) m: dx, dy, dz of picker 1, then of picker 2; kept inside the workspace."""
-        wanted = np.clip(self._at + np.asarray(action).reshape(2, 3), WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        self._lead_to(self._at + np.asarray(action).reshape(2, 3), substeps)
+
+    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Each picker follows its own hand (2, 3) m, at HAND_SPEED_M_S at most; they have no weight to feel."""
+        step = np.zeros((2, 3)) if hand_m is None else np.asarray(hand_m, dtype=float) - self._at
+        longest = HAND_SPEED_M_S * substeps * self._cloth.world.step_s
+        size = np.linalg.norm(step, axis=1, keepdims=True)
+        self._lead_to(self._at + step * np.minimum(1.0, longest / np.maximum(size, 1e-12)), substeps)
+
+    def _lead_to(self, wanted: FloatArray, substeps: int) -> None:
+        """Go there evenly in one tick, as far as workspace and cloth allow."""
+        wanted = np.clip(wanted, WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
         limit = MAX_SPREAD * self._cloth.spec.width_m
         apart = wanted[0] - wanted[1]
         distance = float(np.linalg.norm(apart))

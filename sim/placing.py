@@ -10,7 +10,7 @@ import numpy as np
 
 from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
 from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
-from perception.percept import Perceiver, PerceptionConfig
+from perception.percept import Perceiver, Percept, PerceptionConfig
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
@@ -21,7 +21,7 @@ from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
 from sim.pull import Pull, picked_node
-from sim.world import SimError, World
+from sim.world import GRAVITY_M_S2, SimError, World
 
 START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
@@ -92,6 +92,8 @@ class Placing:
     def __init__(self, settings: BenchSettings) -> None:
         self.settings = settings
         self.world: World | None = None
+        self.percept: Percept | None = None
+        """What perception made of the last observation; None without a camera."""
         self._pinhole = default_pinhole()
         self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
 
@@ -160,7 +162,7 @@ class Placing:
         word, strength, contact = np.zeros(2), 0.0, 0.0
         if self.settings.camera:
             rgb, depth = self.camera.capture(self._nodes)
-            percept = self._calibrated.perceive(rgb, depth)
+            percept = self.percept = self._calibrated.perceive(rgb, depth)
             word, strength = percept.word, percept.strength
             contact = min(1.0, percept.contact_portion)
         return Observation(
@@ -184,8 +186,39 @@ class Placing:
 
     def step(self, action: FloatArray) -> None:
         """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
-        world = self._running()
+        self._running()
         self.holder.start_tick(np.asarray(action, dtype=float), self.settings.substeps)
+        self._advance()
+
+    def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
+        """One tick of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
+
+        ``hand_target_m``: where the hand is to be at the tick's end, (3,) m for the hanger, which follows it along x
+        and z on a spring of bounded force, (2, 3) m for the pickers, which follow it at a bounded speed. None: nobody
+        holds on, and a hanger stays where it was left.
+        """
+        self._running()
+        shape = (3,) if self.settings.task == "hanger" else (2, 3)
+        hand = None if hand_target_m is None else np.array(hand_target_m, dtype=float)
+        if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
+            raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
+        before = self._held_at()
+        spec = self.settings.spec
+        # A cloth that leaves the table along it is held up by its holder alone.
+        load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
+        self.holder.start_guided_tick(hand, self.settings.substeps, load)
+        self._advance()
+        return self._held_at() - before
+
+    def _held_at(self) -> FloatArray:
+        """(A,) m: what the actions displace."""
+        if self.settings.task == "hanger":
+            return self.holder.position()[[0, 2]]
+        return self.holder.corner_positions().ravel()
+
+    def _advance(self) -> None:
+        """The substeps of one tick."""
+        world = self._running()
         self._follow_pull()
         impulse = self._impulse_n_s()
         for _ in range(self.settings.substeps):
@@ -255,6 +288,13 @@ class Placing:
     def pulled(self) -> int | None:
         """The node that is pulled at, or None."""
         return None if self._pull is None else self._pull.node
+
+    @property
+    def pulling(self) -> tuple[int, FloatArray] | None:
+        """The node that is pulled at and its target (3,) m, or None."""
+        if self._pull is None or self._pull_target is None:
+            return None
+        return self._pull.node, self._pull_target
 
     def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
         """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""

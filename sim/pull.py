@@ -16,6 +16,13 @@ FORCE_WEIGHTS = 1.5
 """Greatest force / weight of the cloth: enough to drag half of the cloth over the table and to lift a corner."""
 SPEED_M_S = 0.5
 """Of the target at most, however fast the mouse is flung: it then arrives some ticks later."""
+SLIP_STRETCH = (1.38, 1.46)
+"""Largest stretch of the cloth's edges at which the fingers slip: nobody tears a cloth by dragging it (the guard calls
+it unstable at 1.5). A napkin that hangs from its clips is stretched 1.43 times there before anyone pulls at it; then they
+slip a little above that, at the second value at most."""
+SLIP_MORE = 0.02
+FEEL_S = 0.01
+"""How often the fingers feel the stretch."""
 PICK_RADIUS_M = 0.03
 """A ray that misses the cloth by less takes its nearest node."""
 
@@ -34,7 +41,9 @@ class Pull:
             raise SimError(f"there is no node {node} to pull at; the {cloth.spec.name} has 0 to {rows * columns - 1}")
         self.node = node
         self._world = world
-        self._lowest_m = cloth.spec.margin_m
+        self._cloth = cloth
+        self._every = max(1, round(FEEL_S / world.step_s))
+        self._slips_at = min(max(SLIP_STRETCH[0], self._stretch() + SLIP_MORE), SLIP_STRETCH[1])
         limit_n = FORCE_WEIGHTS * cloth.spec.mass_kg * GRAVITY_M_S2
         self._hands = Hands(world, cloth, [free_node(cloth.spec, node)], limit_n)
         self._target: FloatArray = self._hands.start[0].copy()
@@ -43,15 +52,21 @@ class Pull:
     def start_tick(self, target_m: FloatArray, tick_s: float) -> None:
         """Lead the hand towards ``target_m`` (3,) m in this tick, evenly; never below where cloth rests."""
         wanted = np.array(target_m, dtype=float)
-        wanted[2] = max(wanted[2], self._lowest_m)
+        wanted[2] = max(wanted[2], self._cloth.spec.margin_m)
         step = wanted - self._target
         step *= min(1.0, SPEED_M_S * tick_s / max(float(np.linalg.norm(step)), 1e-12))
         self._velocity = step / tick_s
 
     def before_substep(self) -> None:
         """Call before each substep, after the holder and the air have had theirs."""
+        if self._world.substeps_done % self._every == 0 and self._stretch() > self._slips_at:
+            # Not to nothing at once: a hand without any force flies on with what the cloth had stored.
+            self._target, self._velocity = self.position(), np.zeros(3)
         self._target = self._target + self._velocity * self._world.step_s
         self._hands.draw(self._target[None], self._velocity)
+
+    def _stretch(self) -> float:
+        return float(self._cloth.stretch(self._cloth.nodes()).max())
 
     @property
     def impulse_n_s(self) -> FloatArray:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from app import cli
+from app.data_info import told as words
 from app.video import count_frames
-from data import SessionRecorder, open_session
+from data import DisturbanceRecord, SessionRecorder, open_session
 
 COMMANDS = (
     "info", "validate", "stats", "split", "filter", "merge", "trim", "repair", "export", "import", "video", "plot",
@@ -100,6 +101,25 @@ def test_info_is_a_page(done):
             assert row["ticks"] == len(episode.steps)
             assert row["contact_start"] == episode.contact()[0]
             assert row["contact_final"] == episode.contact()[-1]
+
+
+def test_info_says_which_disturbances_came_when(done, make_episode):
+    gusts = [DisturbanceRecord(name=name, first_tick=tick) for name, tick in (("wind", 5), ("push", 40), ("wind", 80))]
+    twice = [DisturbanceRecord(name="thesis", first_tick=tick, last_tick=tick + 9) for tick in (60, 80)]
+    with SessionRecorder("some.h5", task="hanger", cloth="towel") as recorder:
+        recorder.keep(make_episode(disturbance="gusts", disturbances=gusts))
+        recorder.keep(make_episode(disturbance="thesis", disturbances=twice))
+        recorder.keep(make_episode(disturbed=False))
+    page = " ".join(done("info", "some.h5", "--json", "some.json").split())
+    told = [episode["disturbances"] for episode in json.loads(Path("some.json").read_text())["episodes"]]
+    assert told[0][2] == {"name": "wind", "first_tick": 80, "last_tick": None}
+    assert [record["last_tick"] for record in told[1]] == [69, 89]
+    assert told[2] == []
+    (gusty, again, calm) = (words("gusts", gusts), words("thesis", twice), words("none", []))
+    assert gusty == "gusts: wind at 5, 80, push at 40"
+    assert again == "thesis at 60, 80"
+    assert calm == "none"
+    assert again in page
 
 
 def test_a_page_stays_a_page(done, make_episode, lying):

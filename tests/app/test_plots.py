@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.plots import COLOURS, aligned_curves, curves_of, plot_session
-from data.types import TASKS
+from app.plots import COLOURS, PERSON_COLOUR, aligned_curves, curves_of, plot_session
+from app.strips import befalls, caption
+from data.types import TASKS, DisturbanceRecord, Pull
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -39,6 +40,43 @@ def test_time_begins_with_the_disturbance_only_where_all_have_one(make_episode):
     assert curves.time_s[0] == -disturbed.disturbed_s
     assert curves.time_s[60] == pytest.approx(0.0)
     assert curves.disturbed_s == 0.0
+
+
+def _befallen(episode):
+    """A wind in ticks 5 to 8, a push at 60; a hand on node 1 in 20 and 21, on node 2 in 22; a person from 30 to 33."""
+    befell = [DisturbanceRecord(name="wind", first_tick=5, last_tick=8), DisturbanceRecord(name="push", first_tick=60)]
+    steps = list(episode.steps)
+    for tick, node in ((20, 1), (21, 1), (22, 2)):
+        steps[tick] = replace(steps[tick], pull=Pull(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4])
+    for tick in range(30, 33):
+        steps[tick] = replace(steps[tick], intervention=True)
+    return replace(episode, steps=steps, disturbances=befell)
+
+
+def test_each_disturbance_pull_and_intervention_has_its_mark(make_episode, tmp_path):
+    curves = curves_of("demo_0", _befallen(make_episode()))
+    assert curves.disturbances_s == pytest.approx((0.5, 6.0))
+    assert curves.pulls_s == pytest.approx((2.0, 2.2))
+    assert curves.interventions_s == (pytest.approx((3.0, 3.3)),)
+    (later,), _ = aligned_curves([curves])
+    assert (later.disturbances_s[1], later.pulls_s[0]) == pytest.approx((5.5, 1.5))
+    plot_session(tmp_path / "with.png", "title", [curves])
+    plot_session(tmp_path / "without.png", "title", [curves_of("demo_0", make_episode(disturbed=False))])
+    # Drawn at 0.45 over white.
+    tint = "#" + "".join(f"{round(255 - 0.45 * (255 - int(PERSON_COLOUR[i : i + 2], 16))):02x}" for i in (1, 3, 5))
+    there, missing = (_share(cv2.imread(str(tmp_path / name)), tint) for name in ("with.png", "without.png"))
+    assert there > missing + 0.002
+
+
+def test_a_film_says_what_befalls_the_cloth(make_episode):
+    episode = _befallen(make_episode())
+    assert befalls(episode, 4) == ""
+    assert befalls(episode, 5) == "wind"
+    assert befalls(episode, 9) == ""
+    assert befalls(episode, 20) == "a hand 0.50 N"
+    assert befalls(episode, 31) == "a person decides"
+    assert caption(episode, 5) == "placing  wind"
+    assert befalls(episode, len(episode.steps)) == ""
 
 
 @pytest.mark.parametrize("degrees", [-80.0, 0.0, 35.0, 90.0])

@@ -15,7 +15,7 @@ from app.errors import WrongCall
 from app.replay import compare, differences, rerun, settings_of, state_report
 from app.video import count_frames
 from data import SessionRecorder
-from data.types import TASKS, Truth
+from data.types import TASKS, DisturbanceRecord, Truth
 from sim.cloth import cloth_spec
 from sim.disturbances import DISTURBANCES, Plan
 
@@ -54,8 +54,9 @@ if __name__ == "__main__":
     told = {"phases": sorted({step.phase for step in kept.steps})}
     told["same"] = action_report(kept, again, compare(kept, again))
     if task == "pickers":
-        path_m = [[-x for x in corner] for corner in kept.disturbance_plan["path_m"]]
-        changed = replace(kept, disturbance_plan={**kept.disturbance_plan, "path_m": path_m})
+        (befell,) = kept.disturbances
+        path_m = [[-x for x in corner] for corner in befell.plan["path_m"]]
+        changed = replace(kept, disturbances=[replace(befell, plan={**befell.plan, "path_m": path_m})])
         elsewhere = rerun(changed)
         told["changed"] = action_report(changed, elsewhere, compare(changed, elsewhere))
     print(json.dumps(told))
@@ -161,18 +162,22 @@ def test_a_shorter_run_is_not_identical_even_where_it_agrees(make_episode):
     assert len(divergence.node_error_m) == len(episode.steps)
 
 
+def _planned(plan: dict) -> dict:
+    return {"disturbances": [DisturbanceRecord(name="push", first_tick=3, plan=plan)]}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"cloth": "silk"}, "'silk'.*napkin"),
-        ({"disturbance": "earthquake"}, "'earthquake'.*push"),
+        ({"disturbances": [DisturbanceRecord(name="earthquake", first_tick=3)]}, "'earthquake'.*push"),
         ({"first_tick": 3}, "first 3 ticks"),
         ({"bench": {"gravity": 3.7}}, "gravity"),
         ({"bench": {"noise": "much"}}, "noise 'much'"),
         ({"tick_s": 7.0}, r"tick_s is 7\.0"),
-        ({"disturbance_plan": {"nodes": [1]}}, "no plan"),
-        ({"disturbance_plan": PLAN | {"nodes": [10**6]}}, "no plan for this cloth"),
-        ({"disturbance_plan": PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}}, "no plan for this cloth"),
+        (_planned({"nodes": [1]}), "no plan"),
+        (_planned(PLAN | {"nodes": [10**6]}), "no plan for this cloth"),
+        (_planned(PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}), "no plan for this cloth"),
     ],
     ids=str,
 )

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from app import rows, summary
-from data.types import Observation
+from data.types import DisturbanceRecord, Observation
 
 CONTRACT = [
     "policy",
@@ -44,10 +44,8 @@ def test_columns_are_those_of_the_contract_in_its_order(make_episode):
 
 
 def test_moments_are_those_at_the_end_of_each_phase(make_episode):
-    episode = make_episode()
-    marked = [_with_contact(o, 0.001 * tick) for tick, o in enumerate(episode.observations())]
-    steps = tuple(replace(step, observation=o) for step, o in zip(episode.steps, marked[:-1], strict=True))
-    row = rows.row_of(replace(episode, steps=steps, final_observation=marked[-1]))
+    episode = _numbered(make_episode())
+    row, steps = rows.row_of(episode), episode.steps
     first_disturbed = next(i for i, step in enumerate(steps) if step.phase == "disturb")
     first_repair = next(i for i, step in enumerate(steps) if step.phase == "repair")
     assert row["contact_start"] == 0.0
@@ -61,6 +59,35 @@ def test_without_disturbance_that_moment_is_null_and_placed_is_final(make_episod
     assert row["contact_disturbed"] is None
     assert row["disturbance"] == "none"
     assert row["contact_placed"] == row["contact_final"]
+
+
+def _numbered(episode):
+    """Contact portion 0.001 in tick 1, 0.002 in tick 2, ..."""
+    seen = [_with_contact(o, 0.001 * tick) for tick, o in enumerate(episode.observations())]
+    steps = tuple(replace(step, observation=o) for step, o in zip(episode.steps, seen[:-1], strict=True))
+    return replace(episode, steps=steps, final_observation=seen[-1])
+
+
+def test_of_repeated_disturbances_each_has_its_moments_and_the_row_the_last_ones(make_episode):
+    """Into the placing, after it, and once more, which is never over."""
+    lasting = [("wind", 10, 19), ("push", 60, 69), ("push", 80, None)]
+    befell = [DisturbanceRecord(name=name, first_tick=first, last_tick=last) for name, first, last in lasting]
+    episode = _numbered(make_episode(disturbances=befell))
+    told = rows.disturbed_contacts(episode)
+    assert [contact.name for contact in told] == ["wind", "push", "push"]
+    moments = [moment for contact in told for moment in (contact.before, contact.after, contact.final)]
+    assert moments == pytest.approx([0.010, 0.020, 0.060, 0.060, 0.070, 0.080, 0.080, 0.095, 0.095])
+    assert rows.row_of(episode)["contact_disturbed"] == pytest.approx(0.095)
+    assert rows.row_of(replace(episode, disturbances=befell[:1]))["contact_disturbed"] == pytest.approx(0.020)
+
+
+def test_where_only_the_phases_tell_of_a_disturbance_they_are_believed(make_episode):
+    episode = _numbered(make_episode())
+    (contact,) = rows.disturbed_contacts(episode)
+    first, over = episode.phase_bounds("disturb")
+    assert contact.name == "push"
+    assert (contact.before, contact.after) == pytest.approx((0.001 * first, 0.001 * over))
+    assert rows.disturbed_contacts(make_episode(disturbed=False)) == ()
 
 
 def test_an_episode_that_never_began_placing_has_no_placed_moment(make_episode):

@@ -32,8 +32,10 @@ BEFELL = DisturbanceRecord(name="push", first_tick=1, last_tick=2, plan={"at": [
 def written(ticket, make_episode, beginning_of):
     """A finished episode and the bytes of its journal, without the frame of its end and with it."""
     episode = make_episode(ticks=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance="push")
-    pulled = replace(episode.steps[1], pull=Pull(node=3, target_m=[0.1, 0, 0.2]), force_n=[0, -0.1, 1], phase="disturb")
-    steps = [episode.steps[0], pulled, replace(pulled, pull=None, intervention=True), episode.steps[3]]
+    first, *others = episode.steps
+    pulled = {"pull": Pull(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
+    changes = [pulled, {"phase": "disturb", "intervention": True}, {"hand_m": [0.1, 0.2, 0.3]}]
+    steps = [first, *(replace(step, **change) for step, change in zip(others, changes, strict=True))]
     episode = replace(episode, steps=steps, disturbances=[BEFELL])
     journal = ticket.begin(replace(beginning_of(episode), disturbances=()))
     for tick, step in enumerate(episode.steps):

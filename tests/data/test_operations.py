@@ -353,7 +353,7 @@ def test_what_few_episodes_have_costs_the_others_nothing(make_session, make_epis
     steps = [*pulled.steps[:3], replace(pulled.steps[3], pull=Pull(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0])]
     path = make_session("s.h5", [plain, replace(pulled, steps=steps)])
     with h5py.File(path) as f:
-        assert not {"force_n", "pull_node", "pull_target_m", "intervention"} & set(f["data/demo_0"])
+        assert not {"force_n", "pull_node", "pull_target_m", "intervention", "hand_m"} & set(f["data/demo_0"])
         assert {"force_n", "pull_node", "pull_target_m"} <= set(f["data/demo_1"])
     with open_session(path) as session:
         rows = session.arrays(["force_n", "pull_node", "pull_target_m", "intervention"])

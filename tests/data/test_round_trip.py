@@ -85,6 +85,7 @@ def episodes(draw):
         pull=st.none() | st.builds(Pull, node=st.integers(0, 2**40), target_m=three),
         force_n=st.just(np.zeros(3)) | three,
         intervention=st.booleans(),
+        hand_m=st.none() | three | arrays(np.float64, (2, 3), elements=finite),
     )
     ticks = draw(st.integers(1, 3))
     return Episode(

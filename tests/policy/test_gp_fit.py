@@ -209,6 +209,14 @@ def test_knowing_the_contact_lowers_the_held_out_error(models):
     assert word[0] < 0.8 * baseline[0]
 
 
+def test_each_ablation_sees_the_position_and_what_it_is_named_after(models):
+    extra = {name: set(model.layout.names) - {"x", "z"} for name, model in models.items()}
+    assert extra["gp-baseline"] == set()
+    assert extra["gp-contact"] == {"contact"}
+    assert extra["gp-direction"] == {"word_x", "word_y"}
+    assert extra["gp-word"] == extra["gp-contact"] | extra["gp-direction"]
+
+
 def test_provenance_names_what_trained_it(models):
     assert {"GPy", "numpy", "python"} <= set(models["gp-word"].provenance.versions)
 

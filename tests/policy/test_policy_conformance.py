@@ -16,7 +16,12 @@ from policy.gp_policy import GpPolicy
 from policy.handover import Handover
 from policy.recorded import Recorded
 
-LEARNED = {"gp-word": "all", "gp-baseline": "position"}
+LEARNED = {
+    "gp-word": "all",
+    "gp-baseline": "position",
+    "gp-contact": "position+contact",
+    "gp-direction": "position+word",
+}
 
 
 HANDOVER = "handover"

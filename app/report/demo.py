@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
-import jinja2
 import numpy as np
-from numpy.typing import NDArray
 
 from app import figures, strips, tables
 from app.atomic import write_text
 from app.figures import FieldModel, Panel
+from app.report.inline import film_uri, png_uri, strip_view, template
 from app.rows import disturbed_tick
-from app.strips import Draw, Frame
-from app.video import write_video
+from app.strips import Draw
+from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import FLAT_AREA, Episode, Provenance, Task
 
 FRAME_WIDTH = 300
 FILM_WIDTH = 480
-JPEG_QUALITY = 84
 
 TASK_TITLES: Mapping[Task, str] = {
     "hanger": "Hanger task: one arm, two clips",
@@ -35,8 +30,8 @@ TASK_TEXTS: Mapping[Task, str] = {
     "pickers": "Two pickers hold one corner each and move it along three axes.",
 }
 PAPER = {
-    tables.BASELINE: "Baseline: GP on the holder's position alone",
-    tables.PROPOSED: "Proposed: GP on position, WORD and contact portion",
+    BASELINE: "Baseline: GP on the holder's position alone",
+    PROPOSED: "Proposed: GP on position, WORD and contact portion",
 }
 
 Tick = Callable[[str], None]
@@ -72,20 +67,12 @@ class ReportInput:
 def write_report(path: Path, content: ReportInput, *, tick: Tick | None = None) -> None:
     """Write the page, whole or not at all; ``tick`` hears a clause for each part that is being made."""
     say = tick or (lambda text: None)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("app"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("report.html.j2").render(
+    page = template("demo.html.j2").render(
         tasks=[_task_view(results, say) for results in content.tasks],
         provenance=content.provenance,
         seed=content.seed,
         notes=content.notes,
         flat_area=FLAT_AREA,
-        colours=figures.POLICY_COLOURS,
     )
     write_text(path, page)
 
@@ -117,7 +104,7 @@ def _task_view(results: TaskResults, say: Tick) -> dict[str, Any]:
         if any(disturbed_tick(run) is not None for run in all_runs)
         else None,
         "every_run": tables.seeds_table(runs),
-        "curves": _png_uri(figures.contact_over_time(runs)) if runs else None,
+        "curves": png_uri(figures.contact_over_time(runs)) if runs else None,
         "field": _field(results, runs),
         "policies": [_policy_view(name, group, results.draw, say) for name, group in runs.items()],
     }
@@ -158,9 +145,9 @@ def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: Tick) -> d
         return view
     say(f"{run.task}: pictures of {name}")
     view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "ticks": len(run.steps)}
-    view["placing"] = _frames(strips.strip(run, strips.placing_ticks(run), draw, FRAME_WIDTH))
-    view["disturbance"] = _frames(strips.strip(run, strips.disturbance_ticks(run), draw, FRAME_WIDTH))
-    view["film"] = _film_uri(strips.film_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
+    view["placing"] = strip_view(strips.strip(run, strips.placing_ticks(run), draw, FRAME_WIDTH))
+    view["disturbance"] = strip_view(strips.strip(run, strips.disturbance_ticks(run), draw, FRAME_WIDTH))
+    view["film"] = film_uri(strips.film_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
     return view
 
 
@@ -179,7 +166,7 @@ def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[
             title = f"{name}, contact held at {100 * held:.0f} %"
             panels.append(Panel(model=model, title=title, held={"contact": held}))
     return {
-        "image": _png_uri(figures.attractor_field(results.task, panels, learned)),
+        "image": png_uri(figures.attractor_field(results.task, panels, learned)),
         "held": any(panel.held for panel in panels),
         "bandwidth_mm": f"{1000 * figures.BANDWIDTH_M:.0f}",
         "who": "picker 1" if results.task == "pickers" else "the hanger",
@@ -188,37 +175,3 @@ def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[
 
 def _flatten(runs: Mapping[str, Sequence[Episode]]) -> Iterator[Episode]:
     return (run for group in runs.values() for run in group)
-
-
-def _frames(frames: Sequence[Frame]) -> list[dict[str, str]]:
-    return [
-        {
-            "uri": _jpeg_uri(frame.image),
-            "number": str(number),
-            "word": frame.word,
-            "contact": tables.percent(frame.contact),
-            "time": f"{frame.time_s:.1f} s",
-            "mood": {"disturbance": "bad", "disturbed": "bad", "repair": "good"}.get(frame.word, ""),
-        }
-        for number, frame in enumerate(frames, start=1)
-    ]
-
-
-def _film_uri(frames: Iterator[NDArray[np.uint8]], *, fps: float) -> str:
-    with tempfile.TemporaryDirectory(prefix="layflat-") as folder:
-        film = Path(folder) / "film.webm"
-        write_video(film, frames, fps=fps)
-        return _uri("video/webm", film.read_bytes())
-
-
-def _jpeg_uri(image: NDArray[np.uint8]) -> str:
-    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return _uri("image/jpeg", encoded.tobytes())
-
-
-def _png_uri(content: bytes) -> str:
-    return _uri("image/png", content)
-
-
-def _uri(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

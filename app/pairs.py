@@ -1,0 +1,76 @@
+"""Comparison of two policies over the same starts and disturbances, and shares with their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest
+
+from app.summary import confidence_interval
+from data.types import FLAT_AREA
+
+PAIR = ("task", "cloth", "seed", "disturbance")
+"""What two episodes share that are compared."""
+TIE = 5e-4
+"""Contact portions that are nearer than this are the same: a twentieth of a point."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paired:
+    """Differences a - b over n pairs, in the unit of the column."""
+
+    n: int
+    mean: float
+    low: float
+    high: float
+    """95 % bootstrap interval of the mean; NaN for fewer than two pairs."""
+    better: int
+    worse: int
+
+    @property
+    def clear(self) -> bool:
+        """Whether the interval leaves 0 out."""
+        return bool(self.low > 0 or self.high < 0)
+
+
+def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> Paired:
+    """``column`` of ``a`` less that of ``b`` where both have the same ``on`` and a value."""
+    both = a.merge(b, on=list(on), suffixes=("_a", "_b"))
+    values = (both[f"{column}_a"].astype(float) - both[f"{column}_b"].astype(float)).dropna().to_numpy(float)
+    if not len(values):
+        nan = float("nan")
+        return Paired(n=0, mean=nan, low=nan, high=nan, better=0, worse=0)
+    low, high = confidence_interval(values)
+    return Paired(
+        n=len(values),
+        mean=float(values.mean()),
+        low=low,
+        high=high,
+        better=int((values > TIE).sum()),
+        worse=int((values < -TIE).sum()),
+    )
+
+
+def wilson(successes: int, n: int) -> tuple[float, float]:
+    """95 % Wilson interval of a share; (NaN, NaN) for none."""
+    if n == 0:
+        return float("nan"), float("nan")
+    interval = binomtest(successes, n).proportion_ci(confidence_level=0.95, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def successes(rows: pd.DataFrame) -> np.ndarray:
+    """(n,) bool: ended with the cloth flat; what crashed or diverged did not."""
+    flat = rows["flat_area_final"].astype(float).fillna(-1.0) > FLAT_AREA
+    lost = rows["crashed"].astype(bool) | rows["unstable"].fillna(False).astype(bool)
+    return np.asarray(flat & ~lost)
+
+
+def with_gain(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with ``gain``: contact regained after the (last) disturbance, unless they have one; NaN without any."""
+    if "gain" in rows:
+        return rows
+    return rows.assign(gain=rows["contact_final"].astype(float) - rows["contact_disturbed"].astype(float))

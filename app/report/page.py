@@ -1,0 +1,66 @@
+"""A Page as one HTML file, and its texts and tables as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from app.atomic import write_text
+from app.report.blocks import Block, Figure, Film, Page, Strip, TableBlock, Text
+from app.report.inline import film_uri, png_uri, strip_view, template
+from app.tables import Table
+
+Tick = Callable[[str], None]
+
+
+def write_page(path: Path, page: Page, *, tick: Tick | None = None) -> None:
+    """Write the page, whole or not at all; ``tick`` hears of each section."""
+    say = tick or (lambda text: None)
+    views = []
+    for section in page.sections:
+        say(section.short or section.title)
+        views.append({"section": section, "blocks": [_view(block) for block in section.blocks]})
+    write_text(path, template("page.html.j2").render(page=page, views=views))
+
+
+def write_markdown(path: Path, page: Page) -> None:
+    """Write headings, texts and tables of the page; what is folded or drawn is left to the page."""
+    write_text(path, markdown(page))
+
+
+def markdown(page: Page) -> str:
+    """As write_markdown, as text."""
+    parts = [f"# {page.title}", page.lead, *(f"- {note}" for note in page.notes)]
+    for section in page.sections:
+        parts += [f"## {section.title}", section.lead]
+        parts += [text for block in section.blocks for text in _markdown_of(block)]
+    parts.append("\n".join(page.made))
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def table_markdown(table: Table) -> str:
+    """A pipe table; bars in cells are escaped."""
+    lines = [table.header, ("---",) + ("---:",) * (len(table.header) - 1), *table.rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def _markdown_of(block: Block) -> list[str]:
+    if isinstance(block, Text):
+        return [f"**{line}**" if block.finding else line for line in block.lines]
+    if isinstance(block, TableBlock) and not block.folded:
+        title = [f"### {block.title}"] if block.title else []
+        return [*title, table_markdown(block.table), *([block.note] if block.note else [])]
+    return []
+
+
+def _view(block: Block) -> Mapping[str, Any]:
+    """A block as the template wants it: its kind, itself, and what it shows as data URIs."""
+    view: dict[str, Any] = {"kind": type(block).__name__, "block": block}
+    if isinstance(block, Figure):
+        view["uri"] = png_uri(block.png)
+    elif isinstance(block, Strip):
+        view["frames"] = strip_view(block.frames)
+    elif isinstance(block, Film):
+        view["uri"] = film_uri(block.frames(), fps=block.fps)
+    return view

@@ -1,0 +1,1 @@
+"""`layflat reproduce`: every experiment of the thesis, ours beside its."""

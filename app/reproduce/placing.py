@@ -1,0 +1,138 @@
+"""Figures 4-2 and 4-3, Table 4-1: placing with the baseline and with the proposed method."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from app import thesis_numbers as thesis
+from app.report.blocks import Block, TableBlock, Text
+from app.report.evaluation import contact_curves
+from app.report.rows import policies_of
+from app.report.sentences import difference_sentence
+from app.reproduce.material import MISSING, Claim, Material, Shown
+from app.reproduce.studies import Trial, placing
+from app.reproduce.words import (
+    NO,
+    PART,
+    UNKNOWN,
+    YES,
+    area_cell,
+    difference,
+    difference_cell,
+    flat_cell,
+    lost_cell,
+    mean_cell,
+    range_cell,
+    undisturbed,
+    values,
+)  # fmt: skip
+from app.summary import confidence_interval, statistics
+from app.tables import Table, interval, percent
+from app.thesis_numbers import BASELINE, PROPOSED
+
+HEADER = (
+    "", "n", "max", "mean", "min", "95\u00a0%\u00a0CI of mean", "mesh", "flat area (min)", "flat at the end", "lost",
+)  # fmt: skip
+NOTE = (
+    "As Table 4-1: contact portion at the end of placing, from the camera (Eq. 4-7). The thesis's numbers are of its robot; it does not say how many runs "
+    "they summarise. Mesh contact is the share of the cloth's area that rests on the table. Flat at the end: flat area above 0.97, with the 95 % Wilson interval."
+)
+FULL_CONTACT = 0.99
+"""What counts as 100 %: the camera's noise takes some tenths of a percent."""
+
+
+def show(material: Material) -> Shown:
+    """For each task a table, what differs, curves, and a strip of each policy."""
+    blocks: list[Block] = []
+    claims: list[Claim] = []
+    for trial in placing(material.size):
+        rows = undisturbed(material.rows(trial))
+        claims += _claims(trial, rows)
+        if not len(rows):
+            blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
+            continue
+        blocks.append(TableBlock(table=placing_table(rows), title=f"{trial.task} task, {trial.cloth}", note=NOTE))
+        found = difference(rows, PROPOSED, BASELINE, "contact_final")
+        blocks.append(Text(lines=(difference_sentence(PROPOSED, BASELINE, "contact_final", found),), finding=True))
+        results = material.results(trial)
+        if results is not None and (figure := contact_curves(results, rows)) is not None:
+            blocks.append(figure)
+        for policy in policies_of(rows):
+            blocks += material.strips(trial, policy, "none")
+    return Shown(blocks=tuple(blocks), claims=tuple(claims))
+
+
+def placing_table(rows: pd.DataFrame, *, beside: bool = True) -> Table:
+    """Table 4-1 with ours below the thesis's, or ours alone."""
+    lines, ours = [], []
+    for policy in policies_of(rows):
+        if beside and policy in thesis.PLACING:
+            top, mean, least = thesis.PLACING[policy]
+            lines.append((f"{policy}, thesis", "", percent(top), percent(mean), percent(least), *[""] * 5))
+            ours.append(False)
+        mine = rows[rows["policy"] == policy]
+        found = values(mine, "contact_final")
+        numbers = statistics(found)
+        lines.append(
+            (
+                policy,
+                str(len(mine)),
+                percent(numbers["max"]),
+                percent(numbers["mean"]),
+                percent(numbers["min"]),
+                interval(numbers["low"], numbers["high"], ".1f"),
+                percent(statistics(values(mine, "contact_final_true"))["mean"]),
+                area_cell(values(mine, "flat_area_final")),
+                flat_cell(mine),
+                lost_cell(mine),
+            )
+        )
+        ours.append(True)
+    return Table(HEADER, tuple(lines), tuple(ours))
+
+
+def _claims(trial: Trial, rows: pd.DataFrame) -> list[Claim]:
+    claims = []
+    for policy, stated in thesis.PLACING_SIMULATED.items():
+        found = values(rows, "contact_final", policy)
+        share = float((found >= FULL_CONTACT).mean()) if len(found) else 0.0
+        claims.append(
+            Claim(
+                what=f"{policy} places to 100 % in simulation ({trial.task})",
+                source=stated.source,
+                thesis=percent(stated.value),
+                ours=f"{mean_cell(found)}; {int((found >= FULL_CONTACT).sum())} of {len(found)} at 99 % or more"
+                if len(found)
+                else UNKNOWN,
+                holds=UNKNOWN if not len(found) else YES if share >= 0.9 else PART if share >= 0.5 else NO,
+            )
+        )
+    for policy, (_, mean, _) in thesis.PLACING.items():
+        found = values(rows, "contact_final", policy)
+        low, high = confidence_interval(found)
+        claims.append(
+            Claim(
+                what=f"mean contact of {policy} after placing ({trial.task})",
+                source=thesis.PLACING_SOURCE,
+                thesis=percent(mean),
+                ours=f"{mean_cell(found)}, {range_cell(found)}" if len(found) else UNKNOWN,
+                holds=UNKNOWN
+                if len(found) < 2
+                else YES
+                if low <= mean <= high
+                else PART
+                if found.min() <= mean <= found.max()
+                else NO,
+            )
+        )
+    pair = difference(rows, PROPOSED, BASELINE, "contact_final") if len(rows) else None
+    claims.append(
+        Claim(
+            what=f"in placing the two do not differ ({trial.task})",
+            source="chapters 4-2-2, 4-3-2",
+            thesis="no significant difference",
+            ours=UNKNOWN if pair is None else difference_cell(pair),
+            holds=UNKNOWN if pair is None or pair.n < 2 else NO if pair.clear else YES,
+        )
+    )
+    return claims

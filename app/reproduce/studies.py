@@ -1,0 +1,169 @@
+"""What is run, as values: how much, which models, and the trials in which they meet the same starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from app.thesis_numbers import BASELINE, PROPOSED
+from data.types import TASKS, Task
+from policy.flatten import CONTROLLERS
+from policy.registry import TRAINABLE
+
+CONTACT, DIRECTION = "gp-contact", "gp-direction"
+RULE = "drag-rule"
+RULED = f"{BASELINE}+{RULE}"
+COMPARATORS = ("nearest", "gmr", "dmp")
+TOWEL, NAPKIN = "towel", "napkin"
+"""The thesis's cloth 1 and cloth 2."""
+DISTURBANCE = "thesis"
+FIRST_SEED = 3000
+"""Of the starts; no seed above 2000 was looked at while anything was tuned."""
+DEMONSTRATION_SEED = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """How much is run."""
+
+    name: str
+    seeds: int
+    """Starts of each experiment of the thesis."""
+    sweep_seeds: int
+    """Starts of each point of a sweep: other numbers of demonstrations, other cloths, other learners."""
+    demonstrations: int
+    """What every model learns from unless the number is what is asked about."""
+    counts: tuple[int, ...]
+    """Numbers of demonstrations of the sweep; ``demonstrations`` is among them."""
+    repeats: int
+    """Disturbances of an episode in the experiments of Table 4-2."""
+
+    def with_seeds(self, seeds: int) -> Size:
+        """With that many starts of each experiment, and of a sweep no more."""
+        return replace(self, seeds=seeds, sweep_seeds=min(self.sweep_seeds, seeds))
+
+
+FULL = Size(name="full", seeds=20, sweep_seeds=5, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
+QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=4, counts=(1, 4), repeats=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taught:
+    """A model: what learns, from how many demonstrations of which cloth."""
+
+    policy: str
+    task: Task
+    cloth: str
+    demonstrations: int
+
+    @property
+    def name(self) -> str:
+        """Of the model's file."""
+        return f"{self.policy}-{self.task}-{self.cloth}-{self.demonstrations}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Player:
+    """Who takes part in a trial: a model, with or without a rule that repairs, or a controller of wrinkle removal."""
+
+    name: str
+    taught: Taught | None = None
+    made: str | None = None
+    controller: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One batch: every player from the same starts, undisturbed and, where ``repeats`` is not 0, disturbed."""
+
+    name: str
+    task: Task
+    players: tuple[Player, ...]
+    cloth: str = TOWEL
+    seeds: int
+    start: str = "hanging"
+    repeats: int = 0
+
+    @property
+    def episodes(self) -> int:
+        return len(self.players) * self.seeds * (2 if self.repeats else 1)
+
+    @property
+    def taught(self) -> tuple[Taught, ...]:
+        return tuple(player.taught for player in self.players if player.taught is not None)
+
+
+def learner(policy: str, task: Task, size: Size, *, cloth: str = TOWEL, count: int = 0, name: str = "") -> Player:
+    """A model that plays under its policy's name, or another."""
+    taught = Taught(policy=policy, task=task, cloth=cloth, demonstrations=count or size.demonstrations)
+    return Player(name=name or policy, taught=taught)
+
+
+def both(task: Task, size: Size, cloth: str = TOWEL) -> tuple[Player, ...]:
+    """The thesis's baseline and its proposed method, taught on a cloth."""
+    return learner(BASELINE, task, size, cloth=cloth), learner(PROPOSED, task, size, cloth=cloth)
+
+
+def counted(count: int) -> str:
+    """Name of the proposed method that learned from ``count`` demonstrations, in the sweep."""
+    return f"{PROPOSED}@{count}"
+
+
+def flattening(size: Size) -> Iterator[Trial]:
+    players = tuple(Player(name=name, controller=name) for name in CONTROLLERS)
+    yield Trial(name="flattening", task="pickers", players=players, seeds=size.seeds, start="crumpled")
+
+
+def placing(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        yield Trial(name=f"placing-{task}", task=task, players=both(task, size), seeds=size.seeds, repeats=size.repeats)
+
+
+def second_cloth(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        players = both(task, size, NAPKIN)
+        yield Trial(
+            name=f"napkin-{task}", task=task, players=players, cloth=NAPKIN, seeds=size.seeds, repeats=size.repeats
+        )
+
+
+def inputs(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        ruled = Player(name=RULED, taught=learner(BASELINE, task, size).taught, made=RULE)
+        players = (learner(CONTACT, task, size), learner(DIRECTION, task, size), ruled)
+        yield Trial(name=f"inputs-{task}", task=task, players=players, seeds=size.seeds, repeats=size.repeats)
+
+
+def folded_corner(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        yield Trial(name=f"folded-{task}", task=task, players=both(task, size), seeds=size.seeds, start="folded-corner")
+
+
+def bad_contact(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        yield Trial(
+            name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="bad-contact"
+        )
+
+
+def number_of_demonstrations(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        others = [count for count in size.counts if count != size.demonstrations]
+        players = tuple(learner(PROPOSED, task, size, count=count, name=counted(count)) for count in others)
+        yield Trial(name=f"counts-{task}", task=task, players=players, seeds=size.sweep_seeds, repeats=1)
+
+
+def other_cloth(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        for cloth, other in ((TOWEL, NAPKIN), (NAPKIN, TOWEL)):
+            yield Trial(
+                name=f"transfer-{task}-{cloth}", task=task, players=both(task, size, other), cloth=cloth,
+                seeds=size.sweep_seeds, repeats=1,
+            )  # fmt: skip
+
+
+def comparators(size: Size) -> Iterator[Trial]:
+    for task in TASKS:
+        players = tuple(learner(policy, task, size) for policy in COMPARATORS if policy in TRAINABLE)
+        if players:
+            yield Trial(name=f"comparators-{task}", task=task, players=players, seeds=size.sweep_seeds, repeats=1)

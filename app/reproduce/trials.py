@@ -1,0 +1,93 @@
+"""Trials as batches: from what is wanted to what is run, and back from the folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from app.batch.plan import Case, Entrant, Plan
+from app.batch.results import Results
+from app.batch.run import run_batch
+from app.moments import rounds
+from app.progress import Progress
+from app.reproduce.studies import DISTURBANCE, FIRST_SEED, Trial
+from app.reproduce.workshop import Workshop
+from app.schedule import ScheduledDisturbance
+from data.types import DataError
+from sim.disturbances import DISTURBANCES
+from sim.placing import STARTS
+
+CORE_S = {"crumpled": 12.0, "hanging": 12.0, "folded-corner": 8.0}
+"""Of one placing, for the first estimate of the time left."""
+REPEAT_CORE_S = 6.0
+"""Of one disturbance and its repair."""
+
+
+def trial_folder(out: Path, trial: Trial) -> Path:
+    return out / "trials" / trial.name
+
+
+def trial_seconds(trial: Trial) -> float:
+    """Core-seconds, about."""
+    each = CORE_S.get(trial.start, 12.0) + REPEAT_CORE_S * trial.repeats
+    return each * trial.seeds * len(trial.players)
+
+
+def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
+    """The batch of a trial whose models are there; seeds begin at FIRST_SEED + ``seed``."""
+    entrants = [
+        Entrant(
+            name=player.name,
+            task=trial.task,
+            model=None if player.taught is None else workshop.model(player.taught),
+            made=player.made,
+            controller=player.controller,
+        )
+        for player in trial.players
+    ]
+    first = FIRST_SEED + seed
+    cases: tuple[Case, ...] = ()
+    if trial.repeats:
+        schedule = (ScheduledDisturbance(spec=DISTURBANCES[DISTURBANCE], repeats=trial.repeats),)
+        cases = (Case(name=DISTURBANCE, schedule=schedule),)
+    return Plan(
+        entrants=tuple(entrants),
+        cloths=(trial.cloth,),
+        seeds=tuple(range(first, first + trial.seeds)),
+        cases=cases,
+        start=next(start for start in STARTS if start == trial.start),
+    )
+
+
+def run_trial(trial: Trial, out: Path, workshop: Workshop, seed: int, progress: Progress, *, workers: int) -> None:
+    """Run what the folder does not hold yet; ``progress`` is in a phase of ``trial.episodes`` items."""
+    run_batch(plan_of(trial, workshop, seed), trial_folder(out, trial), workers=workers, progress=progress)
+
+
+def results_of(trial: Trial, out: Path) -> Results | None:
+    """What the folder holds of a trial; None where it was not begun."""
+    try:
+        results = Results.open(trial_folder(out, trial))
+    except DataError:
+        return None
+    return results if len(results.rows) else None
+
+
+def with_rounds(results: Results) -> pd.DataFrame:
+    """The rows; of each disturbed episode also ``disturbed_K`` and ``regained_K`` of its K-th disturbance (from 1).
+
+    ``contact_disturbed`` is then the mean over its disturbances, and so is ``gain``, for which an episode counts once
+    however often it was disturbed; NaN without one.
+    """
+    rows = []
+    for row in results.rows.to_dict(orient="records"):
+        found = () if row["crashed"] or row["disturbance"] == "none" else rounds(results.episode(row["run"]))
+        row |= {f"disturbed_{k}": each.disturbed for k, each in enumerate(found, start=1)}
+        row |= {f"regained_{k}": each.regained for k, each in enumerate(found, start=1)}
+        row["gain"] = float(np.mean([each.regained for each in found])) if found else float("nan")
+        if found:
+            row["contact_disturbed"] = float(np.mean([each.disturbed for each in found]))
+        rows.append(row)
+    return pd.DataFrame(rows)

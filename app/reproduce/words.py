@@ -1,0 +1,81 @@
+"""Cells and judgements that the experiments share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from app.pairs import Paired, successes, wilson
+from app.report.sentences import compared
+from app.summary import statistics
+from app.tables import interval, percent, points, ratio
+from data.types import FloatArray
+
+YES, NO, PART, UNKNOWN = "yes", "no", "in part", "not run"
+
+
+def values(rows: pd.DataFrame, column: str, policy: str | None = None) -> FloatArray:
+    """The known values of a column, of one policy where it is named."""
+    if not len(rows) or column not in rows:
+        return np.zeros(0)
+    mine = rows if policy is None else rows[rows["policy"] == policy]
+    return mine[column].dropna().to_numpy(float)
+
+
+def undisturbed(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[rows["disturbance"] == "none"] if len(rows) else rows
+
+
+def disturbed(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[rows["disturbance"] != "none"] if len(rows) else rows
+
+
+def mean_cell(found: FloatArray) -> str:
+    """Mean of contact portions, with its 95 % interval."""
+    numbers = statistics(found)
+    ends = f" [{interval(numbers['low'], numbers['high'], '.1f')}]" if len(found) > 1 else ""
+    return percent(numbers["mean"]) + ends
+
+
+def gain_cell(found: FloatArray) -> str:
+    """Mean of differences in points, with its 95 % interval."""
+    numbers = statistics(found)
+    ends = f" [{interval(numbers['low'], numbers['high'], '+.1f')}]" if len(found) > 1 else ""
+    return points(numbers["mean"]) + ends
+
+
+def range_cell(found: FloatArray) -> str:
+    """Least and greatest contact portion."""
+    return f"{percent(float(found.min()))}, {percent(float(found.max()))}" if len(found) else "\u2013"
+
+
+def area_cell(found: FloatArray) -> str:
+    """Mean flat area and the least."""
+    return f"{ratio(float(found.mean()))} ({ratio(float(found.min()))})" if len(found) else "\u2013"
+
+
+def flat_cell(rows: pd.DataFrame) -> str:
+    """Episodes that end flat, with the Wilson interval of their share."""
+    if not len(rows):
+        return "\u2013"
+    flat = int(successes(rows).sum())
+    return f"{flat} of {len(rows)} [{interval(*wilson(flat, len(rows)), '.0f')} %]"
+
+
+def lost_cell(rows: pd.DataFrame) -> str:
+    """Episodes that diverged or crashed."""
+    return str(int((rows["crashed"].astype(bool) | rows["unstable"].fillna(False).astype(bool)).sum()))
+
+
+def difference(rows: pd.DataFrame, a: str, b: str, column: str) -> Paired:
+    """a - b over the same starts; a column that is already there (gain of several disturbances) is used as it is."""
+    return compared(rows, a, b, column)
+
+
+def difference_cell(found: Paired) -> str:
+    if not found.n:
+        return "\u2013"
+    ends = "" if math.isnan(found.low) else f" [{interval(found.low, found.high, '+.1f')}]"
+    return f"{points(found.mean)} points{ends}, n = {found.n}"

@@ -1,0 +1,58 @@
+"""The newest value of one process for another, through shared memory: neither ever waits for the other."""
+
+from __future__ import annotations
+
+from multiprocessing.context import BaseContext
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_TRIES = 50
+_HEADER = np.dtype([("begun", "i8"), ("done", "i8")])
+
+
+class NewestValue:
+    """Two slots of one structured dtype: one is written while the other is read.
+
+    One writer at a time. The memory is anonymous: given to a child process as an argument, gone with the last process,
+    however that ends.
+    """
+
+    def __init__(self, context: BaseContext, dtype: np.dtype[Any]) -> None:
+        self.dtype = dtype
+        self._memory: Any = context.RawArray("B", _HEADER.itemsize + 2 * dtype.itemsize)  # type: ignore[attr-defined]
+
+    def _views(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        header = np.frombuffer(self._memory, dtype=_HEADER, count=1)
+        return header, np.frombuffer(self._memory, dtype=self.dtype, count=2, offset=_HEADER.itemsize)
+
+    def write(self, **fields: Any) -> None:
+        """Make a new value of these fields; the others are zero or as they were two values ago, so give them all."""
+        header, slots = self._views()
+        number = int(header["done"][0]) + 1
+        header["begun"][0] = number
+        slot = slots[number % 2]
+        for name, value in fields.items():
+            slot[name] = value
+        header["done"][0] = number
+
+    def number(self) -> int:
+        """How many values have been written."""
+        return int(self._views()[0]["done"][0])
+
+    def read(self, after: int = 0) -> tuple[int, np.void] | None:
+        """The newest value, copied, and its number; None where there is none newer than number ``after``.
+
+        A value that was overwritten while it was copied is copied again: the writer would have to come round twice in
+        each of many tries to prevent it.
+        """
+        header, slots = self._views()
+        for _ in range(_TRIES):
+            number = int(header["done"][0])
+            if number <= after:
+                return None
+            value = slots[number % 2 : number % 2 + 1].copy()[0]
+            if int(header["begun"][0]) <= number + 1:
+                return number, value
+        return None

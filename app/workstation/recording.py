@@ -1,0 +1,327 @@
+"""Recording as a state machine: what the controls do, whoever has them, and what is said about it.
+
+It knows no device, no window and no simulator: readings come in by ``hear``, episodes run behind the seam ``Take``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection
+from typing import Literal, TypeAlias
+
+from app.workstation.inputs.reading import Control, Reading
+from app.workstation.sofar import discarded_line, kept_line, stored
+from app.workstation.take import Begin, Glance, Take, TakeLost
+from data.recorder import KeptEpisode, SessionRecorder
+from data.types import Outcome, Pull, StoppedBy
+
+State: TypeAlias = Literal["waiting", "countdown", "running", "paused", "finished", "over"]
+"""waiting: for START, the next cloth hangs or is being hung. countdown: about to run. running: each ``tick`` simulates
+one; the first one waits for the first motion, so that no demonstration holds what nobody did. paused: by the person,
+or because the device is gone. finished: the bench has stopped (tick limit, unstable cloth) and only the verdict is
+missing. over: nothing more is recorded."""
+
+COUNTDOWN_S = 3.0
+TICKS_MAX = 600
+"""A minute of motion: several times what a placing takes."""
+JUDGED: StoppedBy = "converged"
+"""What an episode says when the person said that it was over."""
+_IN_HAND = ("countdown", "running", "paused", "finished")
+_ACTIVE = ("running", "paused", "finished")
+_OUTCOMES: dict[Control, Outcome] = {Control.KEEP_SUCCESS: "success", Control.KEEP_FAILURE: "failure"}
+
+
+class Recording:
+    """Demonstrations of consecutive seeds into one session.
+
+    >>> while recording.state != "over":
+    ...     recording.hear(source.poll())
+    ...     if not recording.tick():
+    ...         time.sleep(0.01)
+    """
+
+    def __init__(
+        self,
+        recorder: SessionRecorder,
+        begin: Begin,
+        *,
+        seed: int = 0,
+        skip: Collection[int] = (),
+        episodes: int | None = None,
+        disturbance: str = "none",
+        countdown_s: float = COUNTDOWN_S,
+        ticks_max: int = TICKS_MAX,
+        tell: Callable[[str], None] = print,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """``episodes``: over after so many have been kept as success or failure; None: until QUIT.
+
+        Seeds go up from ``seed``, without those in ``skip``, which the session has already. ``tell`` gets the
+        contract's lines (``kept demo_3 success 84 ticks contact 0.97 FILE.h5``, ``discarded seed 4 ...``), each only
+        when it is true. ``disturbance`` is what DISTURB begins.
+        """
+        self._begin = begin
+        self._skip = frozenset(skip)
+        self._episodes = episodes
+        self._disturbance = disturbance
+        self._countdown_s = countdown_s
+        self._ticks_max = ticks_max
+        self._tell = tell
+        self._clock = clock
+        self._path = recorder.path
+        self.stored = stored(recorder.path)
+        """Episodes in the session."""
+        self._reading: Reading | None = None
+        self._interrupted_by_device: State | None = None
+        self._still = True
+        self._from_s = 0.0
+        self.counts: dict[str, int] = {"success": 0, "failure": 0, "partial": 0, "discarded": 0}
+        """What came of the demonstrations of this recording."""
+        self.message = ""
+        """The last thing that was said, one sentence for a person."""
+        self.seed = seed
+        """Of the demonstration that waits or runs."""
+        self.state: State = "waiting"
+        self.glance = Glance()
+        """How it stands."""
+        self._take: Take | None = None
+        for kept in recorder.recovered:
+            self._tell(kept_line(kept))
+            self.message = f"an earlier recording was cut off; what there was of it is {kept.name}, {kept.outcome}"
+        self._prepare(seed)
+
+    @property
+    def ready(self) -> bool:
+        """Whether the cloth hangs."""
+        return self._take is not None and self._take.ready()
+
+    def hear(self, reading: Reading) -> None:
+        """Take note of a reading: obey its controls, pause where the device has gone, go on when it is back."""
+        self._reading = reading.heard()
+        if not reading.connected:
+            self._without_device(reading)
+        elif self._interrupted_by_device is not None:
+            self._with_device_again()
+        for control in reading.controls:
+            self.handle(control)
+
+    def handle(self, control: Control) -> None:
+        """Obey one control; one that makes no sense now does nothing but say so."""
+        if self.does(control) is None:
+            self.message = f"there is nothing to {_VERBS[control]} now"
+            return
+        if control is Control.QUIT:
+            self.close()
+        elif control in _OUTCOMES:
+            self._keep(_OUTCOMES[control])
+        elif control is Control.DISTURB:
+            self._disturb()
+        elif control in (Control.DISCARD, Control.REDO):
+            self._discard()
+            again = control is Control.REDO
+            self._prepare(self.seed if again else self.seed + 1)
+            if again:
+                self._count_down()
+        elif self.state == "waiting":
+            self._count_down()
+        elif self.state == "countdown":
+            self._wait()
+        elif self.state == "running":
+            self._pause("paused")
+        else:
+            self._run()
+
+    def does(self, control: Control) -> str | None:
+        """What the control would do now, for a person; None where it would do nothing."""
+        state = self.state
+        if state == "over":
+            return None
+        if control is Control.QUIT:
+            return "end; what there is of this one is kept as partial" if self.glance.ticks else "end the recording"
+        if control is Control.START:
+            return {"waiting": f"begin demonstration of seed {self.seed}", "paused": "go on"}.get(state)
+        if control is Control.PAUSE:
+            return {"running": "pause", "paused": "go on", "countdown": "not yet"}.get(state)
+        if control is Control.DISCARD:
+            return "forget this one" if state in _IN_HAND else None
+        if control is Control.REDO:
+            return f"forget this one, the same start again (seed {self.seed})" if state in _IN_HAND else None
+        if control is Control.DISTURB:
+            can = state in ("running", "paused") and self._disturbance != "none" and not self.glance.disturbed
+            return f"disturb the cloth ({self._disturbance})" if can else None
+        if state not in _ACTIVE or not self.glance.ticks:
+            return None
+        unstable = self.glance.stopped_by == "unstable"
+        return None if unstable and control is Control.KEEP_SUCCESS else f"keep as {_OUTCOMES[control]}"
+
+    def tick(self, pull: Pull | None = None) -> bool:
+        """One step of what the state asks; True where a tick was simulated. Waits for nothing but the simulation.
+
+        ``pull`` is what the mouse draws the cloth by. TakeLost where no cloth can be hung at all.
+        """
+        if self.state == "waiting" or self.state == "countdown":
+            if self.ready and self._take is not None:
+                self.glance = self._take.glance()
+                if self.state == "countdown" and self.countdown_left_s() == 0:
+                    self._run()
+            return False
+        if self.state != "running" or self._take is None or self._reading is None:
+            return False
+        if self._still and pull is None and not self._reading.moving:
+            return False
+        self._still = False
+        try:
+            self.glance = self._take.tick(self._reading, pull)
+        except TakeLost as lost:
+            self._lose(lost)
+            return False
+        self._look_for_the_end()
+        return True
+
+    def countdown_left_s(self) -> float:
+        """Seconds until it runs; 0 in any other state."""
+        if self.state != "countdown":
+            return 0.0
+        return max(self._from_s + self._countdown_s - self._clock(), 0.0)
+
+    @property
+    def simulates(self) -> bool:
+        """Whether the next ``tick`` will simulate one, if nothing is pulled at."""
+        return self.state == "running" and not (self._still and (self._reading is None or not self._reading.moving))
+
+    @property
+    def awaits_motion(self) -> bool:
+        """Whether it runs, but simulated time stands until the first motion."""
+        return self.state == "running" and self._still
+
+    def close(self) -> None:
+        """End it now: a demonstration that runs is kept as partial. May be called twice; called by QUIT."""
+        take, self._take = self._take, None
+        was, self.state = self.state, "over"
+        if take is None:
+            return
+        if was in _ACTIVE and self.glance.ticks:
+            kept = take.keep("partial", "interrupted")
+            if kept is not None:
+                self._say_kept(kept)
+        else:
+            take.discard()
+            self.message = f"the recording is over; {self._so_far()}"
+
+    def _prepare(self, seed: int) -> None:
+        """The next take; its cloth is hung while the person has a look at what to do."""
+        while seed in self._skip:
+            seed += 1
+        self.seed = seed
+        self.glance = Glance()
+        self._interrupted_by_device = None
+        self._take = self._begin(seed)
+        self.state = "waiting"
+
+    def _wait(self) -> None:
+        self.state = "waiting"
+        self.message = "not begun"
+
+    def _count_down(self) -> None:
+        self.state = "countdown"
+        self._from_s = self._clock()
+        self.message = f"seed {self.seed}: get ready"
+
+    def _run(self) -> None:
+        self.state = "running"
+        self._still = True
+        self.message = "runs with your first motion"
+
+    def _pause(self, why: str) -> None:
+        self.state = "paused"
+        self.message = why
+
+    def _without_device(self, reading: Reading) -> None:
+        self.message = reading.problem
+        if self.state in ("running", "countdown"):
+            self._interrupted_by_device = self.state
+            self._pause(f"paused: {reading.problem}")
+
+    def _with_device_again(self) -> None:
+        before, self._interrupted_by_device = self._interrupted_by_device, None
+        if self.state != "paused":
+            return
+        device = self._reading.device if self._reading is not None else ""
+        if before == "countdown":
+            self._count_down()
+        else:
+            self._run()
+        self.message = f"{device or 'the device'} is back; {self.message}"
+
+    def _disturb(self) -> None:
+        if self._take is None:
+            return
+        try:
+            self._take.disturb(self._disturbance)
+            self.glance = self._take.glance()
+            self.message = f"disturbing: {self._disturbance}"
+        except TakeLost as lost:
+            self._lose(lost)
+
+    def _look_for_the_end(self) -> None:
+        if self.glance.stopped_by == "unstable":
+            self._finish("the cloth came apart; keep it as failure, discard it, or do it again")
+        elif self.glance.ticks >= self._ticks_max:
+            self._finish(f"{self._ticks_max} ticks are over; keep it or discard it")
+
+    def _finish(self, why: str) -> None:
+        self.state = "finished"
+        self.message = why
+
+    def _keep(self, outcome: Outcome) -> None:
+        take, self._take = self._take, None
+        if take is None:
+            return
+        kept = take.keep(outcome, self.glance.stopped_by or ("tick_limit" if self.state == "finished" else JUDGED))
+        if kept is not None:
+            self._say_kept(kept)
+        if self._episodes is not None and self.counts["success"] + self.counts["failure"] >= self._episodes:
+            self.state = "over"
+        else:
+            self._prepare(self.seed + 1)
+
+    def _discard(self) -> None:
+        take, self._take = self._take, None
+        if take is None:
+            return
+        take.discard()
+        glance = self.glance
+        if glance.ticks:
+            self.counts["discarded"] += 1
+            self._tell(discarded_line(self.seed, glance.ticks, glance.contact_portion, self._path))
+        self.message = f"discarded seed {self.seed}; {self._so_far()}"
+
+    def _lose(self, lost: TakeLost) -> None:
+        """The simulation died: what there is of it is kept, and the same seed comes again."""
+        take, self._take = self._take, None
+        kept = take.keep("partial", "crashed") if take is not None else None
+        if kept is not None:
+            self._say_kept(kept)
+        self._prepare(self.seed)
+        self.message = f"{lost}; " + ("what there was is kept as partial" if kept else "nothing of it was left")
+
+    def _say_kept(self, kept: KeptEpisode) -> None:
+        self.counts[kept.outcome] += 1
+        self.stored += 1
+        self._tell(kept_line(kept))
+        self.message = f"kept {kept.name} as {kept.outcome}; {self._so_far()}"
+
+    def _so_far(self) -> str:
+        return f"{self.stored} {'demonstration' if self.stored == 1 else 'demonstrations'} in {self._path}"
+
+
+_VERBS = {
+    Control.START: "begin",
+    Control.PAUSE: "pause",
+    Control.KEEP_SUCCESS: "keep as success",
+    Control.KEEP_FAILURE: "keep as failure",
+    Control.DISCARD: "discard",
+    Control.REDO: "do again",
+    Control.QUIT: "end",
+    Control.DISTURB: "disturb",
+}

@@ -1,0 +1,41 @@
+"""What a session has so far, and the lines that say what came of an episode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from data.opening import part_files
+from data.recorder import KeptEpisode
+from data.store import open_session
+
+
+def kept_line(kept: KeptEpisode) -> str:
+    """What was kept, in the words of the contract; it is durable by then."""
+    contact = min(1.0, kept.contact_final)
+    return f"kept {kept.name} {kept.outcome} {kept.ticks} ticks contact {contact:.2f} {kept.path}"
+
+
+def discarded_line(seed: int, ticks: int, contact: float, path: Path) -> str:
+    """The same of what was not kept: it has no name in the session, so it goes by its seed."""
+    return f"discarded seed {seed} {ticks} ticks contact {min(1.0, contact):.2f} {path}"
+
+
+def stored(path: Path) -> int:
+    """How many episodes a session has, those included that are kept and not yet in the one file."""
+    if not _exists(path):
+        return 0
+    with open_session(path) as session:
+        return len(session)
+
+
+def recorded_seeds(path: Path, source: str) -> frozenset[int]:
+    """Seeds of which the session has whole episodes from this source: who records on begins with the next one."""
+    if not _exists(path):
+        return frozenset()
+    with open_session(path) as session:
+        infos = session.infos().values()
+    return frozenset(info.seed for info in infos if info.source == source and info.outcome != "partial")
+
+
+def _exists(path: Path) -> bool:
+    return path.exists() or bool(part_files(path.resolve()))

@@ -1,0 +1,147 @@
+"""A bench of a few numbers instead of physics: what is done to it has consequences, and it ticks in microseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.types import FLAT_AREA, FloatArray, Observation, Truth, action_size
+from policy.base import Decision
+from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
+from sim.placing import BenchSettings
+from sim.world import SimError
+
+ACTING_TICKS = 4
+"""A fake disturbance acts so long, settling included."""
+
+
+@dataclass
+class FakeDisturbance:
+    spec: DisturbanceSpec
+    plan: Plan
+    left: int = ACTING_TICKS
+
+
+class FakeBench:
+    """The cloth is as flat as the holder is far forward; pulls and disturbances wrinkle it, for good."""
+
+    def __init__(self, settings: BenchSettings) -> None:
+        self.settings = settings
+        self.start: dict[str, float] = {}
+        self.breaks_at: int | None = None
+        """Tick at which the cloth diverges."""
+
+    def reset(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.holder = self
+        self._holder_m = rng.uniform(0, 0.01, 3)
+        self._nodes = rng.uniform(0, 0.1, (6, 3))
+        self._wrinkles = 0.0
+        self._ticks = 0
+        self._force_n = np.zeros(3)
+        self._pull: tuple[int, FloatArray] | None = None
+        self.disturbance: FakeDisturbance | None = None
+
+    def joint_angles(self) -> FloatArray:
+        return np.zeros(7)
+
+    def observe(self, *, images: bool = True) -> Observation:
+        half = np.array([0.0, 0.15, 0.0])
+        return Observation(
+            time_s=self._ticks * self.settings.tick_s,
+            corner_positions=[self._holder_m + half, self._holder_m - half],
+            holder_position=self._holder_m,
+            word=[1.0, 0.0],
+            word_strength=0.1,
+            contact_portion=self._contact(),
+            rgb=np.zeros((2, 2, 3), np.uint8) if images else None,
+        )
+
+    def _contact(self) -> float:
+        return float(np.clip(self._holder_m[0] / 0.4 - self._wrinkles, 0.0, 1.0))
+
+    def truth(self) -> Truth:
+        return Truth(nodes=self._nodes, contact_portion_true=self._contact(), flat_area=self._contact())
+
+    def success(self) -> bool:
+        return self._contact() > FLAT_AREA
+
+    def instability(self) -> str | None:
+        return "diverged" if self._ticks == self.breaks_at else None
+
+    @property
+    def disturbed(self) -> bool:
+        return self.disturbance is not None
+
+    def disturb(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> None:
+        spec = disturbance_spec(what) if isinstance(what, str) else what
+        plan = spec.schedule(np.random.default_rng([seed, repeat]), self.settings.spec)
+        self.disturbance = FakeDisturbance(spec, plan)
+
+    def pull(self, node: int, target_m: FloatArray) -> None:
+        if not 0 <= node < len(self._nodes):
+            raise SimError(f"no node {node}")
+        self._pull = node, np.array(target_m)
+
+    def let_go(self) -> None:
+        self._pull = None
+
+    def force_n(self) -> FloatArray:
+        return self._force_n.copy()
+
+    def step(self, action: FloatArray) -> None:
+        self._advance(np.asarray(action, dtype=float))
+
+    def guide(self, hand_m: FloatArray) -> FloatArray:
+        """The holder gives way by half of what is missing, whatever it was told before."""
+        missing = np.atleast_2d(hand_m) - self._holder_m
+        planar = missing[0, [0, 2]] if self.settings.task == "hanger" else np.resize(missing, 6)
+        action = np.clip(0.5 * planar, -0.02, 0.02)
+        self._wrinkles += 0.001  # A compliant arm trembles: the same displacement by command is not the same.
+        self._advance(action)
+        return action
+
+    def _advance(self, action: FloatArray) -> None:
+        assert action.shape == (action_size(self.settings.task),)
+        self._ticks += 1
+        self._force_n = np.zeros(3)
+        move = np.array([action[0], 0.0, action[1]]) if action.size == 2 else action.reshape(2, 3).mean(axis=0)
+        self._holder_m = self._holder_m + move
+        self._nodes = np.sin(self._nodes + move)
+        if self._pull is not None:
+            node, target = self._pull
+            self._force_n = self._force_n + (target - self._nodes[node])
+            self._nodes[node] += 0.3 * (target - self._nodes[node])
+            self._wrinkles += 0.01
+        if self.disturbance is not None:
+            push = np.asarray(self.disturbance.plan.path_m[-1]) + np.asarray(self.disturbance.plan.wind_m_s2)
+            self._force_n = self._force_n + push
+            self._nodes = self._nodes + 0.01 * push
+            self._wrinkles += 0.02
+            self.disturbance.left -= 1
+            if self.disturbance.left == 0:
+                self.disturbance = None
+        if self._ticks == self.breaks_at:
+            self._nodes, self._force_n = self._nodes * np.nan, self._force_n * np.nan
+
+
+class Forward:
+    """Moves on until the contact portion is ``enough``; after a disturbance, until it is so again."""
+
+    name = "forward"
+    task = "hanger"
+
+    def __init__(self, enough: float = 0.5) -> None:
+        self.enough = enough
+        self.resumed = 0
+
+    def reset(self, seed: int) -> None:
+        self.resumed = 0
+
+    def resume(self) -> None:
+        self.resumed += 1
+
+    def act(self, observation: Observation) -> Decision:
+        stop = "converged" if observation.contact_portion >= self.enough else None
+        return Decision(action=[0.01, -0.001], std=[0.001, 0.002], stop=stop)
