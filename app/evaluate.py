@@ -24,7 +24,7 @@ from data.types import TASKS
 from policy import model as model_files
 from policy.gp_model import GpModel
 from policy.registry import MADE
-from sim.placing import Start
+from sim.starts import Start
 
 EPISODE_S = 12.0
 CASE_S = 6.0
