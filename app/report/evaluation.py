@@ -109,7 +109,10 @@ def contact_curves(results: Results, rows: pd.DataFrame) -> Figure | None:
     if not any(groups.values()):
         return None
     most = max(len(group) for group in groups.values())
-    caption = "Contact portion over time: median (line), and the middle half of the episodes (band); a run that has ended keeps its last value."
+    caption = (
+        "Contact portion over time: median (line), and the middle half of the episodes (band); a run that has "
+        "ended keeps its last value."
+    )
     if most == CURVES_EACH:
         caption += f" Of each policy the first {CURVES_EACH} episodes."
     return Figure(png=charts.spread_over_time(groups), alt="contact portion over time", caption=caption)
@@ -121,7 +124,10 @@ def example_strips(results: Results, painter: Painter, rows: pd.DataFrame, *, vi
         for name, row in examples(rows[rows["policy"] == policy]):
             episode = results.episode(row["run"])
             ticks = key_ticks(episode, STRIP_FRAMES)
-            caption = f"{name}: seed {row['seed']}, final contact {percent(row['contact_final'])}, flat area {row['flat_area_final']:.3f}, {row['stopped_by']}"
+            caption = (
+                f"{name}: seed {row['seed']}, final contact {percent(row['contact_final'])}, flat area "
+                f"{row['flat_area_final']:.3f}, {row['stopped_by']}"
+            )
             if drawable(episode):
                 yield Strip(frames=painter.strip(episode, ticks, STRIP_WIDTH), tag=policy, caption=caption)
                 if videos:
@@ -160,7 +166,8 @@ def _failures(rows: pd.DataFrame) -> Section:
     block: Block = (
         TableBlock(
             table=table,
-            note="An episode is listed once, under the first that holds of: crashed, diverged, interrupted, cut off, not flat.",
+            note="An episode is listed once, under the first that holds of: crashed, diverged, interrupted, cut off, "
+            "not flat.",
         )
         if table.rows
         else Text(lines=("Nothing: every episode ended flat, by its own decision.",))
@@ -183,7 +190,10 @@ def _lead(rows: pd.DataFrame) -> str:
         f"{rows[name].nunique()} {word}" + ("s" if rows[name].nunique() != 1 else "")
         for name, word in (("task", "task"), ("cloth", "cloth"))
     ]
-    return f"{len(rows)} episodes: {', '.join(policies_of(rows))}; {', '.join(counts)}; disturbances: {', '.join(dict.fromkeys(rows['disturbance']))}; seeds {_span(rows['seed'])}."
+    return (
+        f"{len(rows)} episodes: {', '.join(policies_of(rows))}; {', '.join(counts)}; disturbances: "
+        f"{', '.join(dict.fromkeys(rows['disturbance']))}; seeds {_span(rows['seed'])}."
+    )
 
 
 def _cards(rows: pd.DataFrame) -> Iterator[Card]:

@@ -32,12 +32,21 @@ from app.tables import Table, percent, points
 from app.thesis_numbers import BASELINE, PROPOSED
 
 HEADER = (
-    "", "n", "after placing", "after disturbance (min,\u00a0max)", "final", "regained, points [95\u00a0%\u00a0CI]", "mesh at the end",
-    "flat at the end", "lost",
-)  # fmt: skip
+    "",
+    "n",
+    "after placing",
+    "after disturbance (min,\u00a0max)",
+    "final",
+    "regained, points [95\u00a0%\u00a0CI]",
+    "mesh at the end",
+    "flat at the end",
+    "lost",
+)
 NOTE = (
-    "As Table 4-2: contact portion from the camera; the thesis's three experiments each, then the means over all of our starts, with the final numbers of "
-    "the repair that follows each disturbance. \u201cRegained\u201d is the contact after the repair less that after the disturbance. The second disturbance comes "
+    "As Table 4-2: contact portion from the camera; the thesis's three experiments each, then the means over all of "
+    "our starts, with the final numbers of "
+    "the repair that follows each disturbance. \u201cRegained\u201d is the contact after the repair less that after "
+    "the disturbance. The second disturbance comes "
     "after the first repair has ended, as in the thesis's 7th frame."
 )
 

@@ -58,7 +58,8 @@ QUESTIONS = (
 )
 """What is asked of each pair: name, column, and whether of the disturbed episodes."""
 NOTE = (
-    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with the 95 % bootstrap interval. "
+    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
+    "the 95 % bootstrap interval. "
     "Of twenty intervals one leaves 0 out by chance."
 )
 
@@ -83,7 +84,8 @@ def show(material: Material) -> Shown:
             Figure(
                 png=charts.boxes(groups, unit="regained (points)"),
                 alt=f"contact regained by policy, {task}",
-                caption="Contact regained after a disturbance, mean over an episode's disturbances; a dot each episode.",
+                caption="Contact regained after a disturbance, mean over an episode's disturbances; a dot each "
+                "episode.",
             )
         )
     if found:
@@ -113,7 +115,8 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
     better = [text for text, pair in clear if pair.mean > 0]
     worse = [text for text, pair in clear if pair.mean < 0]
     yield (
-        f"What WORD's direction adds: of {total} comparisons {len(better)} show that it helps, {len(worse)} that it harms, and {none} no difference that "
+        f"What WORD's direction adds: of {total} comparisons {len(better)} show that it helps, {len(worse)} that it "
+        f"harms, and {none} no difference that "
         "these n can show."
     )
     if better:

@@ -13,11 +13,14 @@ from app.report.rows import policies_of
 from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.placing import placing_table
 from app.reproduce.studies import Size, Trial, bad_contact, folded_corner
-from app.reproduce.words import NO, PART, UNKNOWN, YES, flat_cell, mean_cell, range_cell, undisturbed, values
+from app.reproduce.words import NO, PART, UNKNOWN, YES, contact_sentence, flat_cell, undisturbed, values
 from app.tables import percent
 from app.thesis_numbers import PROPOSED
 
-NOTE = "Contact portion of the camera at the end; a folded part hides from it, which is why flat area, of the mesh, stands beside it."
+NOTE = (
+    "Contact portion of the camera at the end; a folded part hides from it, which is why flat area, of the mesh, "
+    "stands beside it."
+)
 
 
 def show_bad_contact(material: Material) -> Shown:
@@ -63,6 +66,6 @@ def _claim(trial: Trial, rows: pd.DataFrame, policy: str, what: str, source: str
         what=f"{policy} cannot flatten {what} ({trial.task})",
         source=source,
         thesis=stated,
-        ours=f"{mean_cell(contact)}, {range_cell(contact)}; flat {flat_cell(mine)}" if len(mine) else UNKNOWN,
+        ours=f"{contact_sentence(contact)}; flat {flat_cell(mine)}" if len(mine) else UNKNOWN,
         holds=UNKNOWN if not len(mine) else YES if share <= 0.1 else PART if share < 0.9 else NO,
     )

@@ -17,12 +17,12 @@ from app.reproduce.words import (
     UNKNOWN,
     YES,
     area_cell,
+    contact_sentence,
     difference,
     difference_cell,
     flat_cell,
     lost_cell,
     mean_cell,
-    range_cell,
     undisturbed,
     values,
 )  # fmt: skip
@@ -34,8 +34,10 @@ HEADER = (
     "", "n", "max", "mean", "min", "95\u00a0%\u00a0CI of mean", "mesh", "flat area (min)", "flat at the end", "lost",
 )  # fmt: skip
 NOTE = (
-    "As Table 4-1: contact portion at the end of placing, from the camera (Eq. 4-7). The thesis's numbers are of its robot; it does not say how many runs "
-    "they summarise. Mesh contact is the share of the cloth's area that rests on the table. Flat at the end: flat area above 0.97, with the 95 % Wilson interval."
+    "As Table 4-1: contact portion at the end of placing, from the camera (Eq. 4-7). The thesis's numbers are of its "
+    "robot; it does not say how many runs "
+    "they summarise. Mesh contact is the share of the cloth's area that rests on the table. Flat at the end: flat "
+    "area above 0.97, with the 95 % Wilson interval."
 )
 FULL_CONTACT = 0.99
 """What counts as 100 %: the camera's noise takes some tenths of a percent."""
@@ -115,7 +117,7 @@ def _claims(trial: Trial, rows: pd.DataFrame) -> list[Claim]:
                 what=f"mean contact of {policy} after placing ({trial.task})",
                 source=thesis.PLACING_SOURCE,
                 thesis=percent(mean),
-                ours=f"{mean_cell(found)}, {range_cell(found)}" if len(found) else UNKNOWN,
+                ours=contact_sentence(found),
                 holds=UNKNOWN
                 if len(found) < 2
                 else YES

@@ -38,9 +38,16 @@ from app.thesis_numbers import PROPOSED
 from data.types import TASKS
 
 HEADER = (
-    "", "n", "placed [95\u00a0%\u00a0CI]", "min,\u00a0max", "flat area (min)", "flat after placing", "regained, points [95\u00a0%\u00a0CI]",
-    "flat after repair", "lost",
-)  # fmt: skip
+    "",
+    "n",
+    "placed [95\u00a0%\u00a0CI]",
+    "min,\u00a0max",
+    "flat area (min)",
+    "flat after placing",
+    "regained, points [95\u00a0%\u00a0CI]",
+    "flat after repair",
+    "lost",
+)
 SAME, OTHER = "same", "other"
 
 
@@ -62,7 +69,7 @@ def show_counts(material: Material) -> Shown:
         by_count[size.demonstrations] = whole[whole["policy"] == PROPOSED] if len(whole) else whole
         known = {count: part for count, part in by_count.items() if len(part)}
         cells = tuple((f"{count} demonstration{'s' * (count > 1)}", *_cells(part)) for count, part in known.items())
-        note = f"{PROPOSED} on {sweep.cloth}; the first successful demonstrations by seed, the same starts for every number."
+        note = f"{PROPOSED}, {sweep.cloth}; the first demonstrations by seed that ended flat, the same starts for all."
         table = Table(("", *HEADER[1:]), cells, (True,) * len(cells))
         blocks.append(TableBlock(table=table, title=f"{task} task", note=note))
         lines[f"{task} task"] = [(count, values(undisturbed(part), "contact_final")) for count, part in known.items()]

@@ -33,10 +33,18 @@ def disturbed(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def mean_cell(found: FloatArray) -> str:
-    """Mean of contact portions, with its 95 % interval."""
+    """Mean of contact portions, with its 95 % interval where there are several."""
     numbers = statistics(found)
     ends = f" [{interval(numbers['low'], numbers['high'], '.1f')}]" if len(found) > 1 else ""
     return percent(numbers["mean"]) + ends
+
+
+def contact_sentence(found: FloatArray) -> str:
+    """n, mean with its interval, and range, for a claim's cell."""
+    if not len(found):
+        return UNKNOWN
+    ends = f", {range_cell(found).replace(', ', ' to ')}" if len(found) > 1 else ""
+    return f"{mean_cell(found)}{ends}, n = {len(found)}"
 
 
 def gain_cell(found: FloatArray) -> str:
@@ -47,8 +55,8 @@ def gain_cell(found: FloatArray) -> str:
 
 
 def range_cell(found: FloatArray) -> str:
-    """Least and greatest contact portion."""
-    return f"{percent(float(found.min()))}, {percent(float(found.max()))}" if len(found) else "\u2013"
+    """Least and greatest contact portion of several."""
+    return f"{percent(float(found.min()))}, {percent(float(found.max()))}" if len(found) > 1 else "\u2013"
 
 
 def area_cell(found: FloatArray) -> str:

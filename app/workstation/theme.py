@@ -120,7 +120,13 @@ def choice(
 
 
 def entry(
-    into: pygame_menu.Menu, name: str, value: str, on_change: Callable[[str], None], *, width: int, numbers: bool = False
+    into: pygame_menu.Menu,
+    name: str,
+    value: str,
+    on_change: Callable[[str], None],
+    *,
+    width: int,
+    numbers: bool = False,
 ) -> Any:
     """A line to write in."""
     _named(into, name)
@@ -155,7 +161,9 @@ def _stretch(widget: Any, width: int) -> None:
 def button(into: pygame_menu.Menu, text: str, on_press: Callable[[], None], *, main: bool = False) -> Any:
     widget = into.add.button(text, on_press, margin=(14, 8), padding=(6, 16), font_size=15, font_name=look.BOLD)
     widget.set_background_color(look.ACCENT if main else look.RAISED)
-    widget.update_font({"color": look.GROUND if main else look.TEXT, "selected_color": look.GROUND if main else look.TEXT})
+    widget.update_font(
+        {"color": look.GROUND if main else look.TEXT, "selected_color": look.GROUND if main else look.TEXT}
+    )
     return widget
 
 
