@@ -43,12 +43,35 @@ class Results(Protocol):
         """The recorded episode of a row that did not crash."""
 
 
-def write_evaluation(
-    path: Path, results: Results, *, title: str, made: Sequence[str], videos: bool = False, tick: Tick | None = None
-) -> None:
-    """Write the page of a batch; ``made``: lines on how it came to be; ``videos`` films best, median and worst."""
+class Folder(Results, Protocol):
+    """The same, and where it lies."""
+
+    @property
+    def folder(self) -> Path: ...
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """As in summary.json; empty while the batch runs for the first time."""
+
+
+def write_evaluation(results: Folder, *, videos: bool = False, tick: Tick | None = None) -> Path:
+    """Write the page of a batch into its folder; ``videos`` films best, median and worst. Returns the page's path."""
+    path = results.folder / "report.html"
     with Painter() as painter:
-        write_page(path, evaluation_page(results, painter, title=title, made=made, videos=videos), tick=tick)
+        page = evaluation_page(
+            results, painter, title=f"Evaluation: {results.folder.resolve().name}", made=_made(results), videos=videos
+        )
+        write_page(path, page, tick=tick)
+    return path
+
+
+def _made(results: Folder) -> tuple[str, ...]:
+    """How the batch came to be, as its summary says."""
+    known = results.summary.get("provenance", {})
+    versions = ", ".join(f"{name} {number}" for name, number in known.get("versions", {}).items())
+    seeds = ", ".join(map(str, known.get("seeds", ())))
+    lines = (known.get("command", ""), f"{known.get('created_utc', '')} (UTC), {known.get('platform', '')}", versions)
+    return (*(line for line in lines if line), f"seeds {seeds}") if known else ()
 
 
 def evaluation_page(
