@@ -115,9 +115,10 @@ def spread_over_time(groups: Mapping[str, Sequence[Curve]]) -> bytes:
         axes[0].set_ylim(0, 105)
         if disturbed:
             _zoom(axes[1], groups)
-        axes[-1].legend(
-            loc="lower right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85, fontsize=8
-        )
+        if any(groups.values()):
+            axes[-1].legend(
+                loc="lower right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85, fontsize=8
+            )
         return png(figure)
 
 
@@ -134,13 +135,13 @@ def quartiles_over_time(group: Sequence[Curve]) -> tuple[FloatArray, FloatArray]
 def _zoom(axis: Axes, groups: Mapping[str, Sequence[Curve]]) -> None:
     """From shortly before the first disturbance, on the range that the bands cover there."""
     axis.set_title("disturbance and repair")
-    axis.set_xlim(-2.0, max(curve.time_s[-1] for group in groups.values() for curve in group))
+    axis.set_xlim(-2.0, max((curve.time_s[-1] for group in groups.values() for curve in group), default=1.0))
     lows = []
     for group in groups.values():
         if group:
             time_s, quartiles = quartiles_over_time(group)
             lows.append(100 * quartiles[0][time_s >= 0].min(initial=1.0))
-    axis.set_ylim(max(0.0, min(lows) - 6), 102)
+    axis.set_ylim(max(0.0, min(lows, default=6.0) - 6), 102)
 
 
 def against(lines: Mapping[str, Sequence[tuple[float, FloatArray]]], *, xlabel: str, ylabel: str) -> bytes:

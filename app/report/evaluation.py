@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -123,14 +123,12 @@ def moment_boxes(rows: pd.DataFrame) -> Figure | None:
     return Figure(png=charts.boxes(groups), alt="box plots of the contact portion", caption=caption)
 
 
-def contact_curves(results: Results, rows: pd.DataFrame) -> Figure | None:
-    """Contact over time of each policy, median and quartiles; None where no episode was kept."""
+def contact_curves(rows: pd.DataFrame, curve: Callable[[str], charts.Curve]) -> Figure:
+    """Contact over time of each policy, median and quartiles; ``curve`` is asked for each run's."""
     groups = {}
     for policy in policies_of(rows):
         kept = rows[(rows["policy"] == policy) & ~rows["crashed"].astype(bool)].sort_values("seed")[:CURVES_EACH]
-        groups[policy] = [charts.curve_of(results.episode(run)) for run in kept["run"]]
-    if not any(groups.values()):
-        return None
+        groups[policy] = [curve(run) for run in kept["run"]]
     most = max(len(group) for group in groups.values())
     caption = (
         "Contact portion over time: median (line), and the middle half of the episodes (band); a run that has "
@@ -175,7 +173,7 @@ def _section(
             Text(lines=tuple(lines), finding=True),
             TableBlock(table=paired_table(rows, pairs), title="Paired differences", note=note),
         ]
-    blocks += [moment_boxes(rows), contact_curves(results, rows)]
+    blocks += [moment_boxes(rows), contact_curves(rows, lambda run: charts.curve_of(results.episode(run)))]
     blocks += example_strips(results, painter, rows, videos=videos)
     lead = f"Seeds {_span(rows['seed'])}; {len(rows)} episodes."
     id = re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-")

@@ -8,7 +8,6 @@ import pandas as pd
 
 from app import thesis_numbers as thesis
 from app.report.blocks import Block, TableBlock, Text
-from app.report.evaluation import contact_curves
 from app.report.rows import policies_of
 from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Claim, Material, Shown
@@ -68,9 +67,7 @@ def show(material: Material) -> Shown:
             for column in ("gain", "flat_area_final")
         ]
         blocks.append(Text(lines=tuple(lines), finding=True))
-        results = material.results(trial)
-        if results is not None and (figure := contact_curves(results, rows)) is not None:
-            blocks.append(figure)
+        blocks.append(material.curves(trial, rows))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, DISTURBANCE)
     return Shown(blocks=tuple(blocks), claims=tuple(claims))

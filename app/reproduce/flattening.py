@@ -63,7 +63,7 @@ def show(material: Material) -> Shown:
                 name,
                 str(len(mine)),
                 mean_cell(values(mine, "contact_start")),
-                "\u2013",
+                mean_cell(values(mine, "mesh_start")),
                 mean_cell(values(mine, "contact_final")),
                 range_cell(values(mine, "contact_final")),
                 percent(float(values(mine, "contact_final_true").mean())),
@@ -77,7 +77,6 @@ def show(material: Material) -> Shown:
         difference_sentence(WORD, other, "contact_final", difference(rows, WORD, other, "contact_final"))
         for other in (RIGHT, RANDOM)
     ]
-    results = material.results(trial)
     final: dict[str, dict[str, FloatArray]] = {"start": {}, "final": {}}
     for name in policies_of(rows):
         final["start"][name] = values(rows, "contact_start", name)
@@ -87,16 +86,7 @@ def show(material: Material) -> Shown:
         TableBlock(table=Table(HEADER, tuple(lines), tuple(ours)), note=NOTE),
         Figure(png=charts.boxes(final), alt="contact at the start and at the end", caption="Every dot is one start."),
     ]
-    if results is not None:
-        curves = {
-            name: [
-                charts.curve_of(results.episode(run))
-                for run in rows[(rows["policy"] == name) & ~rows["crashed"]]["run"]
-            ]
-            for name in policies_of(rows)
-        }
-        caption = "Median and middle half; a run that has ended keeps its last value."
-        blocks.append(Figure(png=charts.spread_over_time(curves), alt="contact over time", caption=caption))
+    blocks.append(material.curves(trial, rows))
     for name in policies_of(rows):
         blocks += material.strips(trial, name, "none")
     return Shown(blocks=tuple(blocks), claims=_claims(material, rows))

@@ -6,7 +6,6 @@ import pandas as pd
 
 from app import thesis_numbers as thesis
 from app.report.blocks import Block, TableBlock, Text
-from app.report.evaluation import contact_curves
 from app.report.rows import policies_of
 from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Claim, Material, Shown
@@ -56,9 +55,7 @@ def show(material: Material) -> Shown:
         blocks.append(TableBlock(table=placing_table(rows), title=f"{trial.task} task, {trial.cloth}", note=NOTE))
         found = difference(rows, PROPOSED, BASELINE, "contact_final")
         blocks.append(Text(lines=(difference_sentence(PROPOSED, BASELINE, "contact_final", found),), finding=True))
-        results = material.results(trial)
-        if results is not None and (figure := contact_curves(results, rows)) is not None:
-            blocks.append(figure)
+        blocks.append(material.curves(trial, rows))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, "none")
     return Shown(blocks=tuple(blocks), claims=tuple(claims))

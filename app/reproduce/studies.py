@@ -141,9 +141,7 @@ def folded_corner(size: Size) -> Iterator[Trial]:
 
 def bad_contact(size: Size) -> Iterator[Trial]:
     for task in TASKS:
-        yield Trial(
-            name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="bad-contact"
-        )
+        yield Trial(name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="swinging")
 
 
 def number_of_demonstrations(size: Size) -> Iterator[Trial]:

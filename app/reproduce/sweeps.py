@@ -6,7 +6,6 @@ import pandas as pd
 
 from app.report import charts
 from app.report.blocks import Block, Figure, TableBlock, Text
-from app.report.evaluation import contact_curves
 from app.report.rows import policies_of
 from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Material, Shown
@@ -132,9 +131,7 @@ def show_comparators(material: Material) -> Shown:
             for part, column in ((undisturbed, "contact_final"), (disturbed, "gain"))
         ]
         blocks.append(Text(lines=tuple(findings), finding=True))
-        results = material.results(trial)
-        if results is not None and (figure := contact_curves(results, disturbed(rows))) is not None:
-            blocks.append(figure)
+        blocks.append(material.curves(trial, disturbed(rows)))
     return Shown(blocks=tuple(blocks))
 
 

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from app.batch.plan import Case, Entrant, Plan
 from app.batch.results import Results
 from app.batch.run import run_batch
-from app.moments import rounds
 from app.progress import Progress
 from app.reproduce.studies import DISTURBANCE, FIRST_SEED, Trial
 from app.reproduce.workshop import Workshop
@@ -73,21 +69,3 @@ def results_of(trial: Trial, out: Path) -> Results | None:
     except DataError:
         return None
     return results if len(results.rows) else None
-
-
-def with_rounds(results: Results) -> pd.DataFrame:
-    """The rows; of each disturbed episode also ``disturbed_K`` and ``regained_K`` of its K-th disturbance (from 1).
-
-    ``contact_disturbed`` is then the mean over its disturbances, and so is ``gain``, for which an episode counts once
-    however often it was disturbed; NaN without one.
-    """
-    rows = []
-    for row in results.rows.to_dict(orient="records"):
-        found = () if row["crashed"] or row["disturbance"] == "none" else rounds(results.episode(row["run"]))
-        row |= {f"disturbed_{k}": each.disturbed for k, each in enumerate(found, start=1)}
-        row |= {f"regained_{k}": each.regained for k, each in enumerate(found, start=1)}
-        row["gain"] = float(np.mean([each.regained for each in found])) if found else float("nan")
-        if found:
-            row["contact_disturbed"] = float(np.mean([each.disturbed for each in found]))
-        rows.append(row)
-    return pd.DataFrame(rows)
