@@ -28,7 +28,8 @@ from policy.expert import ScriptedExpert
 from policy.gp_model import GpModel
 from policy.handover import Handover
 from sim.cloth import HELD_STRETCH
-from sim.placing import BenchSettings, Placing, Start
+from sim.placing import BenchSettings, Placing
+from sim.starts import Start
 from sim.world import SimError
 
 JOB_LIMIT_S = 900.0
