@@ -9,8 +9,9 @@ import time
 from collections.abc import Callable, Collection
 from typing import Literal, TypeAlias
 
+from app.record import kept_line
 from app.workstation.inputs.reading import Control, Reading
-from app.workstation.sofar import discarded_line, kept_line, stored
+from app.workstation.sofar import discarded_line, stored
 from app.workstation.take import Begin, Glance, Take, TakeLost
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Outcome, Pull, StoppedBy

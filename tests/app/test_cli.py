@@ -95,7 +95,7 @@ def test_help_of_every_command(command, capsys):
 
 def test_choices_are_those_of_the_packages():
     assert set(get_args(cli.TaskName)) == set(TASKS)
-    assert set(get_args(cli.PolicyName)) <= set(TRAINABLE)
+    assert set(get_args(cli.PolicyName)) == set(TRAINABLE)
     assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
     assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)
 
