@@ -44,7 +44,7 @@ class Size:
 
 
 FULL = Size(name="full", seeds=20, sweep_seeds=5, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
-QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=4, counts=(1, 4), repeats=2)
+QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=8, counts=(2, 8), repeats=2)
 
 
 @dataclass(frozen=True, kw_only=True)
