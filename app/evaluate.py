@@ -23,7 +23,7 @@ from app.progress import Progress
 from app.report.evaluation import write_evaluation
 from data.types import TASKS
 from policy import model as model_files
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from policy.registry import MADE
 from sim.placing import Start
 
@@ -96,7 +96,7 @@ class _Given:
 
     name: str | None
     stem: str
-    model: GpModel | None
+    model: Learned | None
     made: str | None
 
     @property
@@ -148,7 +148,7 @@ def _given(text: str) -> _Given:
     return _Given(name, Path(who).stem, _load(Path(who)), rule)
 
 
-def _load(path: Path) -> GpModel:
+def _load(path: Path) -> Learned:
     return model_files.load(checks.readable_file(path, "a model that `layflat train` wrote"))
 
 

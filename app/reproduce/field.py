@@ -12,6 +12,7 @@ from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.studies import placing
 from app.reproduce.words import NO, UNKNOWN, YES
 from data.types import Episode, Task
+from policy.learned import Field
 
 
 def show(material: Material) -> Shown:
@@ -19,9 +20,10 @@ def show(material: Material) -> Shown:
     blocks: list[Block] = []
     claims = []
     for trial in placing(material.size):
-        models = {
+        trained = {
             t.policy: material.workshop.model(t) for t in trial.taught if material.workshop.model_path(t).exists()
         }
+        models = {name: model for name, model in trained.items() if isinstance(model, Field)}
         learned = material.workshop.demonstrations(trial.task, trial.cloth, material.size.demonstrations)
         if not models or not learned:
             blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pandas as pd
 
 from app import thesis_numbers as thesis
@@ -13,19 +15,23 @@ from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.studies import flattening
 from app.reproduce.words import (
     NO,
-    PART,
     UNKNOWN,
     YES,
     area_cell,
+    by_share,
+    by_value,
     contact_sentence,
     difference,
+    difference_cell,
+    enough,
+    enough_pairs,
     flat_cell,
     lost_cell,
     mean_cell,
     range_cell,
     values,
-)  # fmt: skip
-from app.tables import Table, percent
+)
+from app.tables import Table, percent, points
 from data.types import FloatArray
 from policy.flatten import CONTROLLERS, FLAT_CONTACT
 
@@ -49,7 +55,7 @@ def show(material: Material) -> Shown:
     (trial,) = flattening(material.size)
     rows = material.rows(trial)
     if not len(rows):
-        return Shown(blocks=(Text(lines=(MISSING,)),), claims=_claims(material, rows))
+        return Shown(blocks=(Text(lines=(MISSING,)),), claims=tuple(_claims(rows)))
     lines, ours = [], []
     for name in policies_of(rows):
         mine = rows[rows["policy"] == name]
@@ -89,7 +95,7 @@ def show(material: Material) -> Shown:
     blocks.append(material.curves(trial, rows))
     for name in policies_of(rows):
         blocks += material.strips(trial, name, "none")
-    return Shown(blocks=tuple(blocks), claims=_claims(material, rows))
+    return Shown(blocks=tuple(blocks), claims=tuple(_claims(rows)))
 
 
 NOTE = (
@@ -100,32 +106,26 @@ NOTE = (
 )
 
 
-def _claims(material: Material, rows: pd.DataFrame) -> tuple[Claim, ...]:
-    claims = []
+def _claims(rows: pd.DataFrame) -> Iterator[Claim]:
     for name, stated in thesis.FLATTENING.items():
         found = values(rows, "contact_final", name)
-        holds = UNKNOWN
-        if len(found):
-            if name == WORD:
-                share = float((found >= FLAT_CONTACT).mean())
-                holds = YES if share >= 0.9 else PART if share >= 0.5 else NO
-            else:
-                holds = YES if found.min() <= stated.value <= found.max() else NO
-        claims.append(
-            Claim(
-                what=f"{name} ends at this contact portion",
-                source=stated.source,
-                thesis=percent(stated.value),
-                ours=contact_sentence(found),
-                holds=holds,
-            )
+        holds = enough(found)
+        if holds is None and name == WORD:
+            holds = by_share(int((found >= FLAT_CONTACT).sum()), len(found))
+        yield Claim(
+            what=f"{name} ends at this contact portion",
+            source=stated.source,
+            thesis=percent(stated.value),
+            ours=contact_sentence(found),
+            holds=holds or by_value(stated.value, found),
         )
-    pairs = [difference(rows, WORD, other, "contact_final") for other in (RIGHT, RANDOM)] if len(rows) else []
-    if pairs:
-        holds = UNKNOWN if pairs[0].n < 2 else YES if all(pair.low > 0 for pair in pairs) else NO
-        worst = min(pairs, key=lambda pair: pair.low)
-        ours = f"at least {100 * worst.mean:+.1f} points, n = {worst.n}"
-        claims.append(
-            Claim(what="WORD flattens more than both", source="chapter 3-2-2", thesis="yes", ours=ours, holds=holds)
+    for other in (RIGHT, RANDOM):
+        pair = difference(rows, WORD, other, "contact_final")
+        theirs = thesis.FLATTENING[WORD].value - thesis.FLATTENING[other].value
+        yield Claim(
+            what=f"{WORD} flattens more than {other}",
+            source="chapter 3-2-2",
+            thesis=f"{points(theirs)} points",
+            ours=difference_cell(pair) if pair.n else UNKNOWN,
+            holds=enough_pairs(pair) or (YES if pair.low > 0 else NO),
         )
-    return tuple(claims)

@@ -17,7 +17,7 @@ from app.reproduce.studies import FULL, QUICK, Size, Trial
 from app.reproduce.trials import run_trial, trial_seconds
 from app.reproduce.workshop import Workshop
 from app.rows import write_json
-from sim.placing import STARTS
+from sim.starts import STARTS
 
 ASKED = "reproduction.json"
 MODEL_S = 20.0

@@ -31,7 +31,7 @@ from app.reproduce.words import (
     range_cell,
     undisturbed,
     values,
-)  # fmt: skip
+)
 from app.tables import Table
 from app.thesis_numbers import PROPOSED
 from data.types import TASKS

@@ -13,7 +13,7 @@ from app.reproduce.workshop import Workshop
 from app.schedule import ScheduledDisturbance
 from data.types import DataError
 from sim.disturbances import DISTURBANCES
-from sim.placing import STARTS
+from sim.starts import STARTS
 
 CORE_S = {"crumpled": 12.0, "hanging": 12.0, "folded-corner": 8.0}
 """Of one placing, for the first estimate of the time left."""

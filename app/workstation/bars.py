@@ -34,9 +34,7 @@ def paint_top(window: Window, surface: pygame.Surface) -> None:
         area = pygame.Rect(x, 8, width, 32)
         if chosen:
             pygame.draw.rect(surface, look.RAISED, area, border_radius=look.RADIUS)
-        picture = look.words(
-            mode.name, 15, look.TEXT if chosen else look.QUIET, look.BOLD if chosen else look.REGULAR
-        )
+        picture = look.words(mode.name, 15, look.TEXT if chosen else look.QUIET, look.BOLD if chosen else look.REGULAR)
         surface.blit(picture, picture.get_rect(center=area.center))
         window.tabs.append((area, mode))
         x = area.right + 2

@@ -103,5 +103,3 @@ class DemonstratingWork:
         """A demonstration that runs is kept as partial."""
         self._recording.close()
         self._recorder.close()
-
-

@@ -179,7 +179,8 @@ def test_no_difference_is_said_where_the_interval_holds_zero():
     found = paired(a, b, "contact_final")
     assert found.low < 0 < found.high
     assert verdict(found) == "no difference that 20 pairs can show"
-    assert verdict(paired(a[:1], b[:1], "contact_final")) == "one pair shows nothing"
+    assert verdict(paired(a[:1], b[:1], "contact_final")) == "1 pair is too few to say"
+    assert verdict(paired(a[:5], b[:5], "contact_final")) == "5 pairs are too few to say"
     assert verdict(paired(a, a, "contact_final")) == "the same in all 20 pairs"
 
 

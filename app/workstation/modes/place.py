@@ -43,7 +43,9 @@ class PlaceMode(BasicMode):
         shop, width = self.shop, self.shop.place.panel.width
         self.menu = menu = theme.menu(shop.place.panel)
         theme.heading(menu, self.name)
-        about = "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth alone."
+        about = (
+            "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth alone."
+        )
         theme.note(menu, about, width)
         known = [*shop.models(), SCRIPTED, *MADE]
         chosen = shop.settings.model if shop.settings.model in known else known[0]
@@ -229,4 +231,3 @@ class PlaceMode(BasicMode):
         if self.running and self.shop.link.status.get("paused"):
             return "Paused", "Space goes on"
         return "", ""
-
