@@ -43,7 +43,7 @@ class Size:
         return replace(self, seeds=seeds, sweep_seeds=min(self.sweep_seeds, seeds))
 
 
-FULL = Size(name="full", seeds=20, sweep_seeds=5, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
+FULL = Size(name="full", seeds=20, sweep_seeds=8, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
 QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=8, counts=(2, 8), repeats=2)
 
 

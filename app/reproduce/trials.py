@@ -15,9 +15,10 @@ from data.types import DataError
 from sim.disturbances import DISTURBANCES
 from sim.starts import STARTS
 
-CORE_S = {"crumpled": 12.0, "hanging": 12.0, "folded-corner": 8.0}
+CORE_S = {"crumpled": 6.0, "folded-corner": 4.0}
+USUAL_CORE_S = 7.0
 """Of one placing, for the first estimate of the time left."""
-REPEAT_CORE_S = 6.0
+REPEAT_CORE_S = 3.0
 """Of one disturbance and its repair."""
 
 
@@ -27,7 +28,7 @@ def trial_folder(out: Path, trial: Trial) -> Path:
 
 def trial_seconds(trial: Trial) -> float:
     """Core-seconds, about."""
-    each = CORE_S.get(trial.start, 12.0) + REPEAT_CORE_S * trial.repeats
+    each = CORE_S.get(trial.start, USUAL_CORE_S) + REPEAT_CORE_S * trial.repeats
     return each * trial.seeds * len(trial.players)
 
 
