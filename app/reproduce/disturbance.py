@@ -20,6 +20,7 @@ from app.reproduce.words import (
     difference,
     disturbed,
     enough,
+    first_note,
     flat_cell,
     gain_cell,
     lost_cell,
@@ -64,7 +65,7 @@ def show(material: Material) -> Shown:
             blocks.append(Text(lines=(f"{trial.task}, {trial.cloth}: {MISSING}",)))
             continue
         title = f"{trial.task} task, {trial.cloth}, taught on the same cloth"
-        blocks.append(TableBlock(table=disturbance_table(rows), title=title, note=NOTE))
+        blocks.append(TableBlock(table=disturbance_table(rows), title=title, note=first_note(blocks, NOTE)))
         lines = [
             difference_sentence(PROPOSED, BASELINE, column, difference(rows, PROPOSED, BASELINE, column))
             for column in ("regained_1", "regained_2", "flat_area_final")

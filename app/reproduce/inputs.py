@@ -94,8 +94,7 @@ def show(material: Material) -> Shown:
             Figure(
                 png=charts.boxes(groups, unit="regained (points)"),
                 alt=f"contact regained by policy, {task}",
-                caption="Contact regained after a disturbance, mean over an episode's disturbances; a dot each "
-                "episode.",
+                caption="Contact regained, a dot each episode; boxes are quartiles.",
             )
         )
     if found:

@@ -13,7 +13,7 @@ from app.report.rows import policies_of
 from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.placing import placing_table
 from app.reproduce.studies import Size, Trial, bad_contact, folded_corner
-from app.reproduce.words import UNKNOWN, by_share, contact_sentence, enough, flat_cell, undisturbed, values
+from app.reproduce.words import UNKNOWN, by_share, contact_sentence, enough, first_note, flat_cell, undisturbed, values
 from app.tables import percent
 from app.thesis_numbers import PROPOSED
 
@@ -45,7 +45,11 @@ def _show(material: Material, trials: Callable[[Size], Iterator[Trial]], what: s
             blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
             continue
         blocks.append(
-            TableBlock(table=placing_table(rows, beside=False), title=f"{trial.task} task, {trial.cloth}", note=NOTE)
+            TableBlock(
+                table=placing_table(rows, beside=False),
+                title=f"{trial.task} task, {trial.cloth}",
+                note=first_note(blocks, NOTE),
+            )
         )
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, "none", pick=_ends)

@@ -24,6 +24,7 @@ from app.reproduce.words import (
     difference_cell,
     enough,
     enough_pairs,
+    first_note,
     flat_cell,
     lost_cell,
     mean_cell,
@@ -66,7 +67,11 @@ def show(material: Material) -> Shown:
         if not len(rows):
             blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
             continue
-        blocks.append(TableBlock(table=placing_table(rows), title=f"{trial.task} task, {trial.cloth}", note=NOTE))
+        blocks.append(
+            TableBlock(
+                table=placing_table(rows), title=f"{trial.task} task, {trial.cloth}", note=first_note(blocks, NOTE)
+            )
+        )
         found = difference(rows, PROPOSED, BASELINE, "contact_final")
         blocks.append(Text(lines=(difference_sentence(PROPOSED, BASELINE, "contact_final", found),), finding=True))
         blocks.append(material.curves(trial, rows))

@@ -34,7 +34,7 @@ from app.reproduce.words import (
 )
 from app.tables import Table
 from app.thesis_numbers import PROPOSED
-from data.types import TASKS
+from data.types import TASKS, FloatArray
 
 HEADER = (
     "",
@@ -54,8 +54,8 @@ def show_counts(material: Material) -> Shown:
     """Contact after placing and what is regained, against the number of demonstrations."""
     blocks: list[Block] = []
     size = material.size
-    lines: dict[str, list] = {}
-    gains: dict[str, list] = {}
+    lines: dict[str, list[tuple[float, FloatArray]]] = {}
+    gains: dict[str, list[tuple[float, FloatArray]]] = {}
     for task in TASKS:
         (sweep,) = (trial for trial in number_of_demonstrations(size) if trial.task == task)
         (main,) = (trial for trial in placing(size) if trial.task == task)
@@ -73,11 +73,10 @@ def show_counts(material: Material) -> Shown:
         blocks.append(TableBlock(table=table, title=f"{task} task", note=note))
         lines[f"{task} task"] = [(count, values(undisturbed(part), "contact_final")) for count, part in known.items()]
         gains[f"{task} task"] = [(count, values(disturbed(part), "gain")) for count, part in known.items()]
-    for name, found in (("contact after placing (%)", lines), ("regained (points)", gains)):
-        if found:
-            png = charts.against(found, xlabel="demonstrations", ylabel=name)
-            caption = "Means with their 95 % bootstrap intervals."
-            blocks.append(Figure(png=png, alt=f"{name} against the number of demonstrations", caption=caption))
+    if lines:
+        png = charts.against({"contact after placing (%)": lines, "regained (points)": gains}, xlabel="demonstrations")
+        caption = "Means with their 95 % bootstrap intervals."
+        blocks.append(Figure(png=png, alt="contact against the number of demonstrations", caption=caption))
     return Shown(blocks=tuple(blocks))
 
 

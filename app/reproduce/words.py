@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from app.pairs import LEAST, NO_PAIRS, Paired, successes, wilson
+from app.report.blocks import Block, TableBlock
 from app.report.sentences import compared
 from app.summary import confidence_interval, statistics
 from app.tables import interval, percent, points, ratio
@@ -110,3 +112,8 @@ def difference_cell(found: Paired) -> str:
         return "\u2013"
     ends = "" if math.isnan(found.low) else f" [{interval(found.low, found.high, '+.1f')}]"
     return f"{points(found.mean)} points{ends}, n = {found.n}"
+
+
+def first_note(blocks: Sequence[Block], note: str) -> str:
+    """The note below the first table of several alike, and none below the others."""
+    return "" if any(isinstance(block, TableBlock) for block in blocks) else note
