@@ -24,7 +24,7 @@ from app.reproduce.workshop import Workshop
 from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import TASKS, Task
 from policy import registry
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from policy.registry import TRAINABLE
 from tests.fakeplay import Scripted
 
@@ -32,7 +32,7 @@ from tests.fakeplay import Scripted
 class Taught(Workshop):
     """Models without demonstrations: one of each task for everybody."""
 
-    models: Mapping[Task, GpModel] = MappingProxyType({})
+    models: Mapping[Task, Learned] = MappingProxyType({})
 
     def model(self, taught):
         return self.models[taught.task]
@@ -41,8 +41,7 @@ class Taught(Workshop):
 @pytest.fixture(scope="module")
 def models(make_episode):
     return {
-        task: registry.train("gp-baseline", [make_episode(task=task, source="scripted", disturbed=False)], seed=0)
-        for task in TASKS
+        task: registry.train("nearest", [make_episode(task=task, source="scripted", disturbed=False)]) for task in TASKS
     }
 
 
@@ -52,7 +51,7 @@ def ran(models, tmp_path_factory):
     out = tmp_path_factory.mktemp("reproduction")
     workshop = Taught(out, seed=0)
     workshop.models = models
-    size = replace(QUICK, seeds=3, sweep_seeds=2)
+    size = replace(QUICK, seeds=2, sweep_seeds=1)
     for trial in run.trials_of(list(EXPERIMENTS.values()), size):
         run_batch(plan_of(trial, workshop, 0), trial_folder(out, trial), workers=2, play=Scripted())
     return out, size, workshop
