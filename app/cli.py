@@ -101,6 +101,10 @@ def record(
     pad: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
     ] = None,
+    correct: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL.npz", help="This model places; who moves the source takes over until they rest."),
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -126,6 +130,7 @@ def record(
         disturb=disturb,
         window=window,
         mapping=pad,
+        correct=correct,
     )
 
 

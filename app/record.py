@@ -36,11 +36,14 @@ def record(
     disturb: str = "none",
     window: bool = True,
     mapping: Path | None = None,
+    correct: Path | None = None,
 ) -> None:
     """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each.
 
-    ``disturb``, ``window`` and ``mapping`` (of a pad) are for a person who demonstrates.
+    ``disturb``, ``window``, ``mapping`` (of a pad) and ``correct`` (a model) are for a person who demonstrates.
     """
+    if correct is not None and source == "scripted":
+        raise WrongCall("--correct needs a person who takes over; give --source keyboard or --source gamepad")
     checks.known_name("cloth", cloth, CLOTHS)
     checks.known_name("descriptor", descriptor, DESCRIPTORS)
     if force and path.exists() and path.is_file():
@@ -61,6 +64,7 @@ def record(
             disturb=disturb,
             window=window,
             mapping=mapping,
+            correct=correct,
         )
         return
     jobs = [

@@ -1,8 +1,8 @@
 """A person corrects a policy: it places, they take the lead when it goes wrong, and hand it back.
 
-What they do is recorded as theirs (``Step.intervention``), so that a later training can give it more weight: the
-demonstrations then lie where the policy needed them, as in DAgger with a person who decides when to help (HG-DAgger,
-Kelly et al. 2019).
+What they do is recorded as theirs (``Step.intervention``). The demonstrations then lie where the policy needed them, as
+in DAgger with a person who decides when to help (HG-DAgger, Kelly et al. 2019); a later training keeps what the person
+let pass and gives more weight to what they corrected (Mandlekar et al. 2020, intervention weighted regression).
 """
 
 from __future__ import annotations

@@ -25,7 +25,10 @@ from app.workstation.take import Begin, Glance, Take, TakeLost
 from data.journal import JournalTicket, JournalWriter
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import DataError, Episode, Outcome, Pull, StoppedBy
-from policy.base import PolicyError
+from policy import registry
+from policy.base import Policy, PolicyError
+from policy.learned import Learned
+from policy.takeover import Grip, Takeover
 from sim.placing import BenchSettings, Placing
 from sim.world import SimError
 
@@ -47,6 +50,8 @@ class TakeJob:
     source: str
     ticket: JournalTicket
     attend: Attend | None = None
+    model: Learned | None = None
+    """Who places; the person takes over when their hands move, and hands back when they rest."""
 
 
 class TakeProcess:
@@ -138,11 +143,12 @@ def begin_takes(
     *,
     attend: Attend | None = None,
     context: BaseContext | None = None,
+    model: Learned | None = None,
 ) -> Begin:
     """Makes the takes of a recording."""
 
     def begin(seed: int) -> Take:
-        job = TakeJob(settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend)
+        job = TakeJob(settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend, model=model)
         return TakeProcess(job, recorder, context)
 
     return begin
@@ -162,7 +168,9 @@ class LiveTake:
         self._reading = at_rest(job.settings.task)
         self._bench = Placing(job.settings)
         self._bench.reset(job.seed)
-        policy = PersonPolicy(job.settings.task, job.source, lambda: self._reading)
+        policy: Policy = PersonPolicy(job.settings.task, job.source, lambda: self._reading)
+        if job.model is not None:
+            policy = Takeover(registry.from_model(job.model), policy, Grip(lambda: self._reading.moving))
 
         def journal(beginning: Episode) -> JournalWriter:
             self._journal = job.ticket.begin(beginning)

@@ -71,7 +71,7 @@ def status_line(recording: Recording, reading: Reading) -> str:
     said = {
         "waiting": f"seed {recording.seed} " + ("hangs" if recording.ready else "is being hung"),
         "countdown": f"begins in {recording.countdown_left_s():.0f}" if recording.ready else "hanging the cloth",
-        "running": "move to begin" if recording.awaits_motion else "RECORDING",
+        "running": ("move to go on" if glance.ticks else "move to begin") if recording.awaits_motion else "RECORDING",
     }.get(state, state)
     numbers = f"{glance.ticks} ticks  contact {100 * glance.contact_portion:.0f} %  speed {100 * reading.speed:.0f} %"
     doable = [(control, recording.does(control)) for control in Control]

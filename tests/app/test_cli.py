@@ -42,6 +42,8 @@ WRONG = [
     ("train", "x.h5", "m.npz", "--policy", "gmr"),
     ("train", "x.h5", "m.npz", "--nope"),
     ("train", "x.h5"),
+    ("train", "x.h5", "m.npz", "--intervention-weight", "0"),
+    ("record", "x.h5", "--correct", "m.npz"),
     ("word", "rgb.png"),
     ("word", "rgb.png", "depth.png", "--flat-pixels", "0"),
     ("word", "rgb.png", "depth.png", "--flat-pixels", "many"),

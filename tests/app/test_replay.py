@@ -256,8 +256,10 @@ def test_the_bench_is_as_the_file_says(make_episode):
 
 
 def test_state_replay_tells_each_moment(make_episode):
-    episode = make_episode()
+    episode = make_episode(disturbances=[DisturbanceRecord(name="push", first_tick=60, last_tick=69, plan=PLAN)])
     report = state_report(episode)
+    assert report["disturbances"] == [{"name": "push", "first_tick": 60, "last_tick": 69, "plan": PLAN}]
+    assert report["forces_n"] == [[0.0, 0.0, 0.0]] * len(episode.steps)
     columns = report["per_tick"]
     assert len(columns["phase"]) == len(episode.steps)
     assert all(len(column) == len(episode.steps) + 1 for key, column in columns.items() if key != "phase")
