@@ -34,8 +34,8 @@ from app.cli_options import (
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
-SourceName = Literal["scripted"]
-PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction"]
+SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
+PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
@@ -94,12 +94,24 @@ def record(
     seed: Seed = 0,
     descriptor: Descriptor = "word-axial",
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
+    disturb: Annotated[str, typer.Option(metavar="NAME", help="What the disturb button does to the cloth.")] = "push",
+    window: Annotated[
+        bool, typer.Option("--window/--no-window", help="Open the window where there is a display, or stay here.")
+    ] = True,
+    pad: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
+    ] = None,
+    correct: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL.npz", help="This model places; who moves the source takes over until they rest."),
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Record demonstrations.
 
-    FILE.h5 is appended to if it exists, and each episode is durable once it is printed.
+    FILE.h5 is appended to if it exists, and each episode is durable once it is printed. With a person as the source it
+    ends when --episodes are kept, or when the person quits; what was not to be kept is asked again.
     """
     checks.require_simulator()
     from app.record import record as run
@@ -115,6 +127,10 @@ def record(
         images=images,
         force=force,
         workers=workers,
+        disturb=disturb,
+        window=window,
+        mapping=pad,
+        correct=correct,
     )
 
 
@@ -123,8 +139,11 @@ def train(
     data: DataFile,
     model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
     policy: Annotated[
-        PolicyName, typer.Option(help="What to learn: with all of the cloth's state, none, or a part.")
+        PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
     ] = "gp-word",
+    intervention_weight: Annotated[
+        int, typer.Option(min=1, metavar="W", help="How often each tick counts in which a person corrected a policy.")
+    ] = 1,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -135,7 +154,7 @@ def train(
     """
     from app.train import train as run
 
-    run(data, model, policy=policy, force=force, seed=seed)
+    run(data, model, policy=policy, force=force, seed=seed, intervention_weight=intervention_weight)
 
 
 @cli.command()

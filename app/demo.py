@@ -35,7 +35,7 @@ from data.types import Episode, Task
 from perception.descriptors import DEFAULT
 from policy import model as model_files
 from policy import registry
-from policy.gp_model import GpModel
+from policy.learned import Field, Learned
 from sim.cloth import CLOTHS
 
 DEMONSTRATIONS = 10
@@ -71,11 +71,12 @@ def run_demo(
         for task in tasks:
             demonstrations = _demonstrate(out, task, cloth, seed, workers, progress)
             models = _learn(out, task, seed, workers, progress)
+            fields = {name: model for name, model in models.items() if isinstance(model, Field)}
             runs, lost = _place(task, cloth, models, episodes, seed, workers, progress)
             notes += [f"{task} task, {f.job.source}, seed {f.job.seed}: lost, {f.reason}" for f in lost]
             results.append(
                 TaskResults(
-                    task=task, cloth=cloth, demonstrations=demonstrations, models=models, runs=runs, draw=Drawer()
+                    task=task, cloth=cloth, demonstrations=demonstrations, models=fields, runs=runs, draw=Drawer()
                 )
             )
             _write_rows(out, [e for r in results for group in r.runs.values() for e in group])
@@ -134,7 +135,7 @@ def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, pro
         return tuple(sorted(session.episodes(images=False), key=lambda episode: episode.seed))
 
 
-def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -> dict[str, GpModel]:
+def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -> dict[str, Learned]:
     """Train both policies, each in a process of its own, or load what an earlier run trained."""
     path = out / f"demonstrations-{task}.h5"
     progress.phase(f"{task}: training", items=len(POLICIES))
@@ -142,7 +143,7 @@ def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -
     missing = [policy for policy, file in files.items() if not file.exists()]
     progress.advance(len(POLICIES) - len(missing))
     with fresh_processes(min(workers, len(POLICIES))) as pool:
-        futures: dict[str, Future[GpModel]] = {
+        futures: dict[str, Future[Learned]] = {
             policy: pool.schedule(_train, args=[path, policy, seed]) for policy in missing
         }
         for policy, future in futures.items():
@@ -153,15 +154,15 @@ def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -
     return {policy: model_files.load(file) for policy, file in files.items()}
 
 
-def _train(path: Path, policy: str, seed: int) -> GpModel:
+def _train(path: Path, policy: str, seed: int) -> Learned:
     return registry.train(policy, successful_demonstrations(path), seed=seed, provenance=provenance_now())
 
 
 def _place(
-    task: Task, cloth: str, models: dict[str, GpModel], episodes: int, seed: int, workers: int, progress: Progress
+    task: Task, cloth: str, models: dict[str, Learned], episodes: int, seed: int, workers: int, progress: Progress
 ) -> tuple[dict[str, tuple[Episode, ...]], list[JobFailure]]:
     """Every policy from the same starts, through the same disturbances; and the baseline with a rule for repair."""
-    entrants: list[tuple[GpModel, str | None]] = [(models[policy], None) for policy in POLICIES]
+    entrants: list[tuple[Learned, str | None]] = [(models[policy], None) for policy in POLICIES]
     entrants.append((models["gp-baseline"], RULE))
     jobs = [
         EpisodeJob(

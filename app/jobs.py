@@ -25,8 +25,8 @@ from perception.descriptors import DEFAULT
 from policy import flatten, registry
 from policy.base import Policy
 from policy.expert import ScriptedExpert
-from policy.gp_model import GpModel
 from policy.handover import Handover
+from policy.learned import Learned
 from sim.cloth import HELD_STRETCH
 from sim.placing import BenchSettings, Placing
 from sim.starts import Start
@@ -43,7 +43,7 @@ class EpisodeJob:
     task: Task
     cloth: str
     seed: int
-    model: GpModel | None = None
+    model: Learned | None = None
     """None: the scripted demonstrator, or the policy named by ``made``."""
     made: str | None = None
     """With a model: who takes over after the disturbance."""

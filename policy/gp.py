@@ -11,18 +11,17 @@ import math
 import platform
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from data.types import ACTION_NAMES, Episode, FloatArray, Provenance, action_size, actions_of
+from data.types import ACTION_NAMES, Episode, FloatArray, Provenance
 from policy.base import PolicyError
 from policy.features import FeatureLayout
-from policy.gp_model import STOP_THRESHOLD_M, STOP_TICKS, GpModel, Hyperparameters, held_out_errors, weights
-
-OUTPUT_SCALE_M = 0.01
-"""A usual move in one tick; the bounds below are relative to it. A constant, so that no data set changes the prior."""
+from policy.gp_model import GpModel, Hyperparameters, held_out_errors, weights
+from policy.learned import STOP_THRESHOLD_M, STOP_TICKS
+from policy.lessons import MIN_POINTS, OUTPUT_SCALE_M, lessons
 
 LENGTH_SCALE_BOUNDS = (0.1, 5.0)
 """In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
@@ -34,7 +33,6 @@ NOISE_BOUNDS = (1e-4, 0.25)
 
 MAX_POINTS = 1000
 """Training costs N^3; more points are thinned evenly over the ticks of all demonstrations."""
-MIN_POINTS = 10
 MAX_ITERATIONS = 200
 
 Progress = Callable[[int, int, str], None]
@@ -52,8 +50,12 @@ class FitOptions:
     max_points: int = MAX_POINTS
     stop_threshold_m: float = STOP_THRESHOLD_M
     stop_ticks: int = STOP_TICKS
+    intervention_weight: int = 1
+    """How often each tick counts in which a person corrected a policy: 4 is as if it had been shown four times."""
 
     def __post_init__(self) -> None:
+        if self.intervention_weight < 1:
+            raise PolicyError(f"intervention_weight is {self.intervention_weight}; it must be at least 1")
         if self.starts < 1 or self.max_points < MIN_POINTS:
             raise PolicyError(
                 f"starts is {self.starts} and max_points {self.max_points}; at least 1 and {MIN_POINTS} are needed"
@@ -75,17 +77,10 @@ def fit(
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
     """
     options = options or FitOptions()
-    shared = _common(episodes, layout)
-    kept = [[step for step in episode.steps if step.phase != "disturb"] for episode in episodes]
-    inputs = np.concatenate([layout.matrix(steps) for steps in kept])
-    size = action_size(layout.task)
-    targets = np.concatenate([actions_of(steps).reshape(-1, size) for steps in kept])
-    groups = np.repeat(np.arange(len(kept)), [len(steps) for steps in kept])
-    rows = thinned(len(inputs), options.max_points)
-    if len(rows) < MIN_POINTS:
-        raise PolicyError(f"the demonstrations hold {len(rows)} ticks; at least {MIN_POINTS} are needed")
-    scale = layout.scales()
-    scaled, outputs = inputs[rows] / scale, targets[rows] / OUTPUT_SCALE_M
+    taught = lessons(episodes, layout)
+    rows = thinned(len(taught.inputs), options.max_points)
+    inputs, groups, scale = taught.inputs[rows], taught.groups[rows], layout.scales()
+    scaled, outputs = inputs / scale, taught.targets[rows] / OUTPUT_SCALE_M
     hyper = fit_hyperparameters(
         scaled,
         outputs,
@@ -95,25 +90,20 @@ def fit(
         names=ACTION_NAMES[layout.task],
         progress=progress,
     )
-    errors = OUTPUT_SCALE_M * held_out_errors(scaled, outputs, groups[rows], hyper)
+    errors = OUTPUT_SCALE_M * held_out_errors(scaled, outputs, groups, hyper)
+    # Only what is predicted is weighted. Copies would tell the likelihood of a demonstrator without any noise.
+    copies = np.repeat(np.arange(len(rows)), np.where(taught.corrections[rows], options.intervention_weight, 1))
+    inputs, scaled, outputs = inputs[copies], scaled[copies], outputs[copies]
     return GpModel(
-        policy=policy,
-        layout=layout,
-        cloth=shared.cloth,
-        descriptor=shared.descriptor,
-        inputs=inputs[rows],
+        **taught.shared(policy, seed, provenance, "GPy"),
+        inputs=inputs,
         input_scale=scale,
         alpha=weights(scaled, outputs, hyper),
         output_scale_m=OUTPUT_SCALE_M,
         hyper=hyper,
-        tick_s=shared.tick_s,
         stop_threshold_m=options.stop_threshold_m,
         stop_ticks=options.stop_ticks,
-        seed=seed,
-        demonstrations=len(episodes),
-        points_available=len(inputs),
-        heldout_rmse_m=tuple(np.sqrt((errors**2).mean(axis=0))) if len(set(groups[rows])) > 1 else None,
-        provenance=_with_versions(provenance or Provenance()),
+        heldout_rmse_m=tuple(np.sqrt((errors**2).mean(axis=0))) if len(set(groups)) > 1 else None,
     )
 
 
@@ -205,28 +195,3 @@ def import_gpy() -> Any:
     for name in ("GP", "paramz", "GPy"):
         logging.getLogger(name).setLevel(logging.ERROR)
     return GPy
-
-
-def _common(episodes: Sequence[Episode], layout: FeatureLayout) -> Episode:
-    """One that has the cloth, the tick and the descriptor that all the demonstrations share."""
-    if not episodes:
-        raise PolicyError("there are no demonstrations to learn from; at least one is needed")
-    first = episodes[0]
-    for number, episode in enumerate(episodes):
-        if episode.task != layout.task:
-            raise PolicyError(f"demonstration {number} is of task {episode.task}; the model is for {layout.task}")
-        if episode.cloth != first.cloth:
-            raise PolicyError(f"demonstrations mix the cloths {first.cloth} and {episode.cloth}; choose one")
-        if episode.tick_s != first.tick_s:
-            raise PolicyError(f"demonstrations mix ticks of {first.tick_s} s and {episode.tick_s} s; choose one")
-        if episode.descriptor != first.descriptor:
-            raise PolicyError(
-                f"demonstrations mix the descriptors {first.descriptor} and {episode.descriptor}; choose one"
-            )
-    return first
-
-
-def _with_versions(provenance: Provenance) -> Provenance:
-    """Adds what the numbers of a fit depend on, where the caller has not said."""
-    own = {"python": platform.python_version(), "numpy": np.__version__, "GPy": str(import_gpy().__version__)}
-    return replace(provenance, versions={**own, **provenance.versions})

@@ -11,29 +11,25 @@ The prior mean of zero is what makes a prediction fade to "stay where you are" f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 from scipy.spatial.distance import cdist
 
-from data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, FloatArray, Provenance, action_size, frozen_array
-from perception.descriptors import DEFAULT, DESCRIPTORS
+from data.types import FloatArray, action_size
 from policy.base import PolicyError
-from policy.features import FeatureLayout
+from policy.learned import Field, freeze
 
 KERNELS = ("se", "se-ard")
 """Squared exponential with one length scale for all inputs (Eq. 4-6), or with one for each."""
 
 JITTER = 1e-8
 """Added to the noise variance wherever a kernel matrix is factorised, as GPy does, so that both agree to the digit."""
-
-STOP_THRESHOLD_M = 0.003
-STOP_TICKS = 8
-"""Norm of the output below which, and ticks for which, a policy has finished (chapter 4-2-3 gives no number)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +45,10 @@ class Hyperparameters:
     """(A,) variance of the demonstrator around the process."""
 
     def __post_init__(self) -> None:
-        _freeze(self, "length_scales", (None, None))
+        freeze(self, "length_scales", (None, None))
         outputs = len(self.length_scales)
-        _freeze(self, "variance", (outputs,))
-        _freeze(self, "noise", (outputs,))
+        freeze(self, "variance", (outputs,))
+        freeze(self, "noise", (outputs,))
         if self.kernel not in KERNELS:
             raise PolicyError(f"kernel is {self.kernel!r}; it must be one of {', '.join(KERNELS)}")
         for name in ("length_scales", "variance", "noise"):
@@ -63,16 +59,13 @@ class Hyperparameters:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GpModel:
+class GpModel(Field):
     """All that is needed to predict and to roll out; immutable, arrays read-only."""
 
-    policy: str
-    """Name of the policy that it makes, gp-word or gp-baseline."""
-    layout: FeatureLayout
-    cloth: str
-    """Cloth of the demonstrations."""
-    descriptor: str = DEFAULT
-    """What the observations' WORD was and is to be taken from."""
+    FORMAT: ClassVar[str] = "layflat-gp"
+    ARRAYS: ClassVar[tuple[str, ...]] = ("inputs", "input_scale", "alpha", "length_scales", "variance", "noise")
+    SETTINGS: ClassVar[Mapping[str, type]] = {"output_scale_m": float, "kernel": str}
+
     inputs: FloatArray
     """(N, D) in natural units: m, unit vector, portion."""
     input_scale: FloatArray
@@ -82,23 +75,12 @@ class GpModel:
     output_scale_m: float
     """What 1 means in the processes' outputs, in m per tick."""
     hyper: Hyperparameters
-    tick_s: float = TICK_S
-    action_limit_m: float = ACTION_LIMIT_M
-    stop_threshold_m: float = STOP_THRESHOLD_M
-    stop_ticks: int = STOP_TICKS
-    seed: int = 0
-    demonstrations: int = 1
-    points_available: int = 0
-    """Ticks of the demonstrations before thinning to N."""
-    heldout_rmse_m: tuple[float, ...] | None = None
-    """(A,) m per tick, error on a demonstration by a model without it; None where there was only one."""
-    provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
         outputs = action_size(self.layout.task)
-        _freeze(self, "inputs", (None, self.layout.size))
-        _freeze(self, "input_scale", (self.layout.size,))
-        _freeze(self, "alpha", (outputs, len(self.inputs)))
+        freeze(self, "inputs", (None, self.layout.size))
+        freeze(self, "input_scale", (self.layout.size,))
+        freeze(self, "alpha", (outputs, len(self.inputs)))
         if self.hyper.length_scales.shape != (outputs, self.layout.size):
             shape = self.hyper.length_scales.shape
             raise PolicyError(f"length_scales has shape {shape}; it must be {(outputs, self.layout.size)}")
@@ -106,32 +88,26 @@ class GpModel:
             raise PolicyError("a model needs at least one point")
         if not (self.input_scale > 0).all():
             raise PolicyError(f"input_scale holds {self.input_scale.min():g}; all must be above 0")
-        if self.heldout_rmse_m is not None:
-            object.__setattr__(self, "heldout_rmse_m", tuple(float(v) for v in self.heldout_rmse_m))
-            if len(self.heldout_rmse_m) != outputs:
-                raise PolicyError(f"heldout_rmse_m has {len(self.heldout_rmse_m)} values; it must have {outputs}")
-        self._check_numbers()
+        self._above_zero("output_scale_m")
+        super().__post_init__()
 
-    def _check_numbers(self) -> None:
-        for name in ("output_scale_m", "tick_s", "stop_threshold_m", "stop_ticks", "demonstrations"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise PolicyError(f"{name} is {value}; it must be above 0")
-        if not 0 < self.action_limit_m <= ACTION_LIMIT_M:
-            raise PolicyError(f"action_limit_m is {self.action_limit_m}; it must be in 0..{ACTION_LIMIT_M}")
-        if not (self.policy and self.cloth):
-            raise PolicyError("a model must name its policy and its cloth")
-        if self.descriptor not in DESCRIPTORS:
-            raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
+    def arrays(self) -> dict[str, FloatArray]:
+        own = {name: getattr(self, name) for name in ("inputs", "input_scale", "alpha")}
+        return own | {name: getattr(self.hyper, name) for name in ("length_scales", "variance", "noise")}
+
+    def settings(self) -> dict[str, Any]:
+        return {"output_scale_m": float(self.output_scale_m), "kernel": self.hyper.kernel}
+
+    @classmethod
+    def restored(cls, shared: Mapping[str, Any], arrays: Mapping[str, Any], settings: Mapping[str, Any]) -> GpModel:
+        known = {name: arrays[name] for name in ("length_scales", "variance", "noise")}
+        hyper = Hyperparameters(kernel=settings["kernel"], **known)
+        rest = {name: array for name, array in arrays.items() if name not in known}
+        return cls(**shared, **rest, hyper=hyper, output_scale_m=settings["output_scale_m"])
 
     @property
     def points(self) -> int:
         return len(self.inputs)
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of the A outputs."""
-        return ACTION_NAMES[self.layout.task]
 
     @property
     def prior_std(self) -> FloatArray:
@@ -149,9 +125,7 @@ class GpModel:
 
         The deviation includes the noise: it is that of what the demonstrator would do, as GPy's ``predict`` has it.
         """
-        queries = np.asarray(inputs, dtype=np.float64)
-        if queries.ndim != 2 or queries.shape[1] != self.layout.size:
-            raise PolicyError(f"inputs have shape {queries.shape}; they must be (M, {self.layout.size})")
+        queries = self._queries(inputs)
         scaled, points = queries / self.input_scale, self.inputs / self.input_scale
         mean = np.empty((len(queries), len(self.alpha)))
         variance = np.empty_like(mean)
@@ -206,11 +180,3 @@ def held_out_errors(
             rows = np.flatnonzero(labels == label)
             errors[rows, a] = np.linalg.solve(precision[np.ix_(rows, rows)], alpha[rows])
     return errors
-
-
-def _freeze(instance: object, name: str, shape: tuple[int | None, ...]) -> None:
-    """Replace an array field by a checked, read-only copy."""
-    try:
-        object.__setattr__(instance, name, frozen_array(getattr(instance, name), shape, name))
-    except ValueError as error:
-        raise PolicyError(str(error)) from error

@@ -1,8 +1,8 @@
 """Model files: an ``.npz`` of plain arrays with a JSON header; no pickle, no class names, nothing that is run.
 
-The file is a zip of ``header.npy`` (the JSON as bytes) and one ``.npy`` for each array of ``ARRAYS``, little-endian
-float64. The header holds a schema version, the shapes, all that rolling out needs, and a SHA-256 over itself and the
-arrays: it finds damage and careless edits; it is no signature.
+The file is a zip of ``header.npy`` (the JSON as bytes) and one ``.npy`` for each array that its method's model names,
+little-endian float64. The header holds the method's format, a schema version, the shapes, all that rolling out needs,
+and a SHA-256 over itself and the arrays: it finds damage and careless edits; it is no signature.
 """
 
 from __future__ import annotations
@@ -22,14 +22,17 @@ import numpy as np
 
 from data.types import FloatArray, Provenance
 from policy.base import PolicyError
+from policy.dmp_model import DmpModel
 from policy.features import FeatureLayout
-from policy.gp_model import GpModel, Hyperparameters
+from policy.gmr_model import GmrModel
+from policy.gp_model import GpModel
+from policy.learned import Learned
+from policy.nearest_model import NearestModel
 
-FORMAT = "layflat-gp"
+FORMATS: Mapping[str, type[Learned]] = {kind.FORMAT: kind for kind in (GpModel, GmrModel, DmpModel, NearestModel)}
+"""What a header may say, and the model that it stands for; a new method adds its own."""
 SCHEMA = 2
 """2: with the descriptor; in 1 WORD was computed otherwise, so that those models would see something else now."""
-ARRAYS = ("inputs", "input_scale", "alpha", "length_scales", "variance", "noise")
-"""Members of the file beside the header."""
 
 MAX_FILE_BYTES = 64 * 2**20
 MAX_HEADER_BYTES = 2**20
@@ -40,7 +43,6 @@ _SCALARS: Mapping[str, type] = {
     "policy": str,
     "cloth": str,
     "descriptor": str,
-    "output_scale_m": float,
     "tick_s": float,
     "action_limit_m": float,
     "stop_threshold_m": float,
@@ -49,15 +51,15 @@ _SCALARS: Mapping[str, type] = {
     "demonstrations": int,
     "points_available": int,
 }
-"""Fields of GpModel that are stored in the header as they are."""
+"""Fields of every model that are stored in the header as they are."""
 
 
-def save(model: GpModel, path: str | Path, *, force: bool = False) -> None:
+def save(model: Learned, path: str | Path, *, force: bool = False) -> None:
     """Write a model, whole or not at all; a file that exists is kept unless ``force``."""
     target = Path(path)
     if target.exists() and not force:
         raise PolicyError(f"{target} exists already; choose another name or force overwriting it")
-    arrays = _arrays_of(model)
+    arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in model.arrays().items()}
     header = _header_of(model, arrays)
     header["checksum"] = checksum(header, arrays)
     text = json.dumps(header, indent=1, sort_keys=True, allow_nan=False).encode()
@@ -70,7 +72,7 @@ def save(model: GpModel, path: str | Path, *, force: bool = False) -> None:
         raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
 
 
-def load(path: str | Path) -> GpModel:
+def load(path: str | Path) -> Learned:
     """Read a model; anything else than a whole, unchanged model file is refused with a PolicyError."""
     source = Path(path)
     try:
@@ -78,7 +80,9 @@ def load(path: str | Path) -> GpModel:
             raise PolicyError(f"it has {source.stat().st_size} bytes; a model has at most {MAX_FILE_BYTES}")
         with zipfile.ZipFile(source) as archive:
             header = _read_header(archive)
-            arrays = {name: _read_array(archive, name, header["shapes"][name]) for name in ARRAYS}
+            shapes, kind = header["shapes"], FORMATS[header["format"]]
+            names = [name for name in (*kind.ARRAYS, *kind.OPTIONAL) if name in shapes]
+            arrays = {name: _read_array(archive, name, shapes[name]) for name in names}
         if header["checksum"] != checksum(header, arrays):
             raise PolicyError("its checksum does not match: it was damaged or changed; train it again")
         return _model_of(header, arrays)
@@ -96,34 +100,21 @@ def load(path: str | Path) -> GpModel:
 
 
 def checksum(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256 over the header without its checksum, and each array's name and bytes."""
+    """SHA-256 over the header without its checksum, and each array's name and bytes, in the order of its model."""
     digest = hashlib.sha256()
     rest = {key: value for key, value in header.items() if key != "checksum"}
     digest.update(json.dumps(rest, sort_keys=True).encode())
-    for name in ARRAYS:
+    for name, array in arrays.items():
         digest.update(f"\0{name}\0".encode())
-        digest.update(np.ascontiguousarray(arrays[name], dtype="<f8").tobytes())
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
     return digest.hexdigest()
 
 
-def _arrays_of(model: GpModel) -> dict[str, FloatArray]:
-    values = {
-        "inputs": model.inputs,
-        "input_scale": model.input_scale,
-        "alpha": model.alpha,
-        "length_scales": model.hyper.length_scales,
-        "variance": model.hyper.variance,
-        "noise": model.hyper.noise,
-    }
-    return {name: np.ascontiguousarray(values[name], dtype="<f8") for name in ARRAYS}
-
-
-def _header_of(model: GpModel, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
+def _header_of(model: Learned, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
     provenance = model.provenance
     return {
-        "format": FORMAT,
+        "format": model.FORMAT,
         "schema": SCHEMA,
-        "kernel": model.hyper.kernel,
         "task": model.layout.task,
         "features": list(model.layout.names),
         "outputs": list(model.outputs),
@@ -136,27 +127,20 @@ def _header_of(model: GpModel, arrays: Mapping[str, FloatArray]) -> dict[str, An
             "command": provenance.command,
         },
         **{name: kind(getattr(model, name)) for name, kind in _SCALARS.items()},
+        **model.settings(),
     }
 
 
-def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> GpModel:
-    """A model from a checked header; GpModel checks what the numbers mean."""
-    told = header["heldout_rmse_m"]
-    model = GpModel(
-        layout=FeatureLayout(task=header["task"], names=tuple(header["features"])),
-        inputs=arrays["inputs"],
-        input_scale=arrays["input_scale"],
-        alpha=arrays["alpha"],
-        hyper=Hyperparameters(
-            kernel=header["kernel"],
-            length_scales=arrays["length_scales"],
-            variance=arrays["variance"],
-            noise=arrays["noise"],
-        ),
-        heldout_rmse_m=None if told is None else tuple(told),
-        provenance=Provenance(**header["provenance"]),
-        **{name: _scalar(header, name, kind) for name, kind in _SCALARS.items()},
-    )
+def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Learned:
+    """A model from a checked header; the model itself checks what the numbers mean."""
+    told, kind = header["heldout_rmse_m"], FORMATS[header["format"]]
+    shared = {
+        "layout": FeatureLayout(task=header["task"], names=tuple(header["features"])),
+        "heldout_rmse_m": None if told is None else tuple(told),
+        "provenance": Provenance(**header["provenance"]),
+        **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},
+    }
+    model = kind.restored(shared, arrays, {name: _scalar(header, name, of) for name, of in kind.SETTINGS.items()})
     if tuple(header["outputs"]) != model.outputs:
         raise PolicyError(f"its outputs are {header['outputs']}; task {model.layout.task} has {list(model.outputs)}")
     return model
@@ -170,19 +154,20 @@ def _scalar(header: Mapping[str, Any], name: str, kind: type) -> Any:
 
 
 def _read_header(archive: zipfile.ZipFile) -> dict[str, Any]:
-    members = {info.filename for info in archive.infolist()}
-    wanted = {f"{name}.npy" for name in ("header", *ARRAYS)}
-    if members != wanted:
-        odd = sorted(members ^ wanted)
-        raise PolicyError(f"it is not a model file: {odd[0]} is {'missing' if odd[0] in wanted else 'no part of one'}")
+    if "header.npy" not in archive.namelist():
+        raise PolicyError("it is not a model file: header.npy is missing")
     raw = _read_member(archive, "header", MAX_HEADER_BYTES, "|u1", None)
     header = json.loads(raw.tobytes().decode("utf-8"))
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise PolicyError(f"its header does not say format {FORMAT}")
+    if not isinstance(header, dict) or header.get("format") not in FORMATS:
+        raise PolicyError(f"its header does not say format {' or '.join(FORMATS)}")
     if header.get("schema") != SCHEMA:
         raise PolicyError(f"its schema is {header.get('schema')!r}; this version reads {SCHEMA}")
-    if set(header["shapes"]) != set(ARRAYS):
-        raise PolicyError(f"its header has the shapes of {sorted(header['shapes'])}; it must have {sorted(ARRAYS)}")
+    kind, told = FORMATS[header["format"]], set(header["shapes"])
+    if not set(kind.ARRAYS) <= told <= {*kind.ARRAYS, *kind.OPTIONAL}:
+        raise PolicyError(f"its header has the shapes of {sorted(told)}; it must have {sorted(kind.ARRAYS)}")
+    wanted = {f"{name}.npy" for name in ("header", *told)}
+    if odd := sorted({info.filename for info in archive.infolist()} ^ wanted):
+        raise PolicyError(f"it is not a model file: {odd[0]} is {'missing' if odd[0] in wanted else 'no part of one'}")
     return header
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from importlib import import_module
+from typing import Any, Protocol
 
 from data.types import Episode, Provenance, Task
 from policy.base import Policy, PolicyError
+from policy.dmp import DmpPolicy
+from policy.dmp_model import DmpModel
 from policy.features import input_set
-from policy.gp_model import GpModel
-from policy.gp_policy import GpPolicy
+from policy.field_policy import FieldPolicy
+from policy.learned import Field, Learned
 from policy.simple import Hold, RandomMoves, drag_rule, stretch_right
 
 
@@ -23,7 +26,8 @@ class Trainer(Protocol):
         seed: int = 0,
         provenance: Provenance | None = None,
         progress: Callable[[int, int, str], None] | None = None,
-    ) -> GpModel: ...
+        **options: Any,
+    ) -> Learned: ...
 
 
 MADE: Mapping[str, Callable[[Task], Policy]] = {
@@ -35,31 +39,44 @@ MADE: Mapping[str, Callable[[Task], Policy]] = {
 """Policies that need no training."""
 
 
-def _gp(name: str, inputs: str) -> Trainer:
-    def train_gp(
+def _learner(module: str, name: str, inputs: str) -> Trainer:
+    """``fit`` of a module of this package, on one input set."""
+
+    def train_one(
         episodes: Sequence[Episode],
         *,
         seed: int = 0,
         provenance: Provenance | None = None,
         progress: Callable[[int, int, str], None] | None = None,
-    ) -> GpModel:
-        from policy import gp  # here, not above: who only rolls out need not have what only training needs
-
+        **options: Any,
+    ) -> Learned:
         if not episodes:
             raise PolicyError("there are no demonstrations to learn from; at least one is needed")
+        # Imported here: who only rolls out need not have, nor wait for, what only training needs.
+        fit = import_module(f"policy.{module}").fit
         layout = input_set(episodes[0].task, inputs)
-        return gp.fit(episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress)
+        model: Learned = fit(
+            episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress, **options
+        )
+        return model
 
-    return train_gp
+    return train_one
 
 
 TRAINED: Mapping[str, Trainer] = {
-    "gp-word": _gp("gp-word", "all"),
-    "gp-baseline": _gp("gp-baseline", "position"),
-    "gp-contact": _gp("gp-contact", "position+contact"),
-    "gp-direction": _gp("gp-direction", "position+word"),
+    name: _learner(module, name, inputs)
+    for name, module, inputs in (
+        ("gp-word", "gp", "all"),
+        ("gp-baseline", "gp", "position"),
+        ("gp-contact", "gp", "position+contact"),
+        ("gp-direction", "gp", "position+word"),
+        ("gmr", "gmr", "all"),
+        ("dmp", "dmp", "position"),
+        ("nearest", "nearest_model", "all"),
+    )
 }
-"""Policies that are learned from demonstrations: the thesis's two, and the ablations of what they see in between."""
+"""Policies that are learned from demonstrations: the thesis's two, the ablations of what they see in between, and other
+methods (section 5-3). Each is a module with a ``fit`` and what it may see."""
 
 TRAINABLE = tuple(TRAINED)
 
@@ -80,15 +97,27 @@ def train(
     seed: int = 0,
     provenance: Provenance | None = None,
     progress: Callable[[int, int, str], None] | None = None,
-) -> GpModel:
-    """A model of a trainable policy."""
+    intervention_weight: int = 1,
+) -> Learned:
+    """A model of a trainable policy; ``intervention_weight`` is as in policy.gp.FitOptions, for Gaussian processes."""
     if name not in TRAINED:
         raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE)}")
-    return TRAINED[name](episodes, seed=seed, provenance=provenance, progress=progress)
+    options: dict[str, Any] = {}
+    if intervention_weight != 1:
+        if not name.startswith("gp-"):
+            raise PolicyError(f"{name} cannot weight what a person corrected; the policies that can begin with gp-")
+        from policy.gp import FitOptions
+
+        options["options"] = FitOptions(intervention_weight=intervention_weight)
+    return TRAINED[name](episodes, seed=seed, provenance=provenance, progress=progress, **options)
 
 
-def from_model(model: GpModel) -> Policy:
+def from_model(model: Learned) -> Policy:
     """The policy that a trained model makes."""
     if model.policy not in TRAINED:
         raise PolicyError(f"the model's policy {model.policy!r} is unknown; it must be one of {', '.join(TRAINABLE)}")
-    return GpPolicy(model)
+    if isinstance(model, DmpModel):
+        return DmpPolicy(model)
+    if isinstance(model, Field):
+        return FieldPolicy(model)
+    raise PolicyError(f"there is no policy for a {type(model).__name__}")

@@ -262,11 +262,19 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
         ),
         DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
         DisturbanceSpec(
-            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=8.0, scale=(0.9, 1.1), time_limit_s=0.5
+            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=8.0, scale=(1.0, 1.5), time_limit_s=0.5
         ),
         DisturbanceSpec(
-            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=8.0, scale=(0.9, 1.1), either_side=True,
+            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=8.0, scale=(1.4, 2.1), either_side=True,
             time_limit_s=0.5,
+        ),
+        DisturbanceSpec(
+            name="tug", kind="pull", along=(0.0, 0.3), heading_deg=(30.0, 80.0), path=((0.0, 0.06), (0.25, 0.06)),
+            scale=(0.8, 1.2), either_side=True,
+        ),
+        DisturbanceSpec(
+            name="lift-aside", kind="lift-drop", along=(0.1, 0.4), heading_deg=(-45.0, 45.0),
+            path=((0.0, 0.15), (0.12, 0.18)), scale=(0.8, 1.2), speed_m_s=0.3, force_weights=4.0, time_limit_s=2.0,
         ),
         DisturbanceSpec(
             name="fold-corner", kind="fold", along=(0.0, 0.0), across=(0.0, 0.0), patch=(2, 2),

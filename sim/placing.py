@@ -20,7 +20,8 @@ from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
 from sim.pull import Pull, picked_node
-from sim.starts import STARTS, Start
+from sim.starts import STARTS as STARTS
+from sim.starts import Start as Start
 from sim.world import GRAVITY_M_S2, SimError, World
 
 DISTURBANCE_STREAM = 0xD157

@@ -38,8 +38,9 @@ SWING_STEP_M = (0.016, 0.020)
 """Forth and back in one tick, drawn: 0.2 m/s is what nobody should move a hanging cloth with."""
 SWING_TICKS = (5, 4)
 """Forth for half the cloth's period, then back: it swings to the front while its holder goes the other way."""
-SWING_CLEARANCE_M = (0.0, 0.03)
-"""Where the free edge of the cloth would be above the table in the end if it hung straight, drawn."""
+SWING_CLEARANCE_M = (0.0, 0.012)
+"""How high above the table the free edge would be in the end if the cloth hung straight, drawn. From 0.02 m upwards it
+swings back before it touches, and ends flat."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay")
+COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "reproduce")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -42,6 +42,8 @@ WRONG = [
     ("train", "x.h5", "m.npz", "--policy", "gmr"),
     ("train", "x.h5", "m.npz", "--nope"),
     ("train", "x.h5"),
+    ("train", "x.h5", "m.npz", "--intervention-weight", "0"),
+    ("record", "x.h5", "--correct", "m.npz"),
     ("word", "rgb.png"),
     ("word", "rgb.png", "depth.png", "--flat-pixels", "0"),
     ("word", "rgb.png", "depth.png", "--flat-pixels", "many"),
@@ -54,6 +56,10 @@ WRONG = [
     ("flatten", "--video", "x.mp4"),
     ("flatten", "--strip", "x.jpg"),
     ("flatten", "extra"),
+    ("reproduce",),
+    ("reproduce", "--out", "x", "--seeds", "0"),
+    ("reproduce", "--out", "x", "--only", "nonsense"),
+    ("reproduce", "--out", "x", "--workers", "0"),
     ("doctor", "extra"),
     ("data",),
     ("data", "nonsense"),
@@ -91,7 +97,7 @@ def test_help_of_every_command(command, capsys):
 
 def test_choices_are_those_of_the_packages():
     assert set(get_args(cli.TaskName)) == set(TASKS)
-    assert set(get_args(cli.PolicyName)) <= set(TRAINABLE)
+    assert set(get_args(cli.PolicyName)) == set(TRAINABLE)
     assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
     assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)
 

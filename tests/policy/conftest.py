@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from data.types import Episode, Observation, Step, Task, Truth, action_size
+from policy import registry
 from policy.features import input_set
 from policy.gp_model import GpModel, Hyperparameters, weights
+from policy.learned import Learned
+
+GP_INPUTS = {
+    "gp-word": "all",
+    "gp-baseline": "position",
+    "gp-contact": "position+contact",
+    "gp-direction": "position+word",
+}
 
 
 def _observe(
@@ -87,6 +98,36 @@ def _model(task: Task = "hanger", inputs: str = "all", points: int = 25, seed: i
         points_available=points,
         seed=seed,
     )
+
+
+def _taught(task: Task) -> list[Episode]:
+    """Three demonstrations of a way down and forward, as long as their seeds say."""
+    episodes = []
+    for seed in range(3):
+        rng, ticks = np.random.default_rng(seed), 45 + 5 * seed
+        share = np.linspace(0.0, 1.0, ticks + 1)
+        seen = [
+            _observe(0.4 * s + rng.normal(0, 1e-3), 0.4 * (1 - s), contact=s, word=(np.cos(s), np.sin(s)))
+            for s in share
+        ]
+        move = np.array([0.4, -0.4] if task == "hanger" else [0.4, 0.0, -0.4] * 2) / ticks
+        actions = move + rng.normal(0, 3e-4, (ticks, len(move)))
+        episode = _episode(seen[:-1], actions, task=task, seed=seed)
+        episodes.append(replace(episode, final_observation=seen[-1]))
+    return episodes
+
+
+@pytest.fixture(scope="session")
+def learned_of() -> Callable[[str, Task], Learned]:
+    """A model of any trainable policy by name; those of Gaussian processes without a fit, which takes a second each."""
+
+    @cache
+    def made(name: str, task: Task) -> Learned:
+        if name in GP_INPUTS:
+            return _model(task, GP_INPUTS[name], policy=name)
+        return registry.train(name, _taught(task))
+
+    return made
 
 
 @pytest.fixture(scope="session")

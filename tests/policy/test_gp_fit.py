@@ -16,10 +16,11 @@ from data.types import Episode
 from policy import gp, registry
 from policy.base import PolicyError
 from policy.features import input_set
+from policy.field_policy import FieldPolicy
 from policy.gp_model import JITTER
-from policy.gp_policy import GpPolicy
 from policy.stopping import AnyOf
 
+GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
 ROOT = Path(__file__).parents[2]
 
 
@@ -65,7 +66,7 @@ def drags(observe, episode_of) -> list[Episode]:
 
 @pytest.fixture(scope="module")
 def models(drags):
-    return {name: registry.train(name, drags) for name in registry.TRAINABLE}
+    return {name: registry.train(name, drags) for name in GPS}
 
 
 @pytest.mark.parametrize("ard", [False, True])
@@ -179,7 +180,7 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
     for name, model in models.items():
         for added_m in (0.0, 0.045):
             # This demonstrator's slowest move is 3 mm; the threshold stays well below it.
-            policy = GpPolicy(replace(model, stop_threshold_m=0.001), guard=AnyOf())
+            policy = FieldPolicy(replace(model, stop_threshold_m=0.001), guard=AnyOf())
             policy.reset(0)
             world = DragWorld(observe, 0.06, 0.0, 1)
             assert _run(policy, world) == "threshold"
@@ -193,7 +194,7 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
     assert left["gp-word", 0.045] < 0.2 * 0.045 < left["gp-baseline", 0.045]
 
 
-def _run(policy: GpPolicy, world: DragWorld, ticks: int = 80) -> str | None:
+def _run(policy: FieldPolicy, world: DragWorld, ticks: int = 80) -> str | None:
     for _ in range(ticks):
         decision = policy.act(world.see())
         if decision.stop is not None:

@@ -9,8 +9,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from data.types import DataError
 from policy.base import PolicyError
+from policy.field_policy import FieldPolicy
 from policy.gp_model import JITTER, GpModel, Hyperparameters, held_out_errors, weights
-from policy.gp_policy import GpPolicy
 from policy.stopping import AnyOf
 
 
@@ -111,16 +111,16 @@ def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
 
 def test_an_output_below_the_threshold_moves_nothing(model_of, observe):
     """Chapter 4-3-3: the robot stands still, so what is regained after a stop was commanded, not crept."""
-    policy = GpPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_ticks=50))
+    policy = FieldPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_ticks=50))
     assert all(not policy.act(observe(0.1, 0.1, contact=c)).action.any() for c in (0.2, 0.6, 1.0))
-    keen = GpPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
+    keen = FieldPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
     assert keen.act(observe(0.1, 0.1, contact=0.5)).action.any()
 
 
 def test_output_is_clipped_to_the_action_limit(model_of, observe):
     model = model_of()
     wild = replace(model, alpha=1e4 * model.alpha)
-    policy = GpPolicy(wild, guard=AnyOf())
+    policy = FieldPolicy(wild, guard=AnyOf())
     raw, _ = wild.predict([wild.layout.vector(observe())])
     assert np.abs(raw).max() > wild.action_limit_m
     np.testing.assert_allclose(policy.act(observe()).action, np.clip(raw[0], -wild.action_limit_m, wild.action_limit_m))
@@ -128,7 +128,7 @@ def test_output_is_clipped_to_the_action_limit(model_of, observe):
 
 def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, observe):
     model = model_of()
-    policy = GpPolicy(model, guard=AnyOf())
+    policy = FieldPolicy(model, guard=AnyOf())
     policy.reset(0)
     lost = observe(-30.0, 30.0)
     for _ in range(2):
@@ -140,9 +140,9 @@ def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, o
 def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):
     model = model_of(inputs="position")
     eager = replace(model, stop_threshold_m=1e-12)
-    stops = [GpPolicy(eager).act(observe(0.8, contact=0.9)).stop]
+    stops = [FieldPolicy(eager).act(observe(0.8, contact=0.9)).stop]
     assert stops == ["tick_limit"]
-    policy = GpPolicy(eager)
+    policy = FieldPolicy(eager)
     assert "converged" in [policy.act(observe(0.3, contact=0.9)).stop for _ in range(15)]
 
 

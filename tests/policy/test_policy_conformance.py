@@ -11,41 +11,40 @@ from data.types import ACTION_LIMIT_M, STOPS, TASKS, Observation, Truth, action_
 from policy import registry
 from policy.base import Policy
 from policy.expert import ScriptedExpert
+from policy.field_policy import FieldPolicy
 from policy.flatten import CONTROLLERS, controller
-from policy.gp_policy import GpPolicy
 from policy.handover import Handover
 from policy.recorded import Recorded
-
-LEARNED = {
-    "gp-word": "all",
-    "gp-baseline": "position",
-    "gp-contact": "position+contact",
-    "gp-direction": "position+word",
-}
-
+from policy.takeover import Takeover
 
 HANDOVER = "handover"
+TAKEOVER = "takeover"
 EXPERT = "scripted"
 RECORDED = "recorded"
 FLATTEN = "flatten-"
-PLACERS = [(name, task) for name in (*registry.MADE, *LEARNED, HANDOVER, EXPERT, RECORDED) for task in TASKS]
+OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED)
+PLACERS = [(name, task) for name in (*registry.MADE, *registry.TRAINABLE, *OTHERS) for task in TASKS]
 
 
 @pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
-def policy(request, model_of, make_episode) -> Policy:
+def policy(request, model_of, learned_of, make_episode) -> Policy:
     name, task = request.param
     if name == RECORDED:
         return Recorded(make_episode(task, ticks=50))
     if name.startswith(FLATTEN):
         return controller(name.removeprefix(FLATTEN))
     if name == HANDOVER:
-        first = GpPolicy(model_of(task, "position"))
+        first = FieldPolicy(model_of(task, "position"))
         return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
+    if name == TAKEOVER:
+        return Takeover(FieldPolicy(model_of(task, "position")), registry.make("random", task), lambda: "lead")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
         truth = Truth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
         return ScriptedExpert(task, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: truth)
-    return GpPolicy(model_of(task, LEARNED[name])) if name in LEARNED else registry.make(name, task)
+    if name in registry.TRAINABLE:
+        return registry.from_model(learned_of(name, task))
+    return registry.make(name, task)
 
 
 def placing(observe: Callable[..., Observation], ticks: int = 40) -> list[Observation]:

@@ -66,7 +66,7 @@ def test_random_moves_beyond_the_action_limit_are_refused(limit_m):
         RandomMoves("hanger", limit_m=limit_m)
 
 
-@pytest.mark.parametrize("name", ["gmr", "dmp", "GP-WORD", ""])
+@pytest.mark.parametrize("name", ["GP-WORD", "gp", ""])
 def test_unknown_trainable_policies_list_the_known(name):
     with pytest.raises(PolicyError, match="gp-word, gp-baseline"):
         registry.train(name, [])

@@ -1,4 +1,4 @@
-"""Rolls a trained model out: each tick, the mean of the processes, until the output has faded."""
+"""Rolls a trained field out: each tick, the mean of what it predicts, until the output has faded."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from data.types import Observation
 from policy.base import Decision
-from policy.gp_model import GpModel
+from policy.learned import Field, Learned
 from policy.simple import X_LIMIT_M
 from policy.stopping import AnyOf, BelowThreshold, NoContactGain, StopRule, XLimit
 
@@ -22,21 +22,24 @@ def default_guard() -> StopRule:
     return AnyOf(XLimit(X_LIMIT_M), NoContactGain(ticks=NO_GAIN_TICKS, from_contact=NO_GAIN_FROM_CONTACT))
 
 
-class GpPolicy:
-    """Gaussian processes in the loop; thesis, chapter 4-2-3.
+def stop_rule(model: Learned, guard: StopRule | None) -> StopRule:
+    """When a trained model has finished: its output has faded, or the guard (None: the default one) says so."""
+    faded = BelowThreshold(threshold_m=model.stop_threshold_m, ticks=model.stop_ticks)
+    return AnyOf(faded, default_guard() if guard is None else guard)
+
+
+class FieldPolicy:
+    """Gaussian processes, or another field, in the loop; thesis, chapter 4-2-3.
 
     Stops with ``threshold`` when the norm of the output has stayed below the model's threshold for the model's number
     of ticks, or when its guard says so. ``guard=AnyOf()`` is the thesis's method, which has none.
     """
 
-    def __init__(self, model: GpModel, *, guard: StopRule | None = None) -> None:
+    def __init__(self, model: Field, *, guard: StopRule | None = None) -> None:
         self.model = model
         self.name = model.policy
         self.task = model.layout.task
-        self._stop = AnyOf(
-            BelowThreshold(threshold_m=model.stop_threshold_m, ticks=model.stop_ticks),
-            default_guard() if guard is None else guard,
-        )
+        self._stop = stop_rule(model, guard)
 
     def reset(self, seed: int) -> None:
         self._stop.reset()

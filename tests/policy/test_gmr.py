@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from policy import gmr
+from policy.base import PolicyError
+from policy.features import input_set
+from policy.gmr_model import GmrModel
+
+SCALE_M = 0.01
+
+
+def model_with(weights, means, covariances, inputs: str = "all", task: str = "hanger") -> GmrModel:
+    layout = input_set(task, inputs)
+    return GmrModel(
+        policy="gmr",
+        layout=layout,
+        cloth="towel",
+        input_scale=layout.scales(),
+        output_scale_m=SCALE_M,
+        weights=weights,
+        means=means,
+        covariances=covariances,
+    )
+
+
+def random_covariance(rng: np.random.Generator, size: int) -> np.ndarray:
+    root = rng.normal(size=(size, size))
+    return root @ root.T + 0.1 * np.eye(size)
+
+
+def conditional(mean: np.ndarray, covariance: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The textbook's formula, by inversion."""
+    d = len(x)
+    gain = covariance[d:, :d] @ np.linalg.inv(covariance[:d, :d])
+    return mean[d:] + gain @ (x - mean[:d]), np.diag(covariance[d:, d:] - gain @ covariance[:d, d:])
+
+
+def test_one_component_is_the_gaussian_conditional():
+    rng = np.random.default_rng(0)
+    mean, covariance = rng.normal(size=7), random_covariance(rng, 7)
+    model = model_with([1.0], [mean], [covariance])
+    for _ in range(20):
+        x = rng.normal(size=5) * 3
+        (got,), (std,) = model.predict([x * model.input_scale])
+        want, variance = conditional(mean, covariance, x)
+        np.testing.assert_allclose(got / SCALE_M, want, atol=1e-10)
+        np.testing.assert_allclose((std / SCALE_M) ** 2, variance, atol=1e-10)
+
+
+def test_separated_components_answer_alone_each_where_it_is():
+    rng = np.random.default_rng(1)
+    means = rng.normal(size=(2, 7))
+    means[1, :5] += 60.0
+    covariances = [random_covariance(rng, 7) for _ in range(2)]
+    model = model_with([0.2, 0.8], means, covariances)
+    for mean, covariance in zip(means, covariances, strict=True):
+        x = mean[:5] + 0.3
+        (got,), (std,) = model.predict([x * model.input_scale])
+        want, variance = conditional(mean, covariance, x)
+        np.testing.assert_allclose(got / SCALE_M, want, atol=1e-9)
+        np.testing.assert_allclose((std / SCALE_M) ** 2, variance, atol=1e-9)
+
+
+def test_density_of_the_output_is_that_of_the_joint_over_that_of_the_input():
+    """Mean and deviation by integrating p(x, y) / p(x) on a grid, with scipy's own densities."""
+    rng = np.random.default_rng(2)
+    weights = np.array([0.5, 0.3, 0.2])
+    means, covariances = rng.normal(size=(3, 4)), np.array([random_covariance(rng, 4) for _ in range(3)])
+    model = model_with(weights, means, covariances, inputs="position")
+    x = np.array([0.4, -0.2])
+    y = np.linspace(-25, 25, 20001)
+    density = sum(
+        w
+        * multivariate_normal(m[[0, 1, 2]], c[np.ix_([0, 1, 2], [0, 1, 2])]).pdf(
+            np.column_stack([np.broadcast_to(x, (len(y), 2)), y])
+        )
+        for w, m, c in zip(weights, means, covariances, strict=True)
+    )
+    density /= density.sum()
+    (got,), (std,) = model.predict([x * model.input_scale])
+    mean = (density * y).sum()
+    assert got[0] / SCALE_M == pytest.approx(mean, abs=1e-6)
+    assert std[0] / SCALE_M == pytest.approx(np.sqrt((density * (y - mean) ** 2).sum()), abs=1e-6)
+
+
+def test_far_from_all_components_the_answer_is_finite_and_goes_on_along_a_plane():
+    rng = np.random.default_rng(3)
+    model = model_with([0.5, 0.5], rng.normal(size=(2, 7)), [random_covariance(rng, 7) for _ in range(2)])
+    away = np.ones(5) * model.input_scale
+    mean, std = model.predict([d * away for d in (1000.0, 2000.0, 3000.0)])
+    assert np.isfinite(mean).all()
+    assert np.isfinite(std).all()
+    np.testing.assert_allclose(mean[2] - mean[1], mean[1] - mean[0], rtol=1e-9)
+
+
+def test_the_mixture_finds_clusters_that_are_known():
+    """Expectation maximisation against the truth: means, weights and covariances of two far clusters."""
+    rng = np.random.default_rng(4)
+    truth = [random_covariance(rng, 3) for _ in range(2)]
+    joint = np.vstack(
+        [rng.multivariate_normal([0, 0, 0], truth[0], 6000), rng.multivariate_normal([40, 0, 0], truth[1], 2000)]
+    )
+    mixture = gmr.mixture_of(joint, 2, seed=0)
+    order = np.argsort(mixture.means_[:, 0])
+    np.testing.assert_allclose(mixture.weights_[order], [0.75, 0.25], atol=1e-6)
+    for component, rows in zip(order, (joint[:6000], joint[6000:]), strict=True):
+        np.testing.assert_allclose(mixture.means_[component], rows.mean(axis=0), atol=1e-6)
+        want = np.cov(rows.T, bias=True) + gmr.REGULARISATION * np.eye(3)
+        np.testing.assert_allclose(mixture.covariances_[component], want, atol=1e-6)
+
+
+def test_two_ways_of_acting_need_two_components(observe, episode_of):
+    """Forward while high, down while low: one plane cannot be both, and the criterion sees it."""
+    rng = np.random.default_rng(5)
+    heights = np.concatenate([rng.uniform(0.3, 0.4, 60), rng.uniform(0.0, 0.1, 60)])
+    seen = [observe(rng.uniform(0, 0.1), z) for z in heights]
+    moves = np.where(heights[:, None] > 0.2, [0.008, 0.0], [0.0, -0.008]) + rng.normal(0, 2e-4, (120, 2))
+    model = gmr.fit([episode_of(seen, moves)], input_set("hanger", "position"), policy="gmr")
+    assert model.points >= 2
+    high, low = model.predict([[0.05, 0.35], [0.05, 0.05]])[0]
+    np.testing.assert_allclose([high, low], [[0.008, 0.0], [0.0, -0.008]], atol=5e-4)
+    assert model.heldout_rmse_m is None
+
+
+def test_same_seed_same_model(observe, episode_of):
+    rng = np.random.default_rng(6)
+    seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
+    episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))
+    first, again = (gmr.fit([episode], input_set("hanger", "all"), policy="gmr", seed=3) for _ in range(2))
+    np.testing.assert_array_equal(first.covariances, again.covariances)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"weights": np.array([0.5, 0.6])}, "sum to 1"),
+        ({"weights": np.array([1.5, -0.5])}, "above 0"),
+        ({"means": np.zeros((2, 6))}, "means has shape"),
+        ({"covariances": np.zeros((2, 7, 7))}, "not positive"),
+        ({"output_scale_m": 0.0}, "output_scale_m is 0"),
+        ({"input_scale": np.zeros(5)}, "above 0"),
+    ],
+)
+def test_a_mixture_that_makes_no_sense_is_refused(changes, message):
+    good = model_with([0.5, 0.5], np.zeros((2, 7)), [np.eye(7)] * 2)
+    with pytest.raises(PolicyError, match=message):
+        replace(good, **changes)

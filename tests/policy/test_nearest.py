@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.neighbors import KNeighborsRegressor
+
+from policy import nearest_model
+from policy.base import PolicyError
+from policy.features import input_set
+
+
+@pytest.fixture
+def taught(observe, episode_of):
+    rng = np.random.default_rng(0)
+
+    def episode(seed: int):
+        seen = [observe(*rng.uniform(0, 0.4, 2), contact=c) for c in rng.uniform(0, 1, 25)]
+        return episode_of(seen, rng.normal(0, 0.005, (25, 2)), seed=seed)
+
+    return [episode(seed) for seed in range(3)]
+
+
+def test_is_scikit_learns_nearest_neighbour(taught):
+    layout = input_set("hanger", "all")
+    model = nearest_model.fit(taught, layout, policy="nearest")
+    inputs = np.concatenate([layout.matrix(e.steps) for e in taught]) / layout.scales()
+    actions = np.array([step.action for e in taught for step in e.steps])
+    queries = np.random.default_rng(1).uniform(-0.2, 0.6, (50, 5))
+    mean, std = model.predict(queries)
+    oracle = KNeighborsRegressor(1).fit(inputs, actions)
+    np.testing.assert_array_equal(mean, oracle.predict(queries / layout.scales()))
+    assert (std >= nearest_model.LEAST_STD_M).all()
+
+
+def test_a_demonstrated_tick_is_answered_with_its_action(taught):
+    layout = input_set("hanger", "all")
+    model = nearest_model.fit(taught, layout, policy="nearest")
+    for step in taught[1].steps:
+        np.testing.assert_array_equal(model.predict([layout.vector(step.observation)])[0][0], step.action)
+
+
+def test_held_out_error_is_that_of_the_others_ticks(taught):
+    layout = input_set("hanger", "all")
+    errors = []
+    for k, episode in enumerate(taught):
+        rest = nearest_model.fit([e for e in taught if e is not taught[k]], layout, policy="nearest")
+        errors.append(np.array([s.action for s in episode.steps]) - rest.predict(layout.matrix(episode.steps))[0])
+    model = nearest_model.fit(taught, layout, policy="nearest")
+    np.testing.assert_allclose(model.heldout_rmse_m, np.sqrt((np.concatenate(errors) ** 2).mean(axis=0)))
+    assert nearest_model.fit(taught[:1], layout, policy="nearest").heldout_rmse_m is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"actions": np.zeros((3, 2))}, "actions has shape"),
+        ({"input_scale": np.zeros(5)}, "above 0"),
+        ({"inputs": np.zeros((0, 5)), "actions": np.zeros((0, 2))}, "at least one point"),
+    ],
+)
+def test_a_model_that_makes_no_sense_is_refused(taught, changes, message):
+    model = nearest_model.fit(taught, input_set("hanger", "all"), policy="nearest")
+    with pytest.raises(PolicyError, match=message):
+        replace(model, **changes)
