@@ -106,7 +106,12 @@ class Batch:
             self._ledger.sort(asked.order(self._asked))
             rows = read_rows(self._out / EPISODES)
             if len(rows):
-                provenance = {**vars(provenance_now()), "git": git_revision(), "seeds": self._asked["seeds"], "asked": BATCH}
+                provenance = {
+                    **vars(provenance_now()),
+                    "git": git_revision(),
+                    "seeds": self._asked["seeds"],
+                    "asked": BATCH,
+                }
                 content = {**summary_of(rows), "episodes": as_rows(rows), "provenance": provenance}
                 write_json(self._out / SUMMARY, content)
 
