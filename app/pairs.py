@@ -14,6 +14,8 @@ from data.types import FLAT_AREA
 
 PAIR = ("task", "cloth", "seed", "disturbance")
 """What two episodes share that are compared."""
+LEAST = 6
+"""Pairs below which nothing is said: five that all point the same way do so by chance in one of 16."""
 TIE = 5e-4
 """Contact portions that are nearer than this are the same: a twentieth of a point."""
 
@@ -32,8 +34,11 @@ class Paired:
 
     @property
     def clear(self) -> bool:
-        """Whether the interval leaves 0 out."""
-        return bool(self.low > 0 or self.high < 0)
+        """Whether there are enough pairs, and the interval leaves 0 out."""
+        return self.n >= LEAST and bool(self.low > 0 or self.high < 0)
+
+
+NO_PAIRS = Paired(n=0, mean=float("nan"), low=float("nan"), high=float("nan"), better=0, worse=0)
 
 
 def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> Paired:
@@ -41,8 +46,7 @@ def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] =
     both = a.merge(b, on=list(on), suffixes=("_a", "_b"))
     values = (both[f"{column}_a"].astype(float) - both[f"{column}_b"].astype(float)).dropna().to_numpy(float)
     if not len(values):
-        nan = float("nan")
-        return Paired(n=0, mean=nan, low=nan, high=nan, better=0, worse=0)
+        return NO_PAIRS
     low, high = confidence_interval(values)
     return Paired(
         n=len(values),

@@ -9,17 +9,40 @@ from app.summary import statistics
 from app.tables import Table, interval, order, percent, points, ratio
 
 GROUP_HEADER = (
-    "policy", "n", "contact placed", "contact final", "min,\u00a0max", "95\u00a0%\u00a0CI", "regained (points)", "95\u00a0%\u00a0CI", "mesh contact",
-    "flat area", "flat at the end", "Wilson 95\u00a0%",
-)  # fmt: skip
+    "policy",
+    "n",
+    "contact placed",
+    "contact final",
+    "min,\u00a0max",
+    "95\u00a0%\u00a0CI",
+    "regained (points)",
+    "95\u00a0%\u00a0CI",
+    "mesh contact",
+    "flat area",
+    "flat at the end",
+    "Wilson 95\u00a0%",
+)
 GROUP_NOTE = (
-    "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact and flat area (of the area on the "
-    "table, reverse side negative) are the simulator's, all three at the end. Intervals of means are 95 % bootstrap intervals over episodes; flat counts "
+    "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact "
+    "and flat area (of the area on the "
+    "table, reverse side negative) are the simulator's, all three at the end. Intervals of means are 95 % bootstrap "
+    "intervals over episodes; flat counts "
     "flat area above 0.97, and an episode that diverged or crashed as not flat."
 )
 EVERY_HEADER = (
-    "policy", "seed", "start", "placed", "disturbed", "final", "regained", "mesh contact", "flat area", "ticks", "stopped by", "wall",
-)  # fmt: skip
+    "policy",
+    "seed",
+    "start",
+    "placed",
+    "disturbed",
+    "final",
+    "regained",
+    "mesh contact",
+    "flat area",
+    "ticks",
+    "stopped by",
+    "wall",
+)
 FAILED_HEADER = ("policy", "what", "episodes", "of", "seeds", "why")
 SEEDS_SHOWN = 12
 

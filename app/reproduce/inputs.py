@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app.pairs import Paired
+from app.pairs import LEAST, Paired
 from app.report import charts
 from app.report.blocks import Block, Figure, TableBlock, Text
 from app.report.rows import policies_of
@@ -24,8 +24,8 @@ from app.reproduce.words import (
     mean_cell,
     undisturbed,
     values,
-)  # fmt: skip
-from app.tables import Table
+)
+from app.tables import Table, interval, points
 from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import TASKS, Task
 
@@ -46,19 +46,29 @@ PAIRS = (
 )
 WORD_PAIRS = tuple(pair for pair in PAIRS if pair[2].startswith("WORD"))
 HEADER = (
-    "policy", "sees", "n", "placed [95\u00a0%\u00a0CI]", "flat after placing", "regained, points [95\u00a0%\u00a0CI]",
-    "flat area after repair (min)", "flat after repair", "lost",
-)  # fmt: skip
-PAIRED_HEADER = ("adds", "difference", "placed", "flat area after placing", "regained", "flat area after repair")
+    "policy",
+    "sees",
+    "n",
+    "placed [95\u00a0%\u00a0CI]",
+    "flat after placing",
+    "regained, first [95\u00a0%\u00a0CI]",
+    "second [95\u00a0%\u00a0CI]",
+    "flat area after repair (min)",
+    "flat after repair",
+    "lost",
+)
 QUESTIONS = (
     ("placed", "contact_final", False),
-    ("flat area", "flat_area_final", False),
-    ("regained", "gain", True),
+    ("flat area after placing", "flat_area_final", False),
+    ("regained, first", "regained_1", True),
+    ("regained, second", "regained_2", True),
     ("flat area after repair", "flat_area_final", True),
 )
 """What is asked of each pair: name, column, and whether of the disturbed episodes."""
+PAIRED_HEADER = ("adds", "difference", "n", *(name for name, _, _ in QUESTIONS))
 NOTE = (
-    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with the 95 % bootstrap interval. "
+    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
+    "the 95 % bootstrap interval. "
     "Of twenty intervals one leaves 0 out by chance."
 )
 
@@ -77,13 +87,14 @@ def show(material: Material) -> Shown:
         blocks.append(TableBlock(table=_policies(rows), title=f"{task} task, {trials[0].cloth}"))
         blocks.append(TableBlock(table=_differences(rows), note=NOTE))
         groups = {
-            "regained": {policy: values(disturbed(rows), "gain", policy) for policy in policies_of(rows)},
+            name: {policy: values(disturbed(rows), column, policy) for policy in policies_of(rows)}
+            for name, column in (("after the first disturbance", "regained_1"), ("after the second", "regained_2"))
         }
         blocks.append(
             Figure(
                 png=charts.boxes(groups, unit="regained (points)"),
                 alt=f"contact regained by policy, {task}",
-                caption="Contact regained after a disturbance, mean over an episode's disturbances; a dot each episode.",
+                caption="Contact regained, a dot each episode; boxes are quartiles.",
             )
         )
     if found:
@@ -99,7 +110,7 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
         for a, b, adds in WORD_PAIRS:
             for name, column, late in QUESTIONS:
                 pair = _pair(rows, a, b, column, late)
-                if pair.n < 2:
+                if pair.n < LEAST:
                     continue
                 if pair.clear:
                     clear.append(
@@ -109,11 +120,13 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
                     none += 1
     total = len(clear) + none
     if not total:
+        yield f"Fewer than {LEAST} pairs are too few to say what WORD adds."
         return
     better = [text for text, pair in clear if pair.mean > 0]
     worse = [text for text, pair in clear if pair.mean < 0]
     yield (
-        f"What WORD's direction adds: of {total} comparisons {len(better)} show that it helps, {len(worse)} that it harms, and {none} no difference that "
+        f"What WORD's direction adds: of {total} comparisons {len(better)} show that it helps, {len(worse)} that it "
+        f"harms, and {none} no difference that "
         "these n can show."
     )
     if better:
@@ -122,9 +135,10 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
         yield "It harms in: " + "; ".join(worse) + "."
     for task, rows in found.items():
         for a, b, _ in (PAIRS[0], PAIRS[-1]):
-            pair = _pair(rows, a, b, "gain", late=True)
-            if pair.n:
-                yield difference_sentence(a, b, "gain", pair, f"{task} task")
+            for column in ("regained_1", "regained_2"):
+                pair = _pair(rows, a, b, column, late=True)
+                if pair.n:
+                    yield difference_sentence(a, b, column, pair, f"{task} task")
 
 
 def _pair(rows: pd.DataFrame, a: str, b: str, column: str, late: bool) -> Paired:
@@ -143,7 +157,8 @@ def _policies(rows: pd.DataFrame) -> Table:
                 str(len(early)),
                 mean_cell(values(early, "contact_final")),
                 flat_cell(early),
-                gain_cell(values(late, "gain")),
+                gain_cell(values(late, "regained_1")),
+                gain_cell(values(late, "regained_2")),
                 area_cell(values(late, "flat_area_final")),
                 flat_cell(late),
                 lost_cell(mine),
@@ -157,10 +172,12 @@ def _differences(rows: pd.DataFrame) -> Table:
     for a, b, adds in PAIRS:
         pairs = [_pair(rows, a, b, column, late) for _, column, late in QUESTIONS]
         if any(pair.n for pair in pairs):
-            lines.append((adds, f"{a} \u2212 {b}", *(_marked(pair) for pair in pairs)))
+            lines.append((adds, f"{a} \u2212 {b}", str(pairs[0].n), *(_marked(pair) for pair in pairs)))
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
 
 
 def _marked(pair: Paired) -> str:
-    """The difference, starred where its interval leaves 0 out."""
-    return difference_cell(pair).replace(" points", "") + (" *" if pair.clear and pair.n > 1 else "")
+    """The difference in points, starred where its interval leaves 0 out."""
+    if not pair.n:
+        return "\u2013"
+    return f"{points(pair.mean)} [{interval(pair.low, pair.high, '+.1f')}]" + " *" * pair.clear

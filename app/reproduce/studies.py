@@ -43,8 +43,8 @@ class Size:
         return replace(self, seeds=seeds, sweep_seeds=min(self.sweep_seeds, seeds))
 
 
-FULL = Size(name="full", seeds=20, sweep_seeds=5, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
-QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=4, counts=(1, 4), repeats=2)
+FULL = Size(name="full", seeds=20, sweep_seeds=8, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
+QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=8, counts=(2, 8), repeats=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,9 +141,7 @@ def folded_corner(size: Size) -> Iterator[Trial]:
 
 def bad_contact(size: Size) -> Iterator[Trial]:
     for task in TASKS:
-        yield Trial(
-            name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="bad-contact"
-        )
+        yield Trial(name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="swinging")
 
 
 def number_of_demonstrations(size: Size) -> Iterator[Trial]:

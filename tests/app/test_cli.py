@@ -16,7 +16,7 @@ from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay")
+COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "reproduce")
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -56,6 +56,10 @@ WRONG = [
     ("flatten", "--video", "x.mp4"),
     ("flatten", "--strip", "x.jpg"),
     ("flatten", "extra"),
+    ("reproduce",),
+    ("reproduce", "--out", "x", "--seeds", "0"),
+    ("reproduce", "--out", "x", "--only", "nonsense"),
+    ("reproduce", "--out", "x", "--workers", "0"),
     ("doctor", "extra"),
     ("data",),
     ("data", "nonsense"),
