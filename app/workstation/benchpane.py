@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pygame
+from numpy.typing import NDArray
 
 from app.workstation import look
 from app.workstation.moment import Moment
@@ -39,18 +40,15 @@ class BenchPane:
     _drawn: tuple[Any, pygame.Surface] | None = None
     _seen: tuple[Any, pygame.Surface] | None = None
 
-    def paint(self, surface: pygame.Surface, moment: Moment | None) -> None:
+    def paint(self, surface: pygame.Surface, moment: Moment) -> None:
         """The 3D view fills ``surface``."""
-        if moment is None:
-            look.card(surface, surface.get_rect())
-            return
         key = (id(moment), self.orbit, surface.get_size(), self.hover, id(self.pull))
         if self._drawn is None or self._drawn[0] != key:
             picture = self._picture(moment, surface.get_size())
-            self._drawn = (key, pygame.image.frombuffer(picture, surface.get_size(), "RGB"))
+            self._drawn = (key, look.picture(picture))
         surface.blit(self._drawn[1], (0, 0))
 
-    def _picture(self, moment: Moment, size: tuple[int, int]) -> np.ndarray:
+    def _picture(self, moment: Moment, size: tuple[int, int]) -> NDArray[np.uint8]:
         kind = (moment.task, moment.cloth)
         if self._view is None or self._view[0] != kind:
             spec = cloth_spec(moment.cloth)
@@ -81,10 +79,9 @@ class BenchPane:
             return
         key = (id(moment), area.size)
         if self._seen is None or self._seen[0] != key:
-            # Half as large again is drawn half as fast; a larger card gets it enlarged.
-            picture = draw_percept(moment.rgb, moment.percept, _PINHOLE, scale=2)
-            picture = cv2.resize(picture, area.size, interpolation=cv2.INTER_AREA)
-            self._seen = (key, pygame.image.frombuffer(np.ascontiguousarray(picture), area.size, "RGB"))
+            large = draw_percept(moment.rgb, moment.percept, _PINHOLE, scale=2)
+            small = np.asarray(cv2.resize(large, area.size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            self._seen = (key, look.picture(small))
         surface.blit(self._seen[1], (0, 0))
         _round_corners(surface)
 
@@ -116,6 +113,11 @@ class BenchPane:
 
     def release(self) -> None:
         self.dragging, self.pull = "", None
+
+    def release_pull(self) -> None:
+        """Let go of the cloth, if it is held; a view that is being turned stays in hand."""
+        if self.dragging == "pull":
+            self.release()
 
     def zoom(self, steps: float) -> None:
         self.orbit = self.orbit.zoomed(steps)

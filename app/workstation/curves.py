@@ -133,7 +133,7 @@ def _finish(
     if now_s is not None:
         x = int(now_s / _span_s(history) * (plot.width - 1))
         cv2.line(canvas, (x, 0), (x, plot.height), look.TEXT, 1)
-    surface.blit(pygame.image.frombuffer(canvas, plot.size, "RGB"), plot)
+    surface.blit(look.picture(canvas), plot)
 
 
 def _time_axis(surface: pygame.Surface, area: pygame.Rect, plot: pygame.Rect, history: History) -> None:

@@ -54,7 +54,7 @@ class BenchLink:
         self._channels = Channels(self.context, task)
         self._connection, theirs = self.context.Pipe()
         self._process = self.context.Process(
-            target=serve, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=True
+            target=serve, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=False
         )
         self._process.start()
         theirs.close()

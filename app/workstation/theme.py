@@ -7,7 +7,7 @@ from typing import Any
 
 import pygame
 import pygame_menu
-from pygame_menu.widgets import HighlightSelection
+from pygame_menu.widgets.selection.highlight import HighlightSelection
 
 from app.workstation import look
 
@@ -39,7 +39,8 @@ def theme() -> pygame_menu.Theme:
         scrollbar_slider_hover_color=look.LINE,
         scrollbar_slider_pad=3,
         scrollbar_thick=10,
-        scrollbar_cursor=pygame.SYSTEM_CURSOR_ARROW,
+        widget_cursor=None,
+        scrollbar_cursor=None,
         border_width=0,
     )
 
@@ -110,6 +111,7 @@ def choice(
         selection_option_border_width=0,
         selection_option_padding=(3, 6),
         selection_infinite=True,
+        cursor=None,
         scrollbar_color=look.RAISED,
         scrollbar_slider_color=look.LINE,
         scrollbar_thick=8,

@@ -11,6 +11,7 @@ import pygame
 from app.workstation import look, theme
 from app.workstation.modes.mode import BasicMode, Chip, Row
 from app.workstation.placing import SCRIPTED
+from app.workstation.settings import with_one
 from policy import model as model_files
 from policy.registry import MADE
 from sim.cloth import CLOTHS
@@ -64,7 +65,7 @@ class PlaceMode(BasicMode):
             theme.choice(menu, name.capitalize(), known, value, self._setter(name), width=width)
 
     def _setter(self, name: str) -> Any:
-        return lambda value: self.shop.change(replace(self.shop.settings, **{name: value}))
+        return lambda value: self.shop.change(with_one(self.shop.settings, name, value))
 
     def _choose(self, policy: str) -> None:
         was = self.shop.settings.model
