@@ -151,7 +151,7 @@ def display() -> list[Check]:
             "display",
             "note",
             "none",
-            "not needed: without one, `layflat record` by hand works in the terminal, with keys or a pad",
+            "only `layflat app` needs one: `layflat record` by hand works in the terminal, with keys or a pad",
         )
     ]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -44,9 +45,9 @@ def record_by_hand(
     ``correct``: the model in that file places, and the person takes over where their hands move; in the terminal.
     """
     checks.known_name("disturbance", disturb, DISTURBANCES)
-    model = None if correct is None else model_to_correct(correct, task, descriptor)
     if mapping is not None:
         checks.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
+    model = None if correct is None else model_to_correct(correct, task, descriptor)
     in_window = window and model is None and has_display()
     if not in_window and not SOURCES[source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
@@ -54,9 +55,11 @@ def record_by_hand(
             f"--source {source} needs the window, and {missing}; in a terminal --source keyboard and gamepad work,"
             " and scripted needs nobody"
         )
-    record = partial(record_in_terminal, model=model)
+    record: Callable[..., None] = partial(record_in_terminal, model=model)
     if in_window:
-        from app.workstation.launch import record_in_window as record  # Here, since it loads all of the window.
+        from app.workstation.launch import record_in_window  # Here, since it loads all of the window.
+
+        record = record_in_window
     record(
         path,
         task=task,

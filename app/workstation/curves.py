@@ -88,7 +88,7 @@ def draw_word(surface: pygame.Surface, history: History, now_s: float | None = N
     """WORD's angle to the robot's front."""
     area = surface.get_rect()
     angle = _value_at(history.time_s, history.angle_deg, now_s)
-    told = "" if angle is None else "none" if math.isnan(angle) else f"{angle:+.0f}°"
+    told = "" if angle is None else "none" if math.isnan(angle) else f"{round(angle) or 0:+d}°"
     plot = _frame(surface, label, told, look.WORD)
     canvas = _canvas(plot, history)
     for degrees in (-90, 0, 90):

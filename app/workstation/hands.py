@@ -86,6 +86,7 @@ class Hands:
             self.reading = self._source.poll()
             for control in self.reading.controls:
                 self._press(control)
+        self._pane.lead = None if self.reading is None else self.reading.hand
         if not link.alive:
             self._pane.release_pull()
             return

@@ -15,7 +15,7 @@ from app.workstation.curves import History
 from app.workstation.moment import Moment
 from data.types import Episode, FloatArray, Observation
 from perception.descriptors import descriptor
-from perception.percept import Percept, Perceiver, PerceptionConfig
+from perception.percept import Perceiver, Percept, PerceptionConfig
 from sim.camera import default_pinhole
 from sim.cloth import cloth_spec
 from sim.mesh import MeshMaker

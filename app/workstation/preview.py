@@ -10,13 +10,14 @@ from app.workstation.moment import Moment
 from data.types import Task
 from sim.panda import inverse_kinematics
 from sim.placing import BenchSettings
+from sim.starts import home_corners
 
 
 @lru_cache(maxsize=4)
 def preview(task: Task, cloth: str) -> Moment:
     """What one would see, without a simulator."""
     settings = BenchSettings(task=task, cloth=cloth)
-    home = settings.home()
+    home = home_corners(settings.spec)
     centre = home.mean(axis=0)
     return Moment(
         episode=-1,

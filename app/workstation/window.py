@@ -18,15 +18,16 @@ from app.workstation.hands import Hands
 from app.workstation.host import MakeWork
 from app.workstation.inputs import sdl
 from app.workstation.layout import LEAST, SIZE, layout
-from app.workstation.link import BenchLink
+from app.workstation.link import BenchLink, warm
 from app.workstation.modes import Mode, Shop, all_modes
+from app.workstation.modes.mode import ASK_AGAIN_S
 from app.workstation.moment import Moment
 from app.workstation.preview import preview
 from data.types import as_task
 
 FRAMES_HZ = 30
-ASK_AGAIN_S = 3.0
-"""A second click on another tab within this time ends what runs."""
+REPEAT_MS = (350, 40)
+"""A held key: until it repeats, and from then on."""
 TITLE = "Layflat"
 
 
@@ -49,8 +50,8 @@ class Window:
         pygame.init()
         look.fresh()
         pygame.display.set_caption(TITLE)
-        pygame.key.set_repeat(350, 40)
         self.surface = pygame.display.set_mode(size, pygame.RESIZABLE)
+        warm()
         self.shop = Shop(
             folder=folder,
             settings=settings.load(folder) if remember else settings.Settings(),
@@ -64,6 +65,7 @@ class Window:
         self.mode = next(mode for mode in self.modes if mode.name == start)
         self.open = True
         self._closed = False
+        self._keys_repeat = False
         self.interrupted = False
         self.frames_s: list[float] = []
         """Wall time of the work of each of the last frames."""
@@ -96,6 +98,7 @@ class Window:
     def frame(self) -> None:
         """Events, what the bench says, what the hands do, and what has changed on the screen."""
         began = time.perf_counter()
+        self._repeat_keys()
         self._take(pygame.event.get())
         self.mode.hear(self.shop.link.hear())
         self.hands.put(self.mode)
@@ -103,6 +106,13 @@ class Window:
         self.draw()
         self.frames_s.append(time.perf_counter() - began)
         del self.frames_s[:-200]
+
+    def _repeat_keys(self) -> None:
+        """Keys that are held repeat in menus and in a replay; never where each press is a button of a recording."""
+        wanted = not self.shop.link.alive
+        if wanted != self._keys_repeat:
+            self._keys_repeat = wanted
+            pygame.key.set_repeat(*(REPEAT_MS if wanted else ()))
 
     def close(self) -> None:
         """End everything that was started; what is to be kept is on disk afterwards. May be called twice."""
@@ -115,7 +125,8 @@ class Window:
             mode.close()
         self.shop.link.end()
         self.hands.close()
-        pygame.quit()
+        # Not pygame.quit(): pygame-menu keeps its fonts for a next window, and a font without its library crashes.
+        pygame.display.quit()
 
     # Events
 
@@ -230,7 +241,7 @@ class Window:
         moment, (history, now_s) = mode.moment(), mode.history()
         curve = (history.episode, len(history.time_s), now_s)
         shown = moment or preview(as_task(self.shop.settings.task), self.shop.settings.cloth)
-        view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), mode.banner())
+        view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
         areas += [
             ("view", place.view, view, lambda s: self._paint_view(s, shown)),
             ("status", place.status, bars.status_key(self), lambda s: bars.paint_status(self, s)),
@@ -259,7 +270,10 @@ class Window:
         surface.fill(look.GROUND)
         look.card(surface, surface.get_rect())
         if self.mode.menu is not None:
+            # A list that has dropped down would darken the whole window, of which only the panel is drawn again.
+            self.surface.set_clip(self.shop.place.panel)
             self.mode.menu.draw(self.surface)
+            self.surface.set_clip(None)
         else:
             bars.paint_rows(surface, self.mode.headline(), self.mode.rows())
 

@@ -19,7 +19,7 @@ from policy.registry import TRAINABLE
 
 COMMANDS = (
     *("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "reproduce"),
-    "gamepad",
+    *("gamepad", "app"),
 )
 
 

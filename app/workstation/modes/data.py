@@ -9,6 +9,7 @@ from typing import NamedTuple
 import pygame_menu
 
 from app.workstation import theme
+from app.workstation.job import Job
 from app.workstation.modes.command import CommandMode
 from data.schema import demo_number
 from data.store import open_session
@@ -88,6 +89,8 @@ class DataMode(CommandMode):
     force: bool = False
     intro: tuple[str, ...] = INTRO
     _rebuild: bool = False
+    _ended: Job | None = None
+    """The last command whose end was noticed."""
 
     def build(self) -> None:
         shop, width = self.shop, self.shop.place.panel.width
@@ -156,6 +159,9 @@ class DataMode(CommandMode):
         self.force = on
 
     def update(self) -> None:
+        if self.job is not None and self.job.status is not None and self.job is not self._ended:
+            # It may have made a session that can be chosen now.
+            self._ended, self._rebuild = self.job, True
         if self._rebuild and self.menu is not None:
             self._rebuild = False
             self.build()

@@ -18,6 +18,8 @@ from app.workstation.moment import Moment
 from app.workstation.settings import Settings
 from data.types import Pull
 
+ASK_AGAIN_S = 3.0
+"""What would end something is asked for twice within this time."""
 Shows: TypeAlias = Literal["bench", "text"]
 
 
@@ -152,7 +154,7 @@ class BasicMode:
 
     def leave(self) -> None:
         self.shop.link.end()
-        self.shop.link.moment = None
+        self.shop.link.moment, self.shop.link.status = None, {}
 
     def close(self) -> None:
         """Nothing but the bench, which the window ends."""

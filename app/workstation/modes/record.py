@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import pygame
 from app.workstation import look, theme
 from app.workstation.hands import Hands
 from app.workstation.inputs.reading import Control
-from app.workstation.modes.mode import BasicMode, Chip, Row
+from app.workstation.modes.mode import ASK_AGAIN_S, BasicMode, Chip, Row
 from app.workstation.settings import SOURCES, with_one
 from data.store import open_session
 from sim.cloth import CLOTHS
@@ -42,6 +43,7 @@ class RecordMode(BasicMode):
     episodes: int | None = None
     disturbance: str = "push"
     running: bool = False
+    _escaped_s: float = -ASK_AGAIN_S
     echo: bool = False
     """Lines of what was kept go to stdout as well."""
 
@@ -124,7 +126,7 @@ class RecordMode(BasicMode):
         self._back(last)
 
     def _back(self, sentence: str, colour: look.Colour = look.QUIET) -> None:
-        self.running = False
+        self.running, self.shop.link.status = False, {}
         if self.hands is not None:
             self.hands.drop()
         self.build()
@@ -164,9 +166,18 @@ class RecordMode(BasicMode):
 
     def handle(self, event: pygame.event.Event) -> bool:
         if self.running and event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE:
-            self.stop()
+            self.escape()
             return True
         return False
+
+    def escape(self) -> None:
+        """To the menu; of a demonstration that runs one is asked twice."""
+        now = time.monotonic()
+        if self.busy() and now - self._escaped_s > ASK_AGAIN_S:
+            self._escaped_s = now
+            self.shop.say(f"Esc would end {self.busy()}; once more does", look.WARNING)
+        else:
+            self.stop()
 
     def pullable(self) -> bool:
         leads = self.hands is not None and self.hands.leads()
@@ -186,7 +197,7 @@ class RecordMode(BasicMode):
                 act = self._presser(button.control)
                 chips.append(Chip(button.name, now, act, COLOURS.get(button.control, look.TEXT)))
         chips.sort(key=lambda chip: chip.act is None)
-        return [*chips, Chip("Esc", "to the menu", self.stop)]
+        return [*chips, Chip("Esc", "to the menu", self.escape)]
 
     def _presser(self, control: Control) -> Any:
         return lambda: self.control(control)

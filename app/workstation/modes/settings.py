@@ -21,7 +21,7 @@ ABOUT = (
     ("Speed", "Simulated over wall time, at most. Data are the same at any speed: a tick is a tick."),
     ("Camera noise", "The depth noise of a real camera. Perception is made for it; without it things look cleaner than"
      " they ever are."),
-    ("Keep images", "Every tick's camera image goes into the session, about 16 MB an episode, uncompressed."),
+    ("Keep images", "Every tick's camera image goes into the session, about 16 MB an episode."),
 )  # fmt: skip
 
 
@@ -62,7 +62,7 @@ class SettingsMode(BasicMode):
         look.card(surface, surface.get_rect())
         inner = surface.get_rect().inflate(-40, -32)
         y = inner.top
-        for name, sentence in (*ABOUT, ("Folder", f"Sessions and models: {self.shop.folder.resolve()}")):
+        for name, sentence in (*ABOUT, ("Folder", f"Sessions and models: {self.shop.folder}")):
             look.write(surface, name, (inner.left, y), 15, look.TEXT, face=look.BOLD)
             rest = pygame.Rect(inner.left, y + 22, min(inner.width, 680), inner.bottom - y - 22)
             y = look.write_block(surface, sentence, rest, 14, look.QUIET) + 14

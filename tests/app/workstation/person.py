@@ -6,11 +6,12 @@ import math
 import os
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pygame
 import pygame_menu
-from pygame_menu.widgets import Button
+from pygame_menu.widgets import Button, DropSelect, TextInput
 
 from app.workstation.inputs import sdl
 from app.workstation.inputs.pad import DEAD_ZONE
@@ -82,7 +83,8 @@ class Person:
         self.look()
 
     def key(self, code: int, text: str = "") -> None:
-        post(pygame.KEYDOWN, key=code, mod=0, unicode=text)
+        # pygame-menu asks the keyboard itself whether a key is down, but for tests.
+        post(pygame.KEYDOWN, key=code, mod=0, unicode=text, test=True)
         post(pygame.KEYUP, key=code, mod=0)
         self.look()
 
@@ -104,14 +106,60 @@ class Person:
         area = widget.get_rect(to_real_position=True)
         self.click(area.center)
 
+    def choose(self, number: int, name: str) -> None:
+        """Open the ``number``-th list of the menu and click on what it has by that name."""
+        menu = self.window.mode.menu
+        assert menu is not None
+        widget = [w for w in menu.get_widgets() if isinstance(w, DropSelect)][number]
+        names = [item[0] for item in widget.get_items()]
+        area = widget.get_rect(to_real_position=True)
+        self.click(area.center)
+        assert widget.active
+        # Its first rows are seen without scrolling.
+        row = names.index(name)
+        box = widget._drop_frame.get_widgets()[row].get_rect(to_real_position=True)
+        self.click(box.center)
+
+    def widget(self, kind: type, number: int = 0) -> Any:
+        """The ``number``-th widget of a kind in the menu, after a click on it, near its right end."""
+        menu = self.window.mode.menu
+        assert menu is not None
+        found = [w for w in menu.get_widgets() if isinstance(w, kind)][number]
+        area = found.get_rect(to_real_position=True)
+        self.click((area.right - 16, area.centery))
+        return found
+
+    def write(self, number: int, text: str) -> None:
+        """Write into the ``number``-th line of the menu, behind what is there."""
+        self.widget(TextInput, number)
+        for letter in text:
+            self.key(ord(letter), letter)
+
     def drag_node(
-        self, node: int, by: tuple[int, int], frames: int = 20, *, shot: Callable[[], None] | None = None
+        self,
+        node: int,
+        by: tuple[int, int],
+        frames: int = 20,
+        *,
+        until: Callable[[], bool] = lambda: True,
+        shot: Callable[[], None] | None = None,
     ) -> None:
         """Take hold of a node with the mouse, lead it by so many pixels, and let go."""
         moment, view = self.moment(), self.window.shop.place.view
         assert moment is not None
         x, y = self.window.pane.pixel_of(moment.nodes[node], view.size)
-        at = (x + view.left, y + view.top)
+        self.drag_pixel((x + view.left, y + view.top), by, frames, until=until, shot=shot)
+
+    def drag_pixel(
+        self,
+        at: tuple[int, int],
+        by: tuple[int, int],
+        frames: int = 20,
+        *,
+        until: Callable[[], bool] = lambda: True,
+        shot: Callable[[], None] | None = None,
+    ) -> None:
+        """The same of whatever is at a pixel of the window; it is held until then."""
         post(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0))
         post(pygame.MOUSEBUTTONDOWN, pos=at, button=1)
         self.look()
@@ -122,6 +170,7 @@ class Person:
             at = (at[0] + int(step[0]), at[1] + int(step[1]))
             post(pygame.MOUSEMOTION, pos=at, rel=(int(step[0]), int(step[1])), buttons=(1, 0, 0))
             self.look()
+        self.wait(until, "what is dragged")
         if shot is not None:
             shot()
         post(pygame.MOUSEBUTTONUP, pos=at, button=1)

@@ -7,6 +7,7 @@ The pictures are SDL's own, so no display is needed. The second folder keeps wha
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,6 @@ from app.workstation.modes.replay import ReplayMode
 from app.workstation.window import Window
 from app.workstation.works import make_work
 from tests.app.workstation.person import Person, headless, unplug_all
-
 
 COLOURS = 224
 """Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
@@ -107,6 +107,27 @@ def record(album: Album) -> None:
     person.pad.unplug()
 
 
+def lead_by_hand(album: Album) -> None:
+    person, window = album.person, album.window
+    person.tab("Record")
+    album.settings(source="kinesthetic", task="hanger", session="led.h5", speed="real time", countdown_s=0.0)
+    person.menu("Begin")
+    person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+    person.key(pygame.K_RETURN)
+    album.wait_for_state("running")
+    moment, view = person.moment(), window.shop.place.view
+    x, y = window.pane.pixel_of(moment.corners[1], view.size)
+    person.drag_pixel(
+        (x + view.left, y + view.top),
+        (70, 170),
+        frames=60,
+        until=lambda: person.status["ticks"] >= 16,
+        shot=lambda: album.shoot("kinesthetic"),
+    )
+    window.mode.stop()
+    album.settings(source="gamepad")
+
+
 def train(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Train")
@@ -152,7 +173,13 @@ def disturb(album: Album) -> None:
     window.mode.build()
     person.menu("Lay and disturb")
     album.wait_for_state("placed")
-    person.drag_node(45, (-90, -120), frames=40, shot=lambda: album.shoot("disturb"))
+    person.drag_node(
+        45,
+        (-90, -120),
+        frames=40,
+        until=lambda: person.status["pulled_ticks"] >= 9,
+        shot=lambda: album.shoot("disturb"),
+    )
     album.wait_for_state("repairing")
     window.mode.stop()
 
@@ -193,11 +220,20 @@ def small(album: Album) -> None:
     album.shoot("small")
 
 
-PARTS = {"record": record, "train": train, "place": place, "disturb": disturb, "look-back": look_back, "small": small}
+PARTS = {
+    "record": record,
+    "lead": lead_by_hand,
+    "train": train,
+    "place": place,
+    "disturb": disturb,
+    "look-back": look_back,
+    "small": small,
+}
 
 
 def main(out: Path, folder: Path, parts: list[str]) -> None:
     headless()
+    os.environ["LAYFLAT_OPERATOR"] = "somebody"
     folder.mkdir(parents=True, exist_ok=True)
     for old in [*folder.glob("by-hand*"), *folder.glob("placed*")] if not parts else []:
         old.unlink() if old.is_file() else old.rmdir()

@@ -1,24 +1,30 @@
 """One person in a process of its own, in the middle of something, until the process is ended from outside.
 
 ``python -m tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it is. On
-whatever display there is; ``close`` clicks the window away at that moment.
+whatever display there is; ``close`` clicks the window away at that moment. ``FOLDER once`` is `layflat record --source
+keyboard --episodes 1` with a person at its window, on a real display.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pygame
 
+from app import cli
 from app.errors import run_guarded
+from app.workstation import window as window_module
 from app.workstation.modes.place import PlaceMode
 from app.workstation.modes.replay import ReplayMode
 from app.workstation.modes.train import TrainMode
 from app.workstation.window import Window
 from app.workstation.works import make_work
-from tests.app.workstation.person import Person
+from tests.app.workstation.person import Person, post
 
 
 def record(person: Person) -> None:
@@ -72,5 +78,43 @@ def sit(folder: Path, what: str, close: bool) -> int:
         window.close()
 
 
+class Watched(window_module.Window):
+    """A window that its person knows of."""
+
+    newest: Watched | None = None
+
+    def __init__(self, *arguments: object, **options: object) -> None:
+        super().__init__(*arguments, **options)  # type: ignore[arg-type]
+        Watched.newest = self
+
+
+def demonstrate_once() -> None:
+    """Beside the window's own rounds: Enter, a while downwards, y."""
+
+    def wait(until: Callable[[dict], bool]) -> None:
+        give_up = time.monotonic() + 60
+        while Watched.newest is None or not until(Watched.newest.shop.link.status):
+            if time.monotonic() > give_up:
+                return
+            time.sleep(0.02)
+
+    wait(lambda status: status.get("state") == "waiting" and status["ready"])
+    post(pygame.KEYDOWN, key=pygame.K_RETURN, mod=0, unicode="")
+    wait(lambda status: status.get("state") == "running")
+    post(pygame.KEYDOWN, key=pygame.K_DOWN, mod=0, unicode="")
+    wait(lambda status: status.get("ticks", 0) >= 6)
+    post(pygame.KEYUP, key=pygame.K_DOWN, mod=0)
+    post(pygame.KEYDOWN, key=pygame.K_y, mod=0, unicode="y")
+
+
+def once(folder: Path) -> None:
+    window_module.Window = Watched  # type: ignore[misc]
+    threading.Thread(target=demonstrate_once, daemon=True).start()
+    arguments = ["record", str(folder / "one.h5"), "--source", "keyboard", "--episodes", "1", "--task", "pickers"]
+    cli.main(arguments)
+
+
 if __name__ == "__main__":
+    if sys.argv[2] == "once":
+        once(Path(sys.argv[1]))
     sys.exit(run_guarded(lambda: sit(Path(sys.argv[1]), sys.argv[2], "close" in sys.argv[3:]), debug=True))

@@ -25,11 +25,12 @@ END_S = 40.0
 
 
 @pytest.fixture
-def folder(tmp_path: Path, make_episode: Callable) -> Path:
-    """With a session that has one demonstration already, long enough to be trained from for a while."""
+def folder(tmp_path: Path, make_episode: Callable, lying: Callable) -> Path:
+    """With a session that has two demonstrations already."""
     with SessionRecorder(tmp_path / "demos.h5", task="pickers", cloth="towel", descriptor="word-axial") as recorder:
         for seed in range(2):
-            recorder.keep(make_episode(task="pickers", ticks=60, seed=seed, nodes=169, descriptor="word-axial"))
+            made = make_episode(task="pickers", seed=seed, descriptor="word-axial", disturbed=False)
+            recorder.keep(lying(made, 55))
     return tmp_path
 
 
@@ -51,7 +52,7 @@ def end(process: subprocess.Popen[str], how: int | None) -> int:
     if how is not None:
         process.send_signal(how)
     status = process.wait(END_S)
-    gone, left = psutil.wait_procs(family, timeout=15)
+    _, left = psutil.wait_procs(family, timeout=15)
     for one in left:
         one.kill()
     assert not left, [one.pid for one in left]
@@ -73,7 +74,7 @@ def check_kept(folder: Path, what: str) -> None:
     assert not list(folder.glob("*.npz")), "a model is whole or not there"
 
 
-@pytest.mark.parametrize(("what", "how"), [("record", signal.SIGTERM), ("place", signal.SIGINT), ("train", None)])
+@pytest.mark.parametrize(("what", "how"), [("place", signal.SIGINT)])
 def test_the_window_ends_in_the_middle(folder, what, how):
     process = sit_down(folder, what, *(["close"] if how is None else []))
     assert end(process, how) == (0 if how is None else 130)
@@ -135,24 +136,22 @@ def test_on_a_real_display(folder, display):
     check_kept(folder, "record")
 
 
-def test_record_opens_the_window_and_ends_with_what_was_kept(tmp_path, display):
-    """`layflat record --source keyboard` on a display."""
+def test_record_in_its_window_ends_with_its_last_episode(tmp_path, display):
+    """`layflat record --source keyboard --episodes 1`: one line, one file, status 0, and the window is gone."""
     environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "app.cli", "record", str(tmp_path / "x.h5"), "--source", "keyboard"]
-    process = subprocess.Popen(
-        command,
-        cwd=ROOT,
-        env={**environment, "DISPLAY": display},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+    command = [sys.executable, "-m", "tests.app.workstation.sitting", str(tmp_path), "once"]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=90
     )
-    watched = psutil.Process(process.pid)
-    for _ in range(300):
-        # Window, fork server, tracker, the bench and its take: the cloth is being hung.
-        if process.poll() is not None or len(watched.children(recursive=True)) >= 4:
-            break
-        psutil.wait_procs([watched], timeout=0.1)
-    assert process.poll() is None, process.stderr.read()
-    assert end(process, signal.SIGINT) == 130
-    assert not (tmp_path / "workstation.json").exists(), "record writes its session and nothing else"
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith(("kept", "discarded"))]
+    with open_session(tmp_path / "one.h5") as session:
+        (episode,) = [session.episode(name) for name in session.names]
+    assert line.startswith(f"kept demo_0 success {len(episode.steps)} ticks contact ")
+    assert line.endswith(str(tmp_path / "one.h5"))
+    assert episode.source == "keyboard"
+    # Both pickers went down.
+    assert all(step.action[[2, 5]].max() <= 0 for step in episode.steps)
+    assert min(step.action[2] for step in episode.steps) < 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names - {"one.h5.parts"} == {"one.h5"}, "record writes its session and nothing else"

@@ -92,7 +92,7 @@ def test_what_is_nearer_hides_what_is_behind():
     spec = cloth_spec("towel")
     view = View3d(spec, arm_shape(spec))
     joints = inverse_kinematics(np.array([0.2, 0.0, 0.3]))
-    nodes = spec.flat_nodes() + [0.1, 0.25, 0.4]
+    nodes = spec.flat_nodes() + np.array([0.1, 0.25, 0.4])
     shares = [
         cloth_share(view.draw(Scene(nodes=nodes, joints=joints), Orbit(elevation=elevation, azimuth=-1.2), SIZE)).sum()
         for elevation in (0.1, 1.3)
@@ -103,7 +103,7 @@ def test_what_is_nearer_hides_what_is_behind():
     ]
     assert shares[0] < alone[0]
     assert shares[1] < alone[1]
-    above = spec.flat_nodes() + [0.1, 0.25, 1.3]
+    above = spec.flat_nodes() + np.array([0.1, 0.25, 1.3])
     from_above = Orbit(elevation=1.5, target=(0.25, 0.25, 0.4), distance=2.5)
     hidden = [
         cloth_share(view.draw(s, from_above, SIZE)).sum()

@@ -1,4 +1,4 @@
-"""A person uses the window from beginning to end: a pad that SDL takes for real, the mouse, and what is on disk then."""
+"""A person uses the window from beginning to end: a pad that SDL takes for real, the mouse, and what is on disk."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ import numpy as np
 import psutil
 import pygame
 import pytest
+from pygame_menu.widgets import ToggleSwitch
 
 from app.workstation.layout import LEAST
+from app.workstation.modes.data import OPERATIONS, DataMode
 from app.workstation.modes.place import PlaceMode
 from app.workstation.modes.record import RecordMode
 from app.workstation.modes.replay import ReplayMode
 from app.workstation.modes.train import TrainMode
 from app.workstation.window import Window
 from app.workstation.works import make_work
+from data.recorder import SessionRecorder
 from data.store import open_session
 from data.types import ACTION_LIMIT_M, Episode, Task, action_size
 from data.validate import validate
@@ -144,7 +147,7 @@ def place_and_pull(person: Person, ticks: int | None) -> None:
     person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
     if ticks is None:
         person.wait(lambda: person.state() == "placed", "it to be placed", 90.0)
-    person.drag_node(45, (-50, -40), frames=25)
+    person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
     if ticks is None:
         person.wait(lambda: person.state() == "repairing", "the repair")
         person.wait(lambda: person.state() == "placed", "the repair's end", 60.0)
@@ -236,6 +239,7 @@ def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(windo
     person.pad.tap("triangle")
     person.wait(lambda: person.status["stored"] == 2, "it to be kept")
     person.key(pygame.K_ESCAPE)
+    assert not window.mode.running
     partial, whole = stored_episodes(window.shop.folder / "pickers.h5")
     assert (partial.outcome, partial.stopped_by, whole.outcome) == ("partial", "crashed", "success")
     assert len(partial.steps) >= 8
@@ -261,6 +265,73 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     window.mode.stop()
     (partial,) = stored_episodes(window.shop.folder / "pickers.h5")
     assert partial.outcome == "partial"
+
+
+def test_the_hanger_is_led_by_hand(window):
+    """Kinesthetic teaching: the mouse takes hold of the hanger, which gives way; what it did is the action."""
+    person = Person(window)
+    set_up(window, "hanger")
+    window.shop.change(replace(window.shop.settings, source="kinesthetic"))
+    window.mode.relaid()
+    person.menu("Begin")
+    person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+    person.key(pygame.K_RETURN)
+    person.wait(lambda: person.state() == "running", "the countdown")
+    before, view = person.moment(), window.shop.place.view
+    x, y = window.pane.pixel_of(before.corners[1], view.size)
+    person.drag_pixel((x + view.left, y + view.top), (30, 90), frames=30, until=lambda: person.status["ticks"] >= 8)
+    after = person.moment()
+    person.press("keep as success")
+    person.wait(lambda: person.status.get("stored") == 1, "it to be kept")
+    person.press("end the recording")
+    (episode,) = stored_episodes(window.shop.folder / "hanger.h5")
+    assert episode.source == "kinesthetic"
+    # Down and forth, as it was led.
+    moved = after.holder - before.holder
+    assert moved[0] > 0.005
+    assert moved[2] < -0.02
+    made = np.array([step.action for step in episode.steps]).sum(axis=0)
+    went = episode.final_observation.holder_position - episode.steps[0].observation.holder_position
+    np.testing.assert_allclose(made, went[[0, 2]], atol=0.002)
+
+
+def test_what_is_chosen_with_the_mouse_is_chosen(window):
+    person = Person(window)
+    person.choose(0, "keyboard")
+    person.choose(1, "pickers")
+    person.choose(2, "napkin")
+    now = window.shop.settings
+    assert (now.source, now.task, now.cloth) == ("keyboard", "pickers", "napkin")
+    person.write(1, "7")
+    assert window.mode.seed in (7, 70)
+    person.tab("Settings")
+    person.choose(3, "double")
+    noise = window.shop.settings.noise
+    person.widget(ToggleSwitch)
+    assert (window.shop.settings.speed, window.shop.settings.noise) == ("double", not noise)
+    person.tab("Place")
+    person.choose(0, "drag-rule")
+    assert window.shop.settings.model == "drag-rule"
+    (folder_file,) = window.shop.folder.iterdir()
+    assert folder_file.name == "workstation.json"
+
+
+def test_every_operation_on_data_has_its_menu(window, make_episode):
+    with SessionRecorder(window.shop.folder / "demos.h5", task="hanger", cloth="towel") as recorder:
+        recorder.keep(make_episode())
+    person = Person(window)
+    person.tab("Data")
+    mode = window.mode
+    assert isinstance(mode, DataMode)
+    for name in list(OPERATIONS)[:6]:
+        person.choose(1, name)
+        person.look()
+        assert mode.operation == name
+    for name in OPERATIONS:
+        mode.operation, mode.values = name, {}
+        mode.build()
+        person.look()
+        assert mode.arguments()[:3] == ["data", name, str(window.shop.folder / "demos.h5")]
 
 
 def test_leaving_a_running_demonstration_is_asked_twice(window):
