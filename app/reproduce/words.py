@@ -11,6 +11,7 @@ import pandas as pd
 from app.pairs import LEAST, NO_PAIRS, Paired, successes, wilson
 from app.report.blocks import Block, TableBlock
 from app.report.sentences import compared
+from app.reproduce.studies import DISTURBANCE
 from app.summary import confidence_interval, statistics
 from app.tables import interval, percent, points, ratio
 from data.types import FloatArray
@@ -51,8 +52,8 @@ def undisturbed(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["disturbance"] == "none"] if len(rows) else rows
 
 
-def disturbed(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[rows["disturbance"] != "none"] if len(rows) else rows
+def disturbed(rows: pd.DataFrame, disturbance: str = DISTURBANCE) -> pd.DataFrame:
+    return rows[rows["disturbance"] == disturbance] if len(rows) else rows
 
 
 def mean_cell(found: FloatArray) -> str:

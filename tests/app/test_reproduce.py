@@ -156,12 +156,12 @@ def _rows(effect: dict[str, float], rng: np.random.Generator) -> pd.DataFrame:
     for seed in range(20):
         of_start = rng.normal(0.9, 0.02)
         for policy, gain in effect.items():
-            for disturbance in ("none", "thesis"):
+            for disturbance in ("none", "thesis", "tug"):
                 lines.append(
                     {
                         "policy": policy, "task": "hanger", "cloth": "towel", "seed": seed, "disturbance": disturbance,
                         "contact_final": of_start, "flat_area_final": of_start, "crashed": False, "unstable": False,
-                        "regained_1": gain + rng.normal(0, 0.01) if disturbance == "thesis" else np.nan,
+                        "regained_1": gain + rng.normal(0, 0.01) if disturbance == "thesis" else 0.05,
                         "regained_2": 0.05 if disturbance == "thesis" else np.nan,
                     }
                 )  # fmt: skip
@@ -171,7 +171,7 @@ def _rows(effect: dict[str, float], rng: np.random.Generator) -> pd.DataFrame:
 def test_what_word_adds_is_said_where_the_numbers_show_it_and_only_there():
     helps = _rows({BASELINE: 0.0, "gp-contact": 0.1, "gp-direction": 0.05, PROPOSED: 0.2}, np.random.default_rng(0))
     said = list(inputs.what_word_adds({"hanger": helps}))
-    assert "of 10 comparisons 2 show that it helps, 0 that it harms" in said[0]
+    assert "of 14 comparisons 2 show that it helps, 0 that it harms" in said[0]
     assert "regained, first, hanger task, added to position and contact" in said[1]
     nothing = _rows({BASELINE: 0.0, "gp-contact": 0.1, "gp-direction": 0.0, PROPOSED: 0.1}, np.random.default_rng(1))
     said = list(inputs.what_word_adds({"hanger": nothing}))
