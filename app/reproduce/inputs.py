@@ -68,7 +68,7 @@ QUESTIONS = (
     ("flat area after tug aside", "flat_area_final", TUG),
 )
 """What is asked of each pair: name, column, and in which episodes."""
-PAIRED_HEADER = ("adds", "difference", "n", *(name for name, _, _ in QUESTIONS))
+PAIRED_HEADER = ("adds", "n", *(name for name, _, _ in QUESTIONS))
 NOTE = (
     "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
     "the 95 % bootstrap interval. "
@@ -180,7 +180,7 @@ def _differences(rows: pd.DataFrame) -> Table:
     for a, b, adds in PAIRS:
         pairs = [_pair(rows, a, b, column, disturbance) for _, column, disturbance in QUESTIONS]
         if any(pair.n for pair in pairs):
-            lines.append((adds, f"{a} \u2212 {b}", str(pairs[0].n), *(_marked(pair) for pair in pairs)))
+            lines.append((f"{adds}: {a} \u2212 {b}", str(pairs[0].n), *(_marked(pair) for pair in pairs)))
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
 
 

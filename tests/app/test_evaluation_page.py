@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import base64
-import html
-import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 
 import cv2
@@ -27,8 +23,8 @@ from app.rows import row_of
 from app.tables import Table
 from data.types import Truth
 from sim.cloth import cloth_spec
+from tests.browser import measured, needs_chromium, screenshot
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 POLICIES = ("gp-baseline", "gp-word", "gp-baseline+drag-rule")
 CONDITIONS = (("hanger", False), ("pickers", True))
 SEEDS = range(6)
@@ -237,33 +233,13 @@ def test_markdown_has_every_table_and_no_cell_that_breaks_it(content):
     assert text.count("| --- |") == 2 * len(CONDITIONS) + 1
 
 
-MEASURE = """<script>
-const wide = [...document.querySelectorAll('*')].filter(e => !e.closest('.scroll') && e.getBoundingClientRect().right
-  > document.documentElement.clientWidth + 1).length;
-const cut = [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1).length;
-const broken = [...document.images].filter(e => e.complete && !e.naturalWidth).length;
-document.body.dataset.found = JSON.stringify({
-  overflow: document.documentElement.scrollWidth - document.documentElement.clientWidth, wide, cut, broken});
-</script>"""
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+@needs_chromium
 @pytest.mark.parametrize("width", [1280, 800])
 def test_a_browser_shows_all_of_it(page, tmp_path, width):
     """Nothing reaches beyond the window; at 1280 no table has to be scrolled either, and no picture is broken."""
-    copy = tmp_path / "measured.html"
-    copy.write_text(page.read_text(encoding="utf-8").replace("</body>", MEASURE + "</body>"), encoding="utf-8")
-    shot = tmp_path / "page.png"
-    command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-    command += [f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},1600", "--enable-logging=stderr"]
-    dom = subprocess.run(
-        [*command, "--dump-dom", copy.as_uri()], check=True, capture_output=True, timeout=100, text=True
-    )
-    assert "CONSOLE" not in dom.stderr
-    found = json.loads(html.unescape(re.search(r"data-found=\"([^\"]*)\"", dom.stdout)[1]))
+    found = measured(page, tmp_path, width)
     assert (found["overflow"], found["wide"], found["broken"]) == (0, 0, 0)
     assert width < 1280 or found["cut"] == 0
-    subprocess.run([*command, f"--screenshot={shot}", page.as_uri()], check=True, capture_output=True, timeout=100)
-    image = cv2.imread(str(shot))
+    image = screenshot(page, tmp_path, width)
     assert image.shape[:2] == (1600, width)
     assert image.std() > 20

@@ -26,6 +26,7 @@ from data.types import TASKS, Task
 from policy import registry
 from policy.learned import Learned
 from policy.registry import TRAINABLE
+from tests.browser import measured, needs_chromium
 from tests.fakeplay import Scripted
 
 
@@ -54,6 +55,8 @@ def ran(models, tmp_path_factory):
     size = replace(QUICK, seeds=2, sweep_seeds=1)
     for trial in run.trials_of(list(EXPERIMENTS.values()), size):
         run_batch(plan_of(trial, workshop, 0), trial_folder(out, trial), workers=2, play=Scripted())
+    with Material(out, size, workshop) as material:
+        write_reports(out, material)
     return out, size, workshop
 
 
@@ -123,7 +126,6 @@ def test_before_anything_was_run_the_page_says_so(tmp_path):
 def test_tables_are_the_means_of_the_episodes(ran):
     out, size, workshop = ran
     with Material(out, size, workshop) as material:
-        write_reports(out, material)
         (trial,) = (trial for trial in studies.placing(size) if trial.task == "hanger")
         results = material.results(trial)
     text = (out / "table.md").read_text(encoding="utf-8")
@@ -142,6 +144,14 @@ def test_tables_are_the_means_of_the_episodes(ran):
     assert cells[2] == str(size.seeds)
     assert cells[6].startswith(f"{100 * np.mean(gains):+.1f}".replace("-", "\u2212"))
     assert (out / "report.html").stat().st_size > 100_000
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [1280, 800])
+def test_a_browser_shows_all_of_it(ran, tmp_path, width):
+    found = measured(ran[0] / "report.html", tmp_path, width)
+    assert (found["overflow"], found["wide"], found["broken"]) == (0, 0, 0)
+    assert width < 1280 or found["cut"] == 0
 
 
 def test_a_part_of_it_can_be_asked_for(ran):
