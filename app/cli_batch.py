@@ -11,7 +11,7 @@ from app import checks
 from app.cli_options import Debug, Episodes, Force, Seed, Workers
 
 EngineName = Literal["local", "ray"]
-StartName = Literal["hanging", "crumpled"]
+StartName = Literal["hanging", "crumpled", "folded-corner", "swinging"]
 
 Policies = Annotated[
     list[str],

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from app import checks
+from app.batch.cluster import ray_engine
 from app.batch.local import Engine, local_engine
 from app.batch.plan import SCRIPTED, Entrant, Plan
 from app.batch.results import Results
@@ -25,7 +26,7 @@ from data.types import TASKS
 from policy import model as model_files
 from policy.learned import Learned
 from policy.registry import MADE
-from sim.placing import Start
+from sim.starts import Start
 
 EPISODE_S = 12.0
 CASE_S = 6.0
@@ -87,6 +88,8 @@ def engine_of(name: str, workers: int, address: str | None) -> Engine:
         if address is not None:
             raise WrongCall("--address is where a Ray cluster is; give --engine ray with it")
         return local_engine(workers)
+    if name == "ray":
+        return ray_engine(workers, address)
     raise WrongCall(f"engine {name!r} is unknown; known ones are local, ray")
 
 

@@ -74,7 +74,7 @@ def test_the_summary_has_groups_pairs_twins_and_where_they_come_from(tmp_path):
     assert len(summary["paired"]) == 3
     assert len(summary["twins"]) == 2 * 2
     assert summary["provenance"]["seeds"] == [0, 1, 2, 3]
-    assert {"versions", "command", "platform"} <= set(summary["provenance"])
+    assert {"versions", "command", "platform", "git"} <= set(summary["provenance"])
     assert len(summary["episodes"]) == 24
     assert list(summary["episodes"][0]) == list(COLUMNS)
     assert summary["episodes"][0]["contact_disturbed"] is None
