@@ -12,6 +12,7 @@ import pytest
 
 from app.batch.run import run_batch
 from app.errors import WrongCall
+from app.progress import Progress
 from app.provenance import provenance_now
 from app.report.page import markdown
 from app.reproduce import inputs, run, studies
@@ -22,7 +23,9 @@ from app.reproduce.studies import FULL, QUICK
 from app.reproduce.trials import plan_of, trial_folder, trial_seconds
 from app.reproduce.workshop import Workshop
 from app.thesis_numbers import BASELINE, PROPOSED
+from data.recorder import SessionRecorder
 from data.types import TASKS, Task
+from perception.descriptors import DEFAULT
 from policy import registry
 from policy.learned import Learned
 from policy.registry import TRAINABLE
@@ -190,3 +193,42 @@ def test_what_word_adds_is_said_where_the_numbers_show_it_and_only_there():
     assert any("is higher with gp-contact than with gp-baseline" in line for line in said)
     harms = _rows({BASELINE: 0.1, "gp-contact": 0.1, "gp-direction": 0.0, PROPOSED: 0.1}, np.random.default_rng(1))
     assert any(line.startswith("It harms in: regained") for line in inputs.what_word_adds({"hanger": harms}))
+
+
+def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_episode, tmp_path):
+    workshop = Workshop(tmp_path, seed=0)
+    path = workshop.session_path("hanger", "towel")
+    path.parent.mkdir()
+    with SessionRecorder(path, task="hanger", cloth="towel", descriptor=DEFAULT) as recorder:
+        for seed, outcome in ((1003, "success"), (1000, "success"), (1001, "failure"), (1002, "success")):
+            drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT)
+            recorder.keep(drawn)
+    assert [episode.seed for episode in workshop.demonstrations("hanger", "towel", 2)] == [1000, 1002]
+    taught = studies.Taught(policy="nearest", task="hanger", cloth="towel", demonstrations=2)
+    with Progress({"models": 1.0}) as progress:
+        progress.phase("models")
+        workshop.prepare([taught, taught], progress, workers=2)
+        before = workshop.model_path(taught).stat().st_mtime_ns
+        assert workshop.model(taught).demonstrations == 2
+        workshop.prepare([taught], progress, workers=2)
+    assert workshop.model_path(taught).stat().st_mtime_ns == before
+    assert len(workshop.attempts("hanger", "towel")) == 4
+
+
+@pytest.mark.slow
+def test_the_same_command_goes_on_and_changes_nothing_that_is_there(tmp_path, capsys):
+    def call() -> str:
+        run.reproduce(tmp_path, quick=True, seeds=1, seed=5000, only=["flattening"], workers=2, report_only=False)
+        return capsys.readouterr().out
+
+    assert "report.html" in call()
+    rows = (tmp_path / "trials" / "flattening" / "episodes.csv").read_bytes()
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "trials" / "flattening" / "runs").iterdir()}
+    (tmp_path / "report.html").unlink()
+    assert "report.html" in call()
+    assert (tmp_path / "trials" / "flattening" / "episodes.csv").read_bytes() == rows
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "trials" / "flattening" / "runs").iterdir()} == files
+    text = (tmp_path / "table.md").read_text(encoding="utf-8")
+    assert "| word | 1 |" in text
+    with pytest.raises(WrongCall, match="holds a quick reproduction with 1 seeds"):
+        run.reproduce(tmp_path, quick=True, seeds=2, seed=5000, only=[], workers=1, report_only=True)
