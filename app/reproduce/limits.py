@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from app import thesis_numbers as thesis
-from app.pairs import successes
+from app.batch.summary import with_measures
 from app.report.blocks import Block, TableBlock, Text
 from app.report.rows import policies_of
 from app.reproduce.disturbance import disturbance_table
@@ -69,7 +69,7 @@ def _claims(trial: Trial, rows: pd.DataFrame, what: str, source: str, stated: st
     for policy in policies_of(rows) if len(rows) else (PROPOSED,):
         mine = rows[rows["policy"] == policy] if len(rows) else rows
         contact = values(mine, "contact_final")
-        folded = len(mine) - int(successes(mine).sum()) if len(mine) else 0
+        folded = len(mine) - int(with_measures(mine)["success"].sum()) if len(mine) else 0
         yield Claim(
             what=f"{policy} does not flatten {what} ({trial.task})",
             source=source,

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from app.pairs import LEAST, NO_PAIRS, Paired, successes, wilson
+from app.batch.summary import wilson, with_measures
+from app.pairs import LEAST, NO_PAIRS, Paired
 from app.report.blocks import Block, TableBlock
 from app.report.sentences import compared
 from app.reproduce.studies import DISTURBANCE
@@ -92,8 +93,9 @@ def flat_cell(rows: pd.DataFrame) -> str:
     """Episodes that end flat, with the Wilson interval of their share."""
     if not len(rows):
         return "\u2013"
-    flat = int(successes(rows).sum())
-    return f"{flat} of {len(rows)} [{interval(*wilson(flat, len(rows)), '.0f')} %]"
+    flat = int(with_measures(rows)["success"].sum())
+    low, high = wilson(flat, len(rows))
+    return f"{flat} of {len(rows)} [{interval(low, high, '.0f')} %]"
 
 
 def lost_cell(rows: pd.DataFrame) -> str:

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from app.batch.summary import with_measures
 from app.moments import rounds, stretches
-from app.pairs import paired, successes, wilson
+from app.pairs import paired
 from app.report import charts
 from app.report.evaluation import evaluation_page, examples
 from app.report.page import markdown, table_markdown, write_page
@@ -28,6 +29,7 @@ from tests.browser import measured, needs_chromium, screenshot
 POLICIES = ("gp-baseline", "gp-word", "gp-baseline+drag-rule")
 CONDITIONS = (("hanger", False), ("pickers", True))
 SEEDS = range(6)
+NUMBERS = ("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s")
 
 
 class Drawn:
@@ -38,7 +40,7 @@ class Drawn:
         rows = [row_of(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
         rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s"))
         rows[-1] |= {"crashed": True, "stopped_by": "crashed", "reason": "its process ended with status -11"}
-        self.rows = pd.DataFrame(rows)
+        self.rows = pd.DataFrame(rows).astype(dict.fromkeys(NUMBERS, float))
 
     def episode(self, run):
         assert self.rows.set_index("run").loc[run, "crashed"] == False, "a crashed episode has no record"  # noqa: E712
@@ -139,7 +141,7 @@ def test_a_crash_is_told_with_its_reason_and_is_no_success(batch, page):
     text = page.read_text(encoding="utf-8")
     assert "1 of 36 episodes crashed" in text
     assert "its process ended with status -11" in text
-    assert not successes(batch.rows)[-1]
+    assert not with_measures(batch.rows)["success"].iloc[-1]
     assert failures(batch.rows).iloc[-1] == "crashed"
 
 
@@ -178,16 +180,6 @@ def test_no_difference_is_said_where_the_interval_holds_zero():
     assert verdict(paired(a[:1], b[:1], "contact_final")) == "1 pair is too few to say"
     assert verdict(paired(a[:5], b[:5], "contact_final")) == "5 pairs are too few to say"
     assert verdict(paired(a, a, "contact_final")) == "the same in all 20 pairs"
-
-
-@pytest.mark.parametrize(("k", "n"), [(0, 20), (7, 20), (20, 20), (1, 1)])
-def test_wilson_is_the_formula(k, n):
-    z, p = 1.959963984540054, k / n
-    centre, half = (
-        (p + z * z / (2 * n)) / (1 + z * z / n),
-        z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)),
-    )
-    assert wilson(k, n) == pytest.approx((max(centre - half, 0.0), min(centre + half, 1.0)), abs=1e-9)
 
 
 def test_rounds_tell_two_disturbances_apart(make_episode):
