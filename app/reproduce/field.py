@@ -20,10 +20,8 @@ def show(material: Material) -> Shown:
     blocks: list[Block] = []
     claims = []
     for trial in placing(material.size):
-        trained = {
-            t.policy: material.workshop.model(t) for t in trial.taught if material.workshop.model_path(t).exists()
-        }
-        models = {name: model for name, model in trained.items() if isinstance(model, Field)}
+        there = [t for t in trial.taught if material.workshop.model_path(t).exists()]
+        models = {t.policy: model for t in there if isinstance(model := material.workshop.model(t), Field)}
         learned = material.workshop.demonstrations(trial.task, trial.cloth, material.size.demonstrations)
         if not models or not learned:
             blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))

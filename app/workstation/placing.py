@@ -15,7 +15,7 @@ from data.recorder import SessionRecorder
 from data.running import Running
 from data.types import Episode, Phase, Pull, StoppedBy
 from policy import model as model_files
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from sim.placing import BenchSettings, Placing
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
@@ -204,7 +204,7 @@ class PlacingWork:
         self.bench.close()
 
 
-def model_of(policy: str) -> GpModel | None:
+def model_of(policy: str) -> Learned | None:
     """The model of a path; None for a policy that has none."""
     return model_files.load(Path(policy)) if policy.endswith(".npz") else None
 
