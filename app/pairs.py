@@ -1,16 +1,13 @@
-"""Comparison of two policies over the same starts and disturbances, and shares with their intervals."""
+"""Comparison of two policies over the same starts and disturbances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
-from scipy.stats import binomtest
 
 from app.summary import confidence_interval
-from data.types import FLAT_AREA
 
 PAIR = ("task", "cloth", "seed", "disturbance")
 """What two episodes share that are compared."""
@@ -56,21 +53,6 @@ def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] =
         better=int((values > TIE).sum()),
         worse=int((values < -TIE).sum()),
     )
-
-
-def wilson(successes: int, n: int) -> tuple[float, float]:
-    """95 % Wilson interval of a share; (NaN, NaN) for none."""
-    if n == 0:
-        return float("nan"), float("nan")
-    interval = binomtest(successes, n).proportion_ci(confidence_level=0.95, method="wilson")
-    return float(interval.low), float(interval.high)
-
-
-def successes(rows: pd.DataFrame) -> np.ndarray:
-    """(n,) bool: ended with the cloth flat; what crashed or diverged did not."""
-    flat = rows["flat_area_final"].astype(float).fillna(-1.0) > FLAT_AREA
-    lost = rows["crashed"].astype(bool) | rows["unstable"].fillna(False).astype(bool)
-    return np.asarray(flat & ~lost)
 
 
 def with_gain(rows: pd.DataFrame) -> pd.DataFrame:

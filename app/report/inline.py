@@ -19,7 +19,10 @@ from app.strips import Frame
 from app.video import write_video
 
 JPEG_QUALITY = 84
-UNBROKEN = re.compile(r"(\[[^\]]*\]|n = \d+|[\u2212+]?[\d.]+ (?:%|mm|points)|[^\s,;()]*\w-\w[^\s,;()]*)")
+UNBROKEN = re.compile(
+    r"(\[[^\]]*\]|n = \d+|[\u2212+]?[\d.]+ to [\u2212+]?[\d.]+"
+    r"|[\u2212+]?[\d.]+ (?:%|mm|points)|[^\s,;()]*\w-\w[^\s,;()]*)"
+)
 MOODS = {"disturbance": "bad", "disturbed": "bad", "repair": "good"}
 """How a frame of a strip is framed, by what goes on in it."""
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pandas as pd
 
-from app.pairs import successes, wilson, with_gain
+from app.batch.summary import wilson, with_measures
+from app.pairs import with_gain
 from app.summary import statistics
 from app.tables import Table, interval, order, percent, points, ratio
 
@@ -58,7 +59,8 @@ def group_table(rows: pd.DataFrame) -> Table:
     for policy in policies_of(rows):
         group = with_gain(rows[rows["policy"] == policy])
         final, gain = _numbers(group, "contact_final"), _numbers(group, "gain")
-        flat = int(successes(group).sum())
+        flat = int(with_measures(group)["success"].sum())
+        low, high = wilson(flat, len(group))
         lines.append(
             (
                 policy,
@@ -72,7 +74,7 @@ def group_table(rows: pd.DataFrame) -> Table:
                 percent(_numbers(group, "contact_final_true")["mean"]),
                 _ratio(_numbers(group, "flat_area_final")["mean"]),
                 f"{flat} of {len(group)}",
-                interval(*wilson(flat, len(group)), ".0f"),
+                interval(low, high, ".0f"),
             )
         )
     return Table(GROUP_HEADER, tuple(lines), (True,) * len(lines))
@@ -114,7 +116,7 @@ def failed_table(rows: pd.DataFrame) -> Table:
 def failures(rows: pd.DataFrame) -> pd.Series:
     """What went wrong with each row, "" where nothing did."""
     kinds = pd.Series("", index=rows.index, dtype=object)
-    kinds[~successes(rows)] = "not flat at the end"
+    kinds[~with_measures(rows)["success"]] = "not flat at the end"
     kinds[rows["stopped_by"] == "tick_limit"] = "cut off by the tick limit"
     kinds[rows["stopped_by"] == "interrupted"] = "interrupted"
     kinds[rows["unstable"].fillna(False).astype(bool)] = "diverged"

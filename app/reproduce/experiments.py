@@ -77,10 +77,10 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="folded-corner",
             title="Figure 5-2: a folded corner",
-            lead="The cloth lies flat but for one corner that is folded over. Thesis: one run; the robot pulls, and "
-            "stops with the fold still there.",
-            urgency=5,
-            needs=(studies.folded_corner,),
+            lead="A hand folds a corner of the free edge over after the policy has stopped. Thesis: one run; the robot "
+            "pulls, and stops with the fold still there.",
+            urgency=1,
+            needs=(studies.placing,),
             show=limits.show_folded_corner,
         ),
         Experiment(

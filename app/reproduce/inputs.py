@@ -12,7 +12,7 @@ from app.report.blocks import Block, Figure, TableBlock, Text
 from app.report.rows import policies_of
 from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Material, Shown
-from app.reproduce.studies import CONTACT, DIRECTION, RULED, inputs, placing
+from app.reproduce.studies import CONTACT, DIRECTION, DISTURBANCE, RULED, TUG, inputs, placing
 from app.reproduce.words import (
     area_cell,
     difference,
@@ -22,13 +22,13 @@ from app.reproduce.words import (
     gain_cell,
     lost_cell,
     mean_cell,
-    undisturbed,
     values,
 )
 from app.tables import Table, interval, points
 from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import TASKS, Task
 
+NONE = "none"
 SEES = {
     BASELINE: "position",
     CONTACT: "position, contact",
@@ -49,23 +49,26 @@ HEADER = (
     "policy",
     "sees",
     "n",
-    "placed [95\u00a0%\u00a0CI]",
+    "placed",
     "flat after placing",
-    "regained, first [95\u00a0%\u00a0CI]",
-    "second [95\u00a0%\u00a0CI]",
+    "regained, first",
+    "second",
+    "tug aside",
     "flat area after repair (min)",
     "flat after repair",
     "lost",
 )
 QUESTIONS = (
-    ("placed", "contact_final", False),
-    ("flat area after placing", "flat_area_final", False),
-    ("regained, first", "regained_1", True),
-    ("regained, second", "regained_2", True),
-    ("flat area after repair", "flat_area_final", True),
+    ("placed", "contact_final", NONE),
+    ("flat area after placing", "flat_area_final", NONE),
+    ("regained, first", "regained_1", DISTURBANCE),
+    ("regained, second", "regained_2", DISTURBANCE),
+    ("flat area after repair", "flat_area_final", DISTURBANCE),
+    ("regained, tug aside", "regained_1", TUG),
+    ("flat area after tug aside", "flat_area_final", TUG),
 )
-"""What is asked of each pair: name, column, and whether of the disturbed episodes."""
-PAIRED_HEADER = ("adds", "difference", "n", *(name for name, _, _ in QUESTIONS))
+"""What is asked of each pair: name, column, and in which episodes."""
+PAIRED_HEADER = ("adds", "n", *(name for name, _, _ in QUESTIONS))
 NOTE = (
     "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
     "the 95 % bootstrap interval. "
@@ -87,8 +90,12 @@ def show(material: Material) -> Shown:
         blocks.append(TableBlock(table=_policies(rows), title=f"{task} task, {trials[0].cloth}"))
         blocks.append(TableBlock(table=_differences(rows), note=NOTE))
         groups = {
-            name: {policy: values(disturbed(rows), column, policy) for policy in policies_of(rows)}
-            for name, column in (("after the first disturbance", "regained_1"), ("after the second", "regained_2"))
+            name: {policy: values(disturbed(rows, what), column, policy) for policy in policies_of(rows)}
+            for name, column, what in (
+                ("after the first disturbance", "regained_1", DISTURBANCE),
+                ("after the second", "regained_2", DISTURBANCE),
+                ("after a tug aside", "regained_1", TUG),
+            )
         }
         blocks.append(
             Figure(
@@ -108,8 +115,8 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
     none = 0
     for task, rows in found.items():
         for a, b, adds in WORD_PAIRS:
-            for name, column, late in QUESTIONS:
-                pair = _pair(rows, a, b, column, late)
+            for name, column, disturbance in QUESTIONS:
+                pair = _pair(rows, a, b, column, disturbance)
                 if pair.n < LEAST:
                     continue
                 if pair.clear:
@@ -135,21 +142,21 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
         yield "It harms in: " + "; ".join(worse) + "."
     for task, rows in found.items():
         for a, b, _ in (PAIRS[0], PAIRS[-1]):
-            for column in ("regained_1", "regained_2"):
-                pair = _pair(rows, a, b, column, late=True)
+            for column, disturbance in (("regained_1", DISTURBANCE), ("regained_2", DISTURBANCE), ("regained_1", TUG)):
+                pair = _pair(rows, a, b, column, disturbance)
                 if pair.n:
-                    yield difference_sentence(a, b, column, pair, f"{task} task")
+                    yield difference_sentence(a, b, column, pair, f"{task} task, {disturbance}")
 
 
-def _pair(rows: pd.DataFrame, a: str, b: str, column: str, late: bool) -> Paired:
-    return difference(disturbed(rows) if late else undisturbed(rows), a, b, column)
+def _pair(rows: pd.DataFrame, a: str, b: str, column: str, disturbance: str) -> Paired:
+    return difference(disturbed(rows, disturbance), a, b, column)
 
 
 def _policies(rows: pd.DataFrame) -> Table:
     lines = []
     for policy in sorted(policies_of(rows), key=list(SEES).index):
         mine = rows[rows["policy"] == policy]
-        early, late = undisturbed(mine), disturbed(mine)
+        early, late, tugged = disturbed(mine, NONE), disturbed(mine), disturbed(mine, TUG)
         lines.append(
             (
                 policy,
@@ -159,6 +166,7 @@ def _policies(rows: pd.DataFrame) -> Table:
                 flat_cell(early),
                 gain_cell(values(late, "regained_1")),
                 gain_cell(values(late, "regained_2")),
+                gain_cell(values(tugged, "regained_1")),
                 area_cell(values(late, "flat_area_final")),
                 flat_cell(late),
                 lost_cell(mine),
@@ -170,9 +178,9 @@ def _policies(rows: pd.DataFrame) -> Table:
 def _differences(rows: pd.DataFrame) -> Table:
     lines = []
     for a, b, adds in PAIRS:
-        pairs = [_pair(rows, a, b, column, late) for _, column, late in QUESTIONS]
+        pairs = [_pair(rows, a, b, column, disturbance) for _, column, disturbance in QUESTIONS]
         if any(pair.n for pair in pairs):
-            lines.append((adds, f"{a} \u2212 {b}", str(pairs[0].n), *(_marked(pair) for pair in pairs)))
+            lines.append((f"{adds}: {a} \u2212 {b}", str(pairs[0].n), *(_marked(pair) for pair in pairs)))
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
 
 

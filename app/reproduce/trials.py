@@ -8,14 +8,14 @@ from app.batch.plan import Case, Entrant, Plan
 from app.batch.results import Results
 from app.batch.run import run_batch
 from app.progress import Progress
-from app.reproduce.studies import DISTURBANCE, FIRST_SEED, Trial
+from app.reproduce.studies import FIRST_SEED, Trial
 from app.reproduce.workshop import Workshop
 from app.schedule import ScheduledDisturbance
 from data.types import DataError
 from sim.disturbances import DISTURBANCES
 from sim.starts import STARTS
 
-CORE_S = {"crumpled": 6.0, "folded-corner": 4.0}
+CORE_S = {"crumpled": 6.0}
 USUAL_CORE_S = 7.0
 """Of one placing, for the first estimate of the time left."""
 REPEAT_CORE_S = 3.0
@@ -28,7 +28,7 @@ def trial_folder(out: Path, trial: Trial) -> Path:
 
 def trial_seconds(trial: Trial) -> float:
     """Core-seconds, about."""
-    each = CORE_S.get(trial.start, USUAL_CORE_S) + REPEAT_CORE_S * trial.repeats
+    each = CORE_S.get(trial.start, USUAL_CORE_S) + REPEAT_CORE_S * sum(repeats for _, repeats in trial.disturbances)
     return each * trial.seeds * len(trial.players)
 
 
@@ -45,15 +45,15 @@ def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
         for player in trial.players
     ]
     first = FIRST_SEED + seed
-    cases: tuple[Case, ...] = ()
-    if trial.repeats:
-        schedule = (ScheduledDisturbance(spec=DISTURBANCES[DISTURBANCE], repeats=trial.repeats),)
-        cases = (Case(name=DISTURBANCE, schedule=schedule),)
+    cases = [
+        Case(name=name, schedule=(ScheduledDisturbance(spec=DISTURBANCES[name], repeats=repeats),))
+        for name, repeats in trial.disturbances
+    ]
     return Plan(
         entrants=tuple(entrants),
         cloths=(trial.cloth,),
         seeds=tuple(range(first, first + trial.seeds)),
-        cases=cases,
+        cases=tuple(cases),
         start=next(start for start in STARTS if start == trial.start),
     )
 

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from app.pairs import LEAST, NO_PAIRS, Paired, successes, wilson
+from app.batch.summary import wilson, with_measures
+from app.pairs import LEAST, NO_PAIRS, Paired
 from app.report.blocks import Block, TableBlock
 from app.report.sentences import compared
+from app.reproduce.studies import DISTURBANCE
 from app.summary import confidence_interval, statistics
 from app.tables import interval, percent, points, ratio
 from data.types import FloatArray
@@ -51,8 +53,8 @@ def undisturbed(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["disturbance"] == "none"] if len(rows) else rows
 
 
-def disturbed(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[rows["disturbance"] != "none"] if len(rows) else rows
+def disturbed(rows: pd.DataFrame, disturbance: str = DISTURBANCE) -> pd.DataFrame:
+    return rows[rows["disturbance"] == disturbance] if len(rows) else rows
 
 
 def mean_cell(found: FloatArray) -> str:
@@ -91,8 +93,9 @@ def flat_cell(rows: pd.DataFrame) -> str:
     """Episodes that end flat, with the Wilson interval of their share."""
     if not len(rows):
         return "\u2013"
-    flat = int(successes(rows).sum())
-    return f"{flat} of {len(rows)} [{interval(*wilson(flat, len(rows)), '.0f')} %]"
+    flat = int(with_measures(rows)["success"].sum())
+    low, high = wilson(flat, len(rows))
+    return f"{flat} of {len(rows)} [{interval(low, high, '.0f')} %]"
 
 
 def lost_cell(rows: pd.DataFrame) -> str:

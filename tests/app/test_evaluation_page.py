@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import base64
-import html
-import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 
 import cv2
@@ -15,8 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from app.batch.summary import with_measures
 from app.moments import rounds, stretches
-from app.pairs import paired, successes, wilson
+from app.pairs import paired
 from app.report import charts
 from app.report.evaluation import evaluation_page, examples
 from app.report.page import markdown, table_markdown, write_page
@@ -27,11 +24,12 @@ from app.rows import row_of
 from app.tables import Table
 from data.types import Truth
 from sim.cloth import cloth_spec
+from tests.browser import measured, needs_chromium, screenshot
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 POLICIES = ("gp-baseline", "gp-word", "gp-baseline+drag-rule")
 CONDITIONS = (("hanger", False), ("pickers", True))
 SEEDS = range(6)
+NUMBERS = ("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s")
 
 
 class Drawn:
@@ -42,7 +40,7 @@ class Drawn:
         rows = [row_of(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
         rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s"))
         rows[-1] |= {"crashed": True, "stopped_by": "crashed", "reason": "its process ended with status -11"}
-        self.rows = pd.DataFrame(rows)
+        self.rows = pd.DataFrame(rows).astype(dict.fromkeys(NUMBERS, float))
 
     def episode(self, run):
         assert self.rows.set_index("run").loc[run, "crashed"] == False, "a crashed episode has no record"  # noqa: E712
@@ -143,7 +141,7 @@ def test_a_crash_is_told_with_its_reason_and_is_no_success(batch, page):
     text = page.read_text(encoding="utf-8")
     assert "1 of 36 episodes crashed" in text
     assert "its process ended with status -11" in text
-    assert not successes(batch.rows)[-1]
+    assert not with_measures(batch.rows)["success"].iloc[-1]
     assert failures(batch.rows).iloc[-1] == "crashed"
 
 
@@ -182,16 +180,6 @@ def test_no_difference_is_said_where_the_interval_holds_zero():
     assert verdict(paired(a[:1], b[:1], "contact_final")) == "1 pair is too few to say"
     assert verdict(paired(a[:5], b[:5], "contact_final")) == "5 pairs are too few to say"
     assert verdict(paired(a, a, "contact_final")) == "the same in all 20 pairs"
-
-
-@pytest.mark.parametrize(("k", "n"), [(0, 20), (7, 20), (20, 20), (1, 1)])
-def test_wilson_is_the_formula(k, n):
-    z, p = 1.959963984540054, k / n
-    centre, half = (
-        (p + z * z / (2 * n)) / (1 + z * z / n),
-        z / (1 + z * z / n) * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)),
-    )
-    assert wilson(k, n) == pytest.approx((max(centre - half, 0.0), min(centre + half, 1.0)), abs=1e-9)
 
 
 def test_rounds_tell_two_disturbances_apart(make_episode):
@@ -237,33 +225,13 @@ def test_markdown_has_every_table_and_no_cell_that_breaks_it(content):
     assert text.count("| --- |") == 2 * len(CONDITIONS) + 1
 
 
-MEASURE = """<script>
-const wide = [...document.querySelectorAll('*')].filter(e => !e.closest('.scroll') && e.getBoundingClientRect().right
-  > document.documentElement.clientWidth + 1).length;
-const cut = [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1).length;
-const broken = [...document.images].filter(e => e.complete && !e.naturalWidth).length;
-document.body.dataset.found = JSON.stringify({
-  overflow: document.documentElement.scrollWidth - document.documentElement.clientWidth, wide, cut, broken});
-</script>"""
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+@needs_chromium
 @pytest.mark.parametrize("width", [1280, 800])
 def test_a_browser_shows_all_of_it(page, tmp_path, width):
     """Nothing reaches beyond the window; at 1280 no table has to be scrolled either, and no picture is broken."""
-    copy = tmp_path / "measured.html"
-    copy.write_text(page.read_text(encoding="utf-8").replace("</body>", MEASURE + "</body>"), encoding="utf-8")
-    shot = tmp_path / "page.png"
-    command = [str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-    command += [f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},1600", "--enable-logging=stderr"]
-    dom = subprocess.run(
-        [*command, "--dump-dom", copy.as_uri()], check=True, capture_output=True, timeout=100, text=True
-    )
-    assert "CONSOLE" not in dom.stderr
-    found = json.loads(html.unescape(re.search(r"data-found=\"([^\"]*)\"", dom.stdout)[1]))
+    found = measured(page, tmp_path, width)
     assert (found["overflow"], found["wide"], found["broken"]) == (0, 0, 0)
     assert width < 1280 or found["cut"] == 0
-    subprocess.run([*command, f"--screenshot={shot}", page.as_uri()], check=True, capture_output=True, timeout=100)
-    image = cv2.imread(str(shot))
+    image = screenshot(page, tmp_path, width)
     assert image.shape[:2] == (1600, width)
     assert image.std() > 20

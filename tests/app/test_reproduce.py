@@ -12,6 +12,7 @@ import pytest
 
 from app.batch.run import run_batch
 from app.errors import WrongCall
+from app.progress import Progress
 from app.provenance import provenance_now
 from app.report.page import markdown
 from app.reproduce import inputs, run, studies
@@ -22,10 +23,13 @@ from app.reproduce.studies import FULL, QUICK
 from app.reproduce.trials import plan_of, trial_folder, trial_seconds
 from app.reproduce.workshop import Workshop
 from app.thesis_numbers import BASELINE, PROPOSED
+from data.recorder import SessionRecorder
 from data.types import TASKS, Task
+from perception.descriptors import DEFAULT
 from policy import registry
 from policy.learned import Learned
 from policy.registry import TRAINABLE
+from tests.browser import measured, needs_chromium
 from tests.fakeplay import Scripted
 
 
@@ -54,6 +58,8 @@ def ran(models, tmp_path_factory):
     size = replace(QUICK, seeds=2, sweep_seeds=1)
     for trial in run.trials_of(list(EXPERIMENTS.values()), size):
         run_batch(plan_of(trial, workshop, 0), trial_folder(out, trial), workers=2, play=Scripted())
+    with Material(out, size, workshop) as material:
+        write_reports(out, material)
     return out, size, workshop
 
 
@@ -123,7 +129,6 @@ def test_before_anything_was_run_the_page_says_so(tmp_path):
 def test_tables_are_the_means_of_the_episodes(ran):
     out, size, workshop = ran
     with Material(out, size, workshop) as material:
-        write_reports(out, material)
         (trial,) = (trial for trial in studies.placing(size) if trial.task == "hanger")
         results = material.results(trial)
     text = (out / "table.md").read_text(encoding="utf-8")
@@ -144,6 +149,14 @@ def test_tables_are_the_means_of_the_episodes(ran):
     assert (out / "report.html").stat().st_size > 100_000
 
 
+@needs_chromium
+@pytest.mark.parametrize("width", [1280, 800])
+def test_a_browser_shows_all_of_it(ran, tmp_path, width):
+    found = measured(ran[0] / "report.html", tmp_path, width)
+    assert (found["overflow"], found["wide"], found["broken"]) == (0, 0, 0)
+    assert width < 1280 or found["cut"] == 0
+
+
 def test_a_part_of_it_can_be_asked_for(ran):
     assert [experiment.name for experiment in run.chosen(["field", "placing"])] == ["field", "placing"]
     with pytest.raises(WrongCall, match="experiment 'nonsense' is unknown"):
@@ -156,12 +169,12 @@ def _rows(effect: dict[str, float], rng: np.random.Generator) -> pd.DataFrame:
     for seed in range(20):
         of_start = rng.normal(0.9, 0.02)
         for policy, gain in effect.items():
-            for disturbance in ("none", "thesis"):
+            for disturbance in ("none", "thesis", "tug"):
                 lines.append(
                     {
                         "policy": policy, "task": "hanger", "cloth": "towel", "seed": seed, "disturbance": disturbance,
                         "contact_final": of_start, "flat_area_final": of_start, "crashed": False, "unstable": False,
-                        "regained_1": gain + rng.normal(0, 0.01) if disturbance == "thesis" else np.nan,
+                        "regained_1": gain + rng.normal(0, 0.01) if disturbance == "thesis" else 0.05,
                         "regained_2": 0.05 if disturbance == "thesis" else np.nan,
                     }
                 )  # fmt: skip
@@ -171,7 +184,7 @@ def _rows(effect: dict[str, float], rng: np.random.Generator) -> pd.DataFrame:
 def test_what_word_adds_is_said_where_the_numbers_show_it_and_only_there():
     helps = _rows({BASELINE: 0.0, "gp-contact": 0.1, "gp-direction": 0.05, PROPOSED: 0.2}, np.random.default_rng(0))
     said = list(inputs.what_word_adds({"hanger": helps}))
-    assert "of 10 comparisons 2 show that it helps, 0 that it harms" in said[0]
+    assert "of 14 comparisons 2 show that it helps, 0 that it harms" in said[0]
     assert "regained, first, hanger task, added to position and contact" in said[1]
     nothing = _rows({BASELINE: 0.0, "gp-contact": 0.1, "gp-direction": 0.0, PROPOSED: 0.1}, np.random.default_rng(1))
     said = list(inputs.what_word_adds({"hanger": nothing}))
@@ -180,3 +193,42 @@ def test_what_word_adds_is_said_where_the_numbers_show_it_and_only_there():
     assert any("is higher with gp-contact than with gp-baseline" in line for line in said)
     harms = _rows({BASELINE: 0.1, "gp-contact": 0.1, "gp-direction": 0.0, PROPOSED: 0.1}, np.random.default_rng(1))
     assert any(line.startswith("It harms in: regained") for line in inputs.what_word_adds({"hanger": harms}))
+
+
+def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_episode, tmp_path):
+    workshop = Workshop(tmp_path, seed=0)
+    path = workshop.session_path("hanger", "towel")
+    path.parent.mkdir()
+    with SessionRecorder(path, task="hanger", cloth="towel", descriptor=DEFAULT) as recorder:
+        for seed, outcome in ((1003, "success"), (1000, "success"), (1001, "failure"), (1002, "success")):
+            drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT)
+            recorder.keep(drawn)
+    assert [episode.seed for episode in workshop.demonstrations("hanger", "towel", 2)] == [1000, 1002]
+    taught = studies.Taught(policy="nearest", task="hanger", cloth="towel", demonstrations=2)
+    with Progress({"models": 1.0}) as progress:
+        progress.phase("models")
+        workshop.prepare([taught, taught], progress, workers=2)
+        before = workshop.model_path(taught).stat().st_mtime_ns
+        assert workshop.model(taught).demonstrations == 2
+        workshop.prepare([taught], progress, workers=2)
+    assert workshop.model_path(taught).stat().st_mtime_ns == before
+    assert len(workshop.attempts("hanger", "towel")) == 4
+
+
+@pytest.mark.slow
+def test_the_same_command_goes_on_and_changes_nothing_that_is_there(tmp_path, capsys):
+    def call() -> str:
+        run.reproduce(tmp_path, quick=True, seeds=1, seed=5000, only=["flattening"], workers=2, report_only=False)
+        return capsys.readouterr().out
+
+    assert "report.html" in call()
+    rows = (tmp_path / "trials" / "flattening" / "episodes.csv").read_bytes()
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "trials" / "flattening" / "runs").iterdir()}
+    (tmp_path / "report.html").unlink()
+    assert "report.html" in call()
+    assert (tmp_path / "trials" / "flattening" / "episodes.csv").read_bytes() == rows
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "trials" / "flattening" / "runs").iterdir()} == files
+    text = (tmp_path / "table.md").read_text(encoding="utf-8")
+    assert "| word | 1 |" in text
+    with pytest.raises(WrongCall, match="holds a quick reproduction with 1 seeds"):
+        run.reproduce(tmp_path, quick=True, seeds=2, seed=5000, only=[], workers=1, report_only=True)
