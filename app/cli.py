@@ -18,6 +18,7 @@ import typer
 from app import checks
 from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
+from app.cli_gamepad import gamepad_cli
 from app.cli_options import (
     Cloth,
     DataFile,
@@ -34,7 +35,7 @@ from app.cli_options import (
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
-SourceName = Literal["scripted"]
+SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
 PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gp-finish", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
@@ -94,12 +95,24 @@ def record(
     seed: Seed = 0,
     descriptor: Descriptor = "word-axial",
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
+    disturb: Annotated[str, typer.Option(metavar="NAME", help="What the disturb button does to the cloth.")] = "push",
+    window: Annotated[
+        bool, typer.Option("--window/--no-window", help="Open the window where there is a display, or stay here.")
+    ] = True,
+    pad: Annotated[
+        Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
+    ] = None,
+    correct: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL.npz", help="This model places; who moves the source takes over until they rest."),
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Record demonstrations.
 
-    FILE.h5 is appended to if it exists, and each episode is durable once it is printed.
+    FILE.h5 is appended to if it exists, and each episode is durable once it is printed. With a person as the source it
+    ends when --episodes are kept, or when the person quits; what was not to be kept is asked again.
     """
     checks.require_simulator()
     from app.record import record as run
@@ -115,7 +128,26 @@ def record(
         images=images,
         force=force,
         workers=workers,
+        disturb=disturb,
+        window=window,
+        mapping=pad,
+        correct=correct,
     )
+
+
+@cli.command(name="app")
+def app_(
+    folder: Annotated[Path, typer.Option(metavar="DIR", help="Where sessions and models are, and go.")] = Path("runs"),
+    debug: Debug = False,
+) -> None:
+    """Open the workstation's window.
+
+    Record, train, place, disturb, replay and look after data from one place.
+    """
+    checks.require_simulator()
+    from app.workstation.launch import app as run
+
+    raise typer.Exit(run(folder))
 
 
 @cli.command()
@@ -125,6 +157,9 @@ def train(
     policy: Annotated[
         PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
     ] = "gp-word",
+    intervention_weight: Annotated[
+        int, typer.Option(min=1, metavar="W", help="How often each tick counts in which a person corrected a policy.")
+    ] = 1,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -135,7 +170,7 @@ def train(
     """
     from app.train import train as run
 
-    run(data, model, policy=policy, force=force, seed=seed)
+    run(data, model, policy=policy, force=force, seed=seed, intervention_weight=intervention_weight)
 
 
 @cli.command()
@@ -305,6 +340,7 @@ cli.command()(evaluate)
 cli.command()(disturb)
 cli.command()(replay)
 cli.add_typer(data_cli)
+cli.add_typer(gamepad_cli)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -28,7 +28,8 @@ from policy.expert import ScriptedExpert
 from policy.handover import Handover
 from policy.learned import Learned
 from sim.cloth import HELD_STRETCH
-from sim.placing import BenchSettings, Placing, Start
+from sim.placing import BenchSettings, Placing
+from sim.starts import Start
 from sim.world import SimError
 
 JOB_LIMIT_S = 900.0

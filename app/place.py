@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -15,11 +17,11 @@ from app.errors import LayflatError, WrongCall
 from app.jobs import EpisodeJob, JobFailure, run_jobs
 from app.progress import Progress
 from app.provenance import provenance_now
-from app.record import kept_line
-from app.rows import row_of, write_json
+from app.record import kept_line, run_kept
+from app.rows import COLUMNS, row_of, write_json
 from app.strips import film_frames
 from app.video import write_video
-from data.recorder import SessionRecorder
+from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Episode
 from policy import model as model_files
 from policy.learned import Learned
@@ -74,9 +76,8 @@ def place(
     if video is not None and done and interrupted is None:
         drawer = Drawer()
         write_video(video, film_frames(done[0], drawer, FILM_WIDTH))
-    if json is not None and (done or interrupted is None):
-        provenance = provenance_now()
-        write_json(json, {"episodes": [row_of(e) for e in done], "provenance": vars(provenance), "lost": len(lost)})
+    if json is not None and (done or lost or interrupted is None):
+        write_json(json, _content(done, lost))
     if done:
         show(done)
     if interrupted is not None:
@@ -84,6 +85,20 @@ def place(
     if lost:
         raise LayflatError(f"{len(lost)} of {episodes} episodes were lost: {lost[0].reason}; the others are written")
     return done
+
+
+def _content(done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
+    """The rows in the order of their seeds, those of crashed episodes with the reason beside."""
+    crashed = [crashed_row(f.job) | {"reason": f.reason} for f in lost]
+    rows = sorted([*map(row_of, done), *crashed], key=lambda row: int(row["seed"]))
+    return {"episodes": rows, "provenance": vars(provenance_now()), "lost": len(lost)}
+
+
+def crashed_row(job: EpisodeJob) -> dict[str, Any]:
+    """The row of an episode that did not come back."""
+    known = {"policy": job.source, "task": job.task, "cloth": job.cloth, "seed": job.seed}
+    came = {"ticks": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
+    return dict.fromkeys(COLUMNS) | known | {"disturbance": job.disturbance} | came
 
 
 def _run(
@@ -103,18 +118,31 @@ def _run(
                 SessionRecorder(record, task=learned.layout.task, cloth=cloth, descriptor=learned.descriptor)
             )
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
-        results = stack.enter_context(closing(run_jobs(jobs, workers=workers)))
+        for left in recorder.recovered if recorder is not None else ():
+            progress.note(kept_line(left))
+        results = stack.enter_context(closing(_results(jobs, recorder, workers)))
         progress.phase("placing", items=len(jobs))
-        for result in results:
+        for result, kept in results:
+            if kept is not None:
+                progress.note(kept_line(kept))
             if isinstance(result, JobFailure):
                 lost.append(result)
                 progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
                 continue
             done.append(result)
-            if recorder is not None:
-                progress.note(kept_line(recorder.keep(result)))
             row = row_of(result)
             progress.advance(status=f"seed {result.seed}: contact {row['contact_final']:.2f}, {row['stopped_by']}")
+
+
+def _results(
+    jobs: Sequence[EpisodeJob], recorder: SessionRecorder | None, workers: int
+) -> Generator[tuple[Episode | JobFailure, KeptEpisode | None], None, None]:
+    if recorder is not None:
+        yield from run_kept(jobs, recorder, workers=workers)
+        return
+    with closing(run_jobs(jobs, workers=workers)) as results:
+        for result in results:
+            yield result, None
 
 
 def show(episodes: list[Episode]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from app.jobs import EpisodeJob, JobFailure, run_numbered
 from app.progress import Progress
 from data.journal import JournalTicket
 from data.recorder import KeptEpisode, SessionRecorder
-from data.types import Task
+from data.types import Episode, Task
 from perception.descriptors import DESCRIPTORS
 from sim.cloth import CLOTHS
 
@@ -33,14 +33,40 @@ def record(
     images: bool,
     force: bool,
     workers: int,
+    disturb: str = "none",
+    window: bool = True,
+    mapping: Path | None = None,
+    correct: Path | None = None,
 ) -> None:
-    """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each."""
+    """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each.
+
+    ``disturb``, ``window``, ``mapping`` (of a pad) and ``correct`` (a model) are for a person who demonstrates.
+    """
+    if correct is not None and source == "scripted":
+        raise WrongCall("--correct needs a person who takes over; give --source keyboard or --source gamepad")
     checks.known_name("cloth", cloth, CLOTHS)
     checks.known_name("descriptor", descriptor, DESCRIPTORS)
-    checks.known_name("source", source, ("scripted",))
     if force and path.exists() and path.is_file():
         raise WrongCall(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     checks.writable_file(path, force=False, append=True)
+    if source != "scripted":
+        from app.workstation.by_hand import record_by_hand
+
+        record_by_hand(
+            path,
+            task=task,
+            cloth=cloth,
+            source=source,
+            episodes=episodes,
+            seed=seed,
+            descriptor=descriptor,
+            images=images,
+            disturb=disturb,
+            window=window,
+            mapping=mapping,
+            correct=correct,
+        )
+        return
     jobs = [
         EpisodeJob(task=task, cloth=cloth, seed=seed + k, descriptor=descriptor, images=images) for k in range(episodes)
     ]
@@ -59,37 +85,43 @@ def record(
 def keep_all(
     jobs: Sequence[EpisodeJob], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool
 ) -> list[JobFailure]:
-    """Run the jobs and keep each episode as it comes; returns those that did not come back.
-
-    Of those the recorder keeps what there is, as partial. After Ctrl-C nobody wants what was still running.
-    """
-    journaled = [replace(job, ticket=recorder.ticket()) for job in jobs]
-    try:
-        return _keep_all(journaled, recorder, progress, workers=workers, echo=echo)
-    except KeyboardInterrupt:
-        for job in journaled:
-            recorder.discard(ticket_of(job))
-        raise
-
-
-def _keep_all(
-    jobs: Sequence[EpisodeJob], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool
-) -> list[JobFailure]:
+    """Run the jobs and keep each episode as it comes; returns those that did not come back."""
     lost = []
-    with closing(run_numbered(jobs, workers=workers)) as results:
-        for number, result in results:
-            ticket = ticket_of(jobs[number])
+    with closing(run_kept(jobs, recorder, workers=workers)) as results:
+        for result, kept in results:
             if isinstance(result, JobFailure):
                 lost.append(result)
-                kept = recorder.recover(ticket)
                 status = f"seed {result.job.seed}: lost, {result.reason}"
             else:
-                kept = recorder.keep(result, ticket=ticket)
-                status = f"seed {result.seed}: {result.outcome}, contact {end_contact(kept):.2f}"
+                contact = min(1.0, result.final_observation.contact_portion)
+                status = f"seed {result.seed}: {result.outcome}, contact {contact:.2f}"
             if echo and kept is not None:
                 print(kept_line(kept), flush=True)
             progress.advance(status=status)
     return lost
+
+
+def run_kept(
+    jobs: Sequence[EpisodeJob], recorder: SessionRecorder, *, workers: int
+) -> Generator[tuple[Episode | JobFailure, KeptEpisode | None], None, None]:
+    """Results of the jobs, each with where it is kept, durable by then; all have journals while they run.
+
+    Of those that did not come back the recorder keeps what there is, as partial (None: nothing). After Ctrl-C nobody
+    wants what was still running.
+    """
+    journaled = [replace(job, ticket=recorder.ticket()) for job in jobs]
+    try:
+        with closing(run_numbered(journaled, workers=workers)) as results:
+            for number, result in results:
+                ticket = ticket_of(journaled[number])
+                if isinstance(result, JobFailure):
+                    yield result, recorder.recover(ticket)
+                else:
+                    yield result, recorder.keep(result, ticket=ticket)
+    except KeyboardInterrupt:
+        for job in journaled:
+            recorder.discard(ticket_of(job))
+        raise
 
 
 def ticket_of(job: EpisodeJob) -> JournalTicket:

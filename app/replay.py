@@ -175,10 +175,12 @@ def _tracks(episode: Episode, count: int) -> tuple[FloatArray, FloatArray, Float
 
 
 def state_report(episode: Episode) -> dict[str, Any]:
-    """The episode's row, and what was at each moment."""
+    """The episode's row, what befell the cloth, and what was at each moment."""
     observations, truths = episode.observations(), episode.truths()
     return {
         "row": row_of(episode),
+        "disturbances": [vars(record) for record in episode.disturbances],
+        "forces_n": [step.force_n.tolist() for step in episode.steps],
         "per_tick": {
             "phase": [step.phase for step in episode.steps],
             "time_s": [seen.time_s for seen in observations],

@@ -70,7 +70,8 @@ class Run:
         self._hooks = tuple(hooks)
         self._zeros = np.zeros(action_size(bench.settings.task))
         self._pulling = False
-        self._began = time.monotonic()
+        self.began_s = time.monotonic()
+        """By the machine's clock, for the wall time of the whole."""
         policy.reset(seed)
         self.seen = bench.observe()
         """What the next tick begins with."""
@@ -166,7 +167,7 @@ class Run:
             final_truth=self.truth,
             stopped_by=stopped_by,
             outcome=outcome,
-            wall_s=time.monotonic() - self._began,
+            wall_s=time.monotonic() - self.began_s,
         )
 
     def _describe_beginning(self, disturbance: str) -> Episode:

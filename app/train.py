@@ -24,13 +24,16 @@ from policy.learned import Learned
 EXPECTED_S = 30.0
 
 
-def train(data: Path, model: Path, *, policy: str, force: bool, seed: int) -> Learned:
+def train(data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1) -> Learned:
     """Learn ``policy`` from the successful demonstrations in ``data``, write ``model``, print what was learned."""
     checks.known_name("policy", policy, registry.TRAINABLE)
     if model.suffix != ".npz":
         raise WrongCall(f"{model} is not an .npz file; models are written as .npz")
     checks.writable_file(model, force=force)
     episodes = successful_demonstrations(data)
+    corrected = sum(step.intervention for episode in episodes for step in episode.steps)
+    if intervention_weight != 1 and not corrected:
+        raise WrongCall(f"nobody corrected a policy in {data}; --intervention-weight has nothing to weight")
     # GPy prints when it is interrupted; stdout is for results.
     with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
         progress.phase("training", items=len(episodes[0].steps[0].action))
@@ -40,9 +43,13 @@ def train(data: Path, model: Path, *, policy: str, force: bool, seed: int) -> Le
             seed=seed,
             provenance=provenance_now(),
             progress=lambda done, of, clause: progress.advance(status=clause),
+            intervention_weight=intervention_weight,
         )
     model_files.save(learned, model, force=force)
     show(learned, model)
+    if corrected:
+        times = "once" if intervention_weight == 1 else f"{intervention_weight} times"
+        print(f"{corrected} ticks in which a person corrected a policy count {times} each")
     return learned
 
 

@@ -59,11 +59,14 @@ class FitOptions:
     inducing_points: int = INDUCING_POINTS
     stop_threshold_m: float = STOP_THRESHOLD_M
     stop_ticks: int = STOP_TICKS
+    intervention_weight: int = 1
+    """How often each tick counts in which a person corrected a policy: 4 is as if it had been shown four times."""
 
     def __post_init__(self) -> None:
-        for name, least in (("starts", 1), ("max_points", MIN_POINTS), ("inducing_points", MIN_POINTS)):
-            if getattr(self, name) < least:
-                raise PolicyError(f"{name} is {getattr(self, name)}; it must be at least {least}")
+        least = {"starts": 1, "max_points": MIN_POINTS, "inducing_points": MIN_POINTS, "intervention_weight": 1}
+        for name, bound in least.items():
+            if getattr(self, name) < bound:
+                raise PolicyError(f"{name} is {getattr(self, name)}; it must be at least {bound}")
 
 
 def fit(
@@ -97,13 +100,15 @@ def fit(
         names=ACTION_NAMES[layout.task],
         progress=progress,
     )
+    # Only what is predicted is weighted. Copies would tell the likelihood of a demonstrator without any noise.
+    copies = np.repeat(np.arange(len(scaled)), np.where(taught.corrections, options.intervention_weight, 1))
     if inducing is None:
-        points, inner, alpha = taught.inputs, None, weights(scaled, outputs, hyper)
         errors = held_out_errors(scaled, outputs, taught.groups, hyper)
+        points, inner, alpha = taught.inputs[copies], None, weights(scaled[copies], outputs[copies], hyper)
     else:
-        points = inducing * scale
-        alpha, inner = gp_sparse.condensed(inducing, scaled, outputs, hyper)
         errors = gp_sparse.held_out_errors(inducing, scaled, outputs, taught.groups, hyper)
+        points = inducing * scale
+        alpha, inner = gp_sparse.condensed(inducing, scaled[copies], outputs[copies], hyper)
     alone = len(np.unique(taught.groups)) < 2
     return GpModel(
         **taught.shared(policy, seed, provenance, "GPy"),

@@ -34,6 +34,8 @@ class Lessons:
     """(N, A) m per tick."""
     groups: np.ndarray
     """(N,) number of the demonstration that each tick belongs to."""
+    corrections: np.ndarray
+    """(N,) true where a person decided although a policy had the lead."""
 
     def shared(self, policy: str, seed: int, provenance: Provenance | None, *libraries: str) -> dict[str, Any]:
         """The fields of ``Learned`` that follow from the demonstrations; ``libraries`` are those that the fit used."""
@@ -72,6 +74,7 @@ def lessons(episodes: Sequence[Episode], layout: FeatureLayout) -> Lessons:
             np.concatenate([actions_of(steps).reshape(-1, size) for steps in kept]), (count, size), "targets"
         ),
         groups=np.repeat(np.arange(len(kept)), [len(steps) for steps in kept]),
+        corrections=np.array([step.intervention for steps in kept for step in steps]),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from typing import Protocol
+from typing import Any, Protocol
 
 from data.types import Episode, Provenance, Task
 from policy import finish
@@ -28,6 +28,7 @@ class Trainer(Protocol):
         seed: int = 0,
         provenance: Provenance | None = None,
         progress: Callable[[int, int, str], None] | None = None,
+        **options: Any,
     ) -> Learned: ...
 
 
@@ -49,13 +50,16 @@ def _learner(module: str, name: str, inputs: str) -> Trainer:
         seed: int = 0,
         provenance: Provenance | None = None,
         progress: Callable[[int, int, str], None] | None = None,
+        **options: Any,
     ) -> Learned:
         if not episodes:
             raise PolicyError("there are no demonstrations to learn from; at least one is needed")
         # Imported here: who only rolls out need not have, nor wait for, what only training needs.
         fit = import_module(f"policy.{module}").fit
         layout = input_set(episodes[0].task, inputs)
-        model: Learned = fit(episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress)
+        model: Learned = fit(
+            episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress, **options
+        )
         return model
 
     return train_one
@@ -96,11 +100,19 @@ def train(
     seed: int = 0,
     provenance: Provenance | None = None,
     progress: Callable[[int, int, str], None] | None = None,
+    intervention_weight: int = 1,
 ) -> Learned:
-    """A model of a trainable policy."""
+    """A model of a trainable policy; ``intervention_weight`` is as in policy.gp.FitOptions, for Gaussian processes."""
     if name not in TRAINED:
         raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE)}")
-    return TRAINED[name](episodes, seed=seed, provenance=provenance, progress=progress)
+    options: dict[str, Any] = {}
+    if intervention_weight != 1:
+        if not name.startswith("gp-"):
+            raise PolicyError(f"{name} cannot weight what a person corrected; the policies that can begin with gp-")
+        from policy.gp import FitOptions
+
+        options["options"] = FitOptions(intervention_weight=intervention_weight)
+    return TRAINED[name](episodes, seed=seed, provenance=provenance, progress=progress, **options)
 
 
 def from_model(model: Learned) -> Policy:

@@ -7,7 +7,7 @@ towel and to a napkin.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from data.types import FloatArray
 from sim.cloth import ClothSpec
+from sim.plain import READERS
 from sim.world import GRAVITY_M_S2, SimError
 
 Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "fold", "wind"]
@@ -88,11 +89,11 @@ class DisturbanceSpec:
         if not isinstance(name, str) or not name:
             raise SimError(f"a disturbance's name is {name!r}; it must be a word")
         like = given.pop("like", None)
-        unknown = sorted(set(given) - set(_READERS))
+        unknown = sorted(set(given) - set(READERS))
         if unknown:
-            known = ", ".join(("name", "like", *_READERS))
+            known = ", ".join(("name", "like", *READERS))
             raise SimError(f"disturbance {name}: unknown field {unknown[0]!r}; the known ones are {known}")
-        fresh = {field: _READERS[field](name, field, value) for field, value in given.items()}
+        fresh = {field: READERS[field](name, field, value) for field, value in given.items()}
         if like is not None:
             if not isinstance(like, str):
                 raise SimError(f"disturbance {name}: like is {like!r}; it must be the name of a disturbance")
@@ -172,68 +173,6 @@ class Plan:
         return self.path_m[-1], np.zeros(3), True
 
 
-def _word(name: str, field: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a word")
-    return value
-
-
-def _number(name: str, field: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a finite number")
-    return float(value)
-
-
-def _pair(name: str, field: str, value: Any) -> tuple[float, float]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be two numbers")
-    return _number(name, field, value[0]), _number(name, field, value[1])
-
-
-def _range(name: str, field: str, value: Any) -> Range:
-    if isinstance(value, list | tuple):
-        return _pair(name, field, value)
-    number = _number(name, field, value)
-    return number, number
-
-
-def _yes_or_no(name: str, field: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be true or false")
-    return value
-
-
-def _patch(name: str, field: str, value: Any) -> tuple[int, int]:
-    rows, columns = _pair(name, field, value)
-    if rows != int(rows) or columns != int(columns):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be two whole numbers of nodes")
-    return int(rows), int(columns)
-
-
-def _path(name: str, field: str, value: Any) -> tuple[Waypoint, ...]:
-    if not isinstance(value, list | tuple):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a list of [forward, up]")
-    return tuple(_pair(name, field, corner) for corner in value)
-
-
-_READERS: Mapping[str, Callable[[str, str, Any], Any]] = {
-    "kind": _word,
-    "along": _range,
-    "across": _range,
-    "patch": _patch,
-    "heading_deg": _range,
-    "path": _path,
-    "scale": _range,
-    "either_side": _yes_or_no,
-    "speed_m_s": _number,
-    "force_weights": _number,
-    "wind_m_s2": _number,
-    "time_limit_s": _number,
-    "settle_s": _number,
-}
-"""What reads each field of a plain mapping."""
-
-
 def _patch_nodes(cloth: ClothSpec, along: float, across: float, patch: tuple[int, int]) -> tuple[int, ...]:
     """Nodes of a patch around a place, moved inwards where it would leave the cloth; never the held corners."""
     rows, columns = min(patch[0], cloth.rows), min(patch[1], cloth.columns)
@@ -262,11 +201,19 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
         ),
         DisturbanceSpec(name="wind", kind="wind", heading_deg=(60.0, 120.0), wind_m_s2=3.0, time_limit_s=0.5),
         DisturbanceSpec(
-            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=8.0, scale=(0.9, 1.1), time_limit_s=0.5
+            name="gust-x", kind="wind", heading_deg=(-10.0, 10.0), wind_m_s2=8.0, scale=(1.0, 1.5), time_limit_s=0.5
         ),
         DisturbanceSpec(
-            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=8.0, scale=(0.9, 1.1), either_side=True,
+            name="gust-y", kind="wind", heading_deg=(80.0, 100.0), wind_m_s2=8.0, scale=(1.4, 2.1), either_side=True,
             time_limit_s=0.5,
+        ),
+        DisturbanceSpec(
+            name="tug", kind="pull", along=(0.0, 0.3), heading_deg=(30.0, 80.0), path=((0.0, 0.06), (0.25, 0.06)),
+            scale=(0.8, 1.2), either_side=True,
+        ),
+        DisturbanceSpec(
+            name="lift-aside", kind="lift-drop", along=(0.1, 0.4), heading_deg=(-45.0, 45.0),
+            path=((0.0, 0.15), (0.12, 0.18)), scale=(0.8, 1.2), speed_m_s=0.3, force_weights=4.0, time_limit_s=2.0,
         ),
         DisturbanceSpec(
             name="fold-corner", kind="fold", along=(0.0, 0.0), across=(0.0, 0.0), patch=(2, 2),

@@ -32,7 +32,7 @@ class Holder(Protocol):
         """Begin one tick: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
 
     def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
-        """Begin one tick in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for two pickers; None: no hand.
+        """Begin one tick in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for pickers; None: no hand.
 
         ``load_n``: weight of the cloth that hangs from the holder.
         """

@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
-from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth, action_size
+from data.types import FLAT_AREA, TASKS, TICK_S, FloatArray, Observation, Task, Truth
 from perception.descriptors import DEFAULT, DESCRIPTORS, descriptor
 from perception.percept import Perceiver, Percept, PerceptionConfig
+from sim import starts
 from sim.air import Air
 from sim.camera import D435_NOISE, Camera, default_pinhole
-from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from sim.crumple import crumple
+from sim.cloth import Cloth, ClothSpec, cloth_spec
 from sim.disturbance import Disturbance
 from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
 from sim.hanger import Hanger
 from sim.holder import Holder
 from sim.pickers import Pickers
 from sim.pull import Pull, picked_node
+from sim.starts import STARTS as STARTS
+from sim.starts import Start as Start
 from sim.world import GRAVITY_M_S2, SimError, World
-
-START_CLEARANCE_M = 0.12
-"""The free edge hangs this high above the table before the random moves."""
-START_MOVES = 20
-START_STEP_M: Mapping[Task, float] = {"hanger": 0.006, "pickers": 0.004}
-"""Largest random displacement along each axis in one of the start's ticks. Two pickers move independently: with 6 mm
-the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
-
 
 DISTURBANCE_STREAM = 0xD157
 """Tells the chance of a disturbance from that of the start of the same seed."""
-Start: TypeAlias = Literal["hanging", "crumpled"]
-STARTS: tuple[Start, ...] = ("hanging", "crumpled")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +34,8 @@ class BenchSettings:
 
     task: Task
     start: Start = "hanging"
-    """Hanging in the air after random moves, or crumpled on the table (pickers only), as chapter 3-2-2 begins."""
+    """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
+    flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
     descriptor: str = DEFAULT
     """Which direction an observation's ``word`` holds, by its name in perception.descriptors."""
     cloth: str = "towel"
@@ -79,12 +71,6 @@ class BenchSettings:
     def substeps(self) -> int:
         return max(1, round(self.tick_s * self.spec.rate_hz))
 
-    def home(self) -> FloatArray:
-        """(2, 3) m: the corners before the random moves; the free edge hangs over x = 0."""
-        half = HELD_STRETCH * self.spec.width_m / 2
-        top = self.spec.length_m + START_CLEARANCE_M
-        return np.array([[0.0, half, top], [0.0, -half, top]])
-
 
 class Placing:
     """The bench: one world at a time, made anew by each ``reset``. One per process."""
@@ -105,12 +91,12 @@ class Placing:
         rng = np.random.default_rng([seed, 0x57A7])
         self.world = World(step_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
         self.cloth = Cloth(self.world, spec)
-        home = settings.home()
-        self.cloth.set_nodes(spec.hanging_nodes(home))
+        first = starts.beginning(settings.start, spec, rng)
+        self.cloth.set_nodes(first.nodes)
         self.holder: Holder = (
-            Hanger(self.cloth, home, control=settings.control)
+            Hanger(self.cloth, first.corners, control=settings.control)
             if settings.task == "hanger"
-            else Pickers(self.cloth, home)
+            else Pickers(self.cloth, first.corners)
         )
         self.air = Air(self.cloth)
         self.disturbance: Disturbance | None = None
@@ -121,14 +107,9 @@ class Placing:
         if settings.camera:
             self._start_camera(seed)
         self.holder.grip()
-        if settings.start == "crumpled":
-            crumpled = crumple(self.cloth, self.holder.corner_positions, self.step, rng)
-        else:
-            crumpled = {}
-            for _ in range(START_MOVES):
-                self.step(rng.uniform(-1.0, 1.0, action_size(settings.task)) * START_STEP_M[settings.task])
+        drawn = starts.begin(settings.start, self.cloth, self.holder, self.step, rng)
         self._ticks_before = self.world.substeps_done
-        self.start = self._describe_start() | crumpled
+        self.start = self._describe_start() | dict(first.about) | dict(drawn)
 
     def _start_camera(self, seed: int) -> None:
         """P_flat of Eq. 4-7 is measured through the same camera: the cloth as it would lie flat."""

@@ -18,8 +18,8 @@ SPEED_M_S = 0.5
 """Of the target at most, however fast the mouse is flung: it then arrives some ticks later."""
 SLIP_STRETCH = (1.38, 1.46)
 """Largest stretch of the cloth's edges at which the fingers slip: nobody tears a cloth by dragging it (the guard calls
-it unstable at 1.5). A napkin that hangs from its clips is stretched 1.43 times there before anyone pulls at it; then they
-slip a little above that, at the second value at most."""
+it unstable at 1.5). A napkin that hangs from its clips is stretched 1.43 times there before anyone pulls at it; then
+they slip a little above that, at the second value at most."""
 SLIP_MORE = 0.02
 FEEL_S = 0.01
 """How often the fingers feel the stretch."""

@@ -20,7 +20,8 @@ from policy.flatten import CONTROLLERS
 from policy.learned import Learned
 from policy.registry import MADE
 from sim.cloth import CLOTHS
-from sim.placing import STARTS, BenchSettings, Start
+from sim.placing import BenchSettings
+from sim.starts import STARTS, Start
 from sim.world import SimError
 
 LIMIT_S = 900.0

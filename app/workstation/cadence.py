@@ -1,4 +1,4 @@
-"""Steady time: ticks begin when they are due by the wall's clock, where the machine keeps up, and how well that went."""
+"""Steady time: ticks begin when they are due by the wall's clock, where the machine keeps up, and how well they do."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ class Rhythm:
 class Cadence:
     """Paces ticks of ``tick_s`` of simulated time at ``speed`` times real time; 0 is as fast as it goes.
 
-    A machine that does not keep up slows the motion: what is late is never made up for by hurrying.
+    A machine that does not keep up slows the motion: what is late is never made up for by hurrying. ``memory`` is how
+    many ticks the rhythm is told of; None: all.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class Cadence:
         tick_s: float,
         speed: float = 1.0,
         *,
+        memory: int | None = MEMORY,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -58,9 +60,9 @@ class Cadence:
         self._clock = clock
         self._sleep = sleep
         self._due: float | None = None
-        self._began: deque[tuple[float, float]] = deque(maxlen=MEMORY)
+        self._began: deque[tuple[float, float]] = deque(maxlen=memory)
         """Length and lateness of each tick, s."""
-        self._work: deque[float] = deque(maxlen=MEMORY)
+        self._work: deque[float] = deque(maxlen=memory)
         self._last: float | None = None
 
     def left_s(self) -> float:

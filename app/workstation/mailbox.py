@@ -78,6 +78,7 @@ class Mailbox:
             connected=bool(value["connected"]),
             device=str(value["device"]),
             problem=str(value["problem"]),
+            stamp_s=float(value["stamp_s"]),
             hand=hand,
         )
         node = int(value["node"])

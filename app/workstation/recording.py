@@ -9,8 +9,9 @@ import time
 from collections.abc import Callable, Collection
 from typing import Literal, TypeAlias
 
+from app.record import kept_line
 from app.workstation.inputs.reading import Control, Reading
-from app.workstation.sofar import discarded_line, kept_line, stored
+from app.workstation.sofar import discarded_line, stored
 from app.workstation.take import Begin, Glance, Take, TakeLost
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Outcome, Pull, StoppedBy
@@ -51,6 +52,7 @@ class Recording:
         disturbance: str = "none",
         countdown_s: float = COUNTDOWN_S,
         ticks_max: int = TICKS_MAX,
+        led: bool = False,
         tell: Callable[[str], None] = print,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -58,7 +60,8 @@ class Recording:
 
         Seeds go up from ``seed``, without those in ``skip``, which the session has already. ``tell`` gets the
         contract's lines (``kept demo_3 success 84 ticks contact 0.97 FILE.h5``, ``discarded seed 4 ...``), each only
-        when it is true. ``disturbance`` is what DISTURB begins.
+        when it is true. ``disturbance`` is what DISTURB begins. ``led``: a policy has the lead until the person's hands
+        move, so that time waits for no motion before it has stopped.
         """
         self._begin = begin
         self._skip = frozenset(skip)
@@ -66,6 +69,7 @@ class Recording:
         self._disturbance = disturbance
         self._countdown_s = countdown_s
         self._ticks_max = ticks_max
+        self._led = led
         self._tell = tell
         self._clock = clock
         self._path = recorder.path
@@ -169,6 +173,8 @@ class Recording:
             return False
         if self._still and pull is None and not self._reading.moving:
             return False
+        if self._still and self._led:
+            self.message = "you have the lead; rest, and the policy has it again"
         self._still = False
         try:
             self.glance = self._take.tick(self._reading, pull)
@@ -229,18 +235,19 @@ class Recording:
 
     def _run(self) -> None:
         self.state = "running"
-        self._still = True
-        self.message = "runs with your first motion"
+        self._still = not self._led
+        self.message = "the policy places; move to take over" if self._led else "runs with your first motion"
 
     def _pause(self, why: str) -> None:
         self.state = "paused"
         self.message = why
 
     def _without_device(self, reading: Reading) -> None:
-        self.message = reading.problem
         if self.state in ("running", "countdown"):
             self._interrupted_by_device = self.state
             self._pause(f"paused: {reading.problem}")
+        elif self._interrupted_by_device is None:
+            self.message = reading.problem
 
     def _with_device_again(self) -> None:
         before, self._interrupted_by_device = self._interrupted_by_device, None
@@ -266,6 +273,9 @@ class Recording:
     def _look_for_the_end(self) -> None:
         if self.glance.stopped_by == "unstable":
             self._finish("the cloth came apart; keep it as failure, discard it, or do it again")
+        elif self.glance.stopped_by is not None:
+            self._still = True
+            self.message = f"the policy has stopped ({self.glance.stopped_by}); move to go on yourself, or keep it"
         elif self.glance.ticks >= self._ticks_max:
             self._finish(f"{self._ticks_max} ticks are over; keep it or discard it")
 

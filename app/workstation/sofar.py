@@ -1,22 +1,15 @@
-"""What a session has so far, and the lines that say what came of an episode."""
+"""What a session has so far."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from data.opening import part_files
-from data.recorder import KeptEpisode
 from data.store import open_session
 
 
-def kept_line(kept: KeptEpisode) -> str:
-    """What was kept, in the words of the contract; it is durable by then."""
-    contact = min(1.0, kept.contact_final)
-    return f"kept {kept.name} {kept.outcome} {kept.ticks} ticks contact {contact:.2f} {kept.path}"
-
-
 def discarded_line(seed: int, ticks: int, contact: float, path: Path) -> str:
-    """The same of what was not kept: it has no name in the session, so it goes by its seed."""
+    """As ``app.record.kept_line`` of what was not kept: it has no name in the session, so it goes by its seed."""
     return f"discarded seed {seed} {ticks} ticks contact {min(1.0, contact):.2f} {path}"
 
 

@@ -12,19 +12,23 @@ import ctypes
 import multiprocessing
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
 from typing import Any, TypeAlias
 
-from app.run import Hook, Run
+from app.run import Run
 from app.workstation.inputs.person import PersonPolicy
 from app.workstation.inputs.reading import Reading, at_rest
 from app.workstation.take import Begin, Glance, Take, TakeLost
 from data.journal import JournalTicket, JournalWriter
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import DataError, Episode, Outcome, Pull, StoppedBy
-from policy.base import PolicyError
+from policy import registry
+from policy.base import Policy, PolicyError
+from policy.learned import Learned
+from policy.takeover import Grip, Takeover
 from sim.placing import BenchSettings, Placing
 from sim.world import SimError
 
@@ -33,8 +37,8 @@ ANSWER_S = 60.0
 GONE_S = 5.0
 """A process that is asked to end has so long."""
 
-Attend: TypeAlias = Callable[[Placing], Sequence[Hook]]
-"""Told of the bench when its cloth hangs, in the take's process; gives hooks of the loop. Must be picklable."""
+Attend: TypeAlias = Callable[[Run, Reading], None]
+"""Called in the take's process when its cloth hangs and after each tick, with what was read for it. Picklable."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,20 +50,27 @@ class TakeJob:
     source: str
     ticket: JournalTicket
     attend: Attend | None = None
+    model: Learned | None = None
+    """Who places; the person takes over when their hands move, and hands back when they rest."""
 
 
 class TakeProcess:
     """The parent's end."""
 
-    def __init__(self, job: TakeJob, recorder: SessionRecorder) -> None:
-        """Returns at once; the cloth is hung meanwhile."""
+    def __init__(self, job: TakeJob, recorder: SessionRecorder, context: BaseContext | None = None) -> None:
+        """Returns at once; the cloth is hung meanwhile.
+
+        ``context``: how processes are made, where the parent knows better: one that has neither windows nor threads,
+        and has never stepped a simulation, may fork at once.
+        """
         self.seed = job.seed
         self._ticket = job.ticket
         self._recorder = recorder
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([__name__])
+        context = context or _forkserver()
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(job, theirs), name=f"take of seed {job.seed}", daemon=True)
+        self._process = context.Process(  # type: ignore[attr-defined]
+            target=serve, args=(job, theirs), name=f"take of seed {job.seed}", daemon=True
+        )
         self._process.start()
         theirs.close()
         self._glance: Glance | None = None
@@ -126,15 +137,27 @@ class TakeProcess:
 
 
 def begin_takes(
-    recorder: SessionRecorder, settings: BenchSettings, source: str, *, attend: Attend | None = None
+    recorder: SessionRecorder,
+    settings: BenchSettings,
+    source: str,
+    *,
+    attend: Attend | None = None,
+    context: BaseContext | None = None,
+    model: Learned | None = None,
 ) -> Begin:
     """Makes the takes of a recording."""
 
     def begin(seed: int) -> Take:
-        job = TakeJob(settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend)
-        return TakeProcess(job, recorder)
+        job = TakeJob(settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend, model=model)
+        return TakeProcess(job, recorder, context)
 
     return begin
+
+
+def _forkserver() -> BaseContext:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    return context
 
 
 class LiveTake:
@@ -145,15 +168,22 @@ class LiveTake:
         self._reading = at_rest(job.settings.task)
         self._bench = Placing(job.settings)
         self._bench.reset(job.seed)
-        hooks = job.attend(self._bench) if job.attend is not None else ()
-        policy = PersonPolicy(job.settings.task, job.source, lambda: self._reading)
+        policy: Policy = PersonPolicy(job.settings.task, job.source, lambda: self._reading)
+        if job.model is not None:
+            policy = Takeover(registry.from_model(job.model), policy, Grip(lambda: self._reading.moving))
 
         def journal(beginning: Episode) -> JournalWriter:
             self._journal = job.ticket.begin(beginning)
             return self._journal
 
         images = job.ticket.keep_images
-        self._run = Run(self._bench, policy, seed=job.seed, images=images, hooks=hooks, begin=journal)
+        self._run = Run(self._bench, policy, seed=job.seed, images=images, begin=journal)
+        self._attend = job.attend
+        self._show()
+
+    def _show(self) -> None:
+        if self._attend is not None:
+            self._attend(self._run, self._reading)
 
     def glance(self, stopped_by: StoppedBy | None = None) -> Glance:
         seen, run = self._run.seen, self._run
@@ -170,12 +200,14 @@ class LiveTake:
 
     def obey(self, command: str, *details: Any) -> object:
         """Carry out ``tick``, ``disturb`` or ``end``; returns what the parent is to be told."""
-        carry_out: Callable[..., object] = {"tick": self.tick, "disturb": self.disturb, "end": self.end}[command]
-        return carry_out(*details)
+        commands: dict[str, Callable[..., object]] = {"tick": self.tick, "disturb": self.disturb, "end": self.end}
+        return commands[command](*details)
 
     def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
         self._reading = reading
-        return self.glance(self._run.tick("place", pull=pull))
+        stopped_by = self._run.tick("place", pull=pull)
+        self._show()
+        return self.glance(stopped_by)
 
     def disturb(self, name: str) -> Glance:
         self._run.disturb(name)
@@ -219,6 +251,8 @@ def serve(job: TakeJob, pipe: Connection) -> None:
 def _settle_in() -> None:
     # Ctrl-C reaches the whole process group; only the parent decides what to keep.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # One that is forked has its parent's way with it, which is none here.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if sys.platform == "linux":
         # A parent that is killed cannot end its takes. The fork server ends with it, and these with that.
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from app.errors import WrongCall
+from app.workstation.demonstrating import DemonstratingWork
 from app.workstation.host import Desk, MakeWork, Order, Work
 from app.workstation.placing import PlacingWork
 
-WORKS: Mapping[str, MakeWork] = {"place": PlacingWork}
+WORKS: Mapping[str, MakeWork] = {"place": PlacingWork, "record": DemonstratingWork}
 
 
 def make_work(order: Order, desk: Desk) -> Work:

@@ -11,12 +11,16 @@ import pytest
 
 from app import checks, cli, cli_options
 from app.errors import LayflatError, WrongCall
+from app.workstation.inputs.registry import SOURCES
 from data.types import TASKS
 from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay")
+COMMANDS = (
+    *("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "reproduce"),
+    *("gamepad", "app"),
+)
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -38,10 +42,16 @@ WRONG = [
     ("demo", "--out", "x", "--task", "arm"),
     ("record", "x.h5", "--episodes", "0"),
     ("record", "x.h5", "--source", "telepathy"),
+    ("gamepad",),
+    ("gamepad", "shake"),
+    ("gamepad", "monitor", "--seconds", "-1"),
+    ("gamepad", "monitor", "--file", "x.json"),
     ("place", "x.npz", "--episodes", "-3"),
     ("train", "x.h5", "m.npz", "--policy", "gmr"),
     ("train", "x.h5", "m.npz", "--nope"),
     ("train", "x.h5"),
+    ("train", "x.h5", "m.npz", "--intervention-weight", "0"),
+    ("record", "x.h5", "--correct", "m.npz"),
     ("word", "rgb.png"),
     ("word", "rgb.png", "depth.png", "--flat-pixels", "0"),
     ("word", "rgb.png", "depth.png", "--flat-pixels", "many"),
@@ -54,6 +64,10 @@ WRONG = [
     ("flatten", "--video", "x.mp4"),
     ("flatten", "--strip", "x.jpg"),
     ("flatten", "extra"),
+    ("reproduce",),
+    ("reproduce", "--out", "x", "--seeds", "0"),
+    ("reproduce", "--out", "x", "--only", "nonsense"),
+    ("reproduce", "--out", "x", "--workers", "0"),
     ("doctor", "extra"),
     ("data",),
     ("data", "nonsense"),
@@ -91,6 +105,7 @@ def test_help_of_every_command(command, capsys):
 
 def test_choices_are_those_of_the_packages():
     assert set(get_args(cli.TaskName)) == set(TASKS)
+    assert set(get_args(cli.SourceName)) == {"scripted", *SOURCES}
     assert set(get_args(cli.PolicyName)) == set(TRAINABLE)
     assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
     assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)

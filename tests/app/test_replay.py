@@ -23,12 +23,17 @@ SCRIPT = """
 import json, sys
 from dataclasses import replace
 from pathlib import Path
+import numpy as np
 from app.episode import run_episode
 from app.jobs import fresh_processes
 from app.replay import action_report, compare, read_episode, rerun
+from app.run import Run
+from app.schedule import ScheduledDisturbance, When
 from data import SessionRecorder
+from data.types import Pull
 from policy.base import Decision
-from policy.simple import RandomMoves
+from policy.simple import Hold, RandomMoves
+from sim.disturbances import DISTURBANCES
 from sim.placing import BenchSettings, Placing
 
 class Short(RandomMoves):
@@ -40,10 +45,35 @@ class Short(RandomMoves):
     def resume(self):
         self.left = 3
 
+def by_hand(bench, task):
+    # A person pulls at one node and at another, beside two disturbances, and then leads the holder.
+    policy = Hold(task)
+    run = Run(bench, policy, seed=5)
+    down = np.tile([0.0, 0.0, -0.01], 2) if task == "pickers" else np.array([0.002, -0.012])
+    policy.act = lambda seen: Decision(action=down)
+    for tick in range(12):
+        if tick in (3, 6):
+            run.disturb({3: "wind", 6: "push"}[tick], repeat=tick)
+        if tick == 9:
+            held = run.seen.holder_position if task == "hanger" else run.seen.corner_positions
+            policy.act = lambda seen: Decision(action=down, hand=held + [0.05, 0.0, -0.05])
+        where = run.truth.nodes[20] + [0.02, 0.01, 0.01]
+        pull = Pull(node=20 if tick < 6 else 90, target_m=where) if tick in (2, 3, 4, 7, 8, 10) else None
+        assert run.tick("place", pull) is None
+    return run.episode("interrupted", "partial")
+
+SCHEDULES = {"twice": [
+    ScheduledDisturbance(spec=DISTURBANCES["wind"], when=When(moment="tick", value=2)),
+    ScheduledDisturbance(spec=DISTURBANCES["poke"], repeats=2),
+]}
+
 def record(task, cloth, disturbance):
     bench = Placing(BenchSettings(task=task, cloth=cloth, table_friction=0.9))
     bench.reset(5)
-    return run_episode(bench, Short(task), seed=5, disturbance=disturbance)
+    if disturbance == "by hand":
+        return by_hand(bench, task)
+    schedule = SCHEDULES.get(disturbance, ())
+    return run_episode(bench, Short(task), seed=5, disturbance=disturbance, schedule=schedule)
 
 if __name__ == "__main__":
     task, cloth, disturbance, path = sys.argv[1:]
@@ -52,8 +82,11 @@ if __name__ == "__main__":
     kept = read_episode(Path(path), 0)
     again = rerun(kept)
     told = {"phases": sorted({step.phase for step in kept.steps})}
+    told["befell"] = [[record.name, record.first_tick, record.last_tick] for record in kept.disturbances]
+    told["forces"] = [bool(step.force_n.any()) for step in kept.steps]
+    told["forces_again"] = all(np.array_equal(a.force_n, b.force_n) for a, b in zip(kept.steps, again.steps))
     told["same"] = action_report(kept, again, compare(kept, again))
-    if task == "pickers":
+    if disturbance == "poke":
         (befell,) = kept.disturbances
         path_m = [[-x for x in corner] for corner in befell.plan["path_m"]]
         changed = replace(kept, disturbances=[replace(befell, plan={**befell.plan, "path_m": path_m})])
@@ -78,13 +111,37 @@ def _again(path: Path) -> dict:
     return json.loads(out.read_text())
 
 
+def _told(task: str, cloth: str, disturbance: str, tmp_path: Path) -> dict:
+    """What SCRIPT tells of an episode and of its replay, each made in a fresh process."""
+    call = [sys.executable, "-c", SCRIPT, task, cloth, disturbance, str(tmp_path / "s.h5")]
+    done = subprocess.run(call, check=True, stdout=subprocess.PIPE, text=True)
+    told: dict = json.loads(done.stdout.splitlines()[-1])
+    return told
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_what_hands_did_runs_again_to_the_bit(task, tmp_path):
+    told = _told(task, "napkin", "by hand", tmp_path)
+    assert told["same"]["identical"] is True
+    assert told["forces_again"] is True
+    # A push that comes while a wind still settles takes its place.
+    assert told["befell"] == [["wind", 3, 5], ["push", 6, None]]
+    assert told["forces"][:3] == [False, False, True]
+
+
+def test_repeated_disturbances_run_again_to_the_bit(tmp_path):
+    told = _told("pickers", "napkin", "twice", tmp_path)
+    assert told["same"]["identical"] is True
+    assert told["forces_again"] is True
+    assert [name for name, *_ in told["befell"]] == ["wind", "poke", "poke"]
+    assert told["befell"][0][1] == 2
+
+
 @pytest.mark.parametrize(
     ("task", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=TASKS
 )
 def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp_path):
-    call = [sys.executable, "-c", SCRIPT, task, cloth, disturbance, str(tmp_path / "s.h5")]
-    done = subprocess.run(call, check=True, stdout=subprocess.PIPE, text=True)
-    told = json.loads(done.stdout.splitlines()[-1])
+    told = _told(task, cloth, disturbance, tmp_path)
     assert told["phases"] == ["disturb", "place", "repair"]
     same = told["same"]
     assert same["identical"] is True
@@ -199,8 +256,10 @@ def test_the_bench_is_as_the_file_says(make_episode):
 
 
 def test_state_replay_tells_each_moment(make_episode):
-    episode = make_episode()
+    episode = make_episode(disturbances=[DisturbanceRecord(name="push", first_tick=60, last_tick=69, plan=PLAN)])
     report = state_report(episode)
+    assert report["disturbances"] == [{"name": "push", "first_tick": 60, "last_tick": 69, "plan": PLAN}]
+    assert report["forces_n"] == [[0.0, 0.0, 0.0]] * len(episode.steps)
     columns = report["per_tick"]
     assert len(columns["phase"]) == len(episode.steps)
     assert all(len(column) == len(episode.steps) + 1 for key, column in columns.items() if key != "phase")

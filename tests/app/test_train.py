@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,28 @@ def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session,
     wanted = np.array([step.action for step in episode.steps])
     assert np.sqrt(((mean - wanted) ** 2).mean()) < 0.25 * wanted.std()
     assert learned.provenance.versions["python"]
+
+
+def test_corrections_are_told_of_and_weighted(tmp_path, make_episode, capsys):
+    plain, taken = make_episode(seed=0, disturbed=False), make_episode(seed=1, disturbed=False)
+    steps = [replace(step, intervention=tick in range(20, 27)) for tick, step in enumerate(taken.steps)]
+    with SessionRecorder(tmp_path / "plain.h5", task="hanger", cloth="towel") as recorder:
+        recorder.keep(plain)
+    with SessionRecorder(tmp_path / "s.h5", task="hanger", cloth="towel") as recorder:
+        for episode in (plain, replace(taken, steps=steps)):
+            recorder.keep(episode)
+    call = ["train", str(tmp_path / "s.h5"), str(tmp_path / "m.npz"), "--intervention-weight", "3"]
+    status, out, _ = _run(capsys, *call, "--policy", "gp-baseline")
+    assert status == 0
+    assert "7 ticks in which a person corrected a policy count 3 times each" in out
+    assert model_files.load(tmp_path / "m.npz").points == 120 + 2 * 7
+    for wrong, sentence in ((["--policy", "gmr"], "gmr cannot weight"), (["--intervention-weight", "0"], "equal to 1")):
+        status, _, err = _run(capsys, *call, "--force", *wrong)
+        assert status == 2
+        assert sentence in err
+    status, _, err = _run(capsys, "train", str(tmp_path / "plain.h5"), *call[2:], "--force")
+    assert status == 2
+    assert "nobody corrected" in err
 
 
 @pytest.mark.parametrize("policy", ["gmr", "dmp", "nearest"])

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from data.types import ACTION_LIMIT_M, TASKS, Observation, Truth, action_size
-from policy.expert import DRAG_STEP_M, FLAT_CONTACT, ScriptedExpert
+from policy.expert import DRAG_STEP_M, FLAT_CONTACT, LAND_STEP_M, LAY_STEP_M, ScriptedExpert, _tautly
 
 LENGTH_M = 0.35
 WIDTH_M = 0.36
@@ -163,3 +165,18 @@ def test_two_pickers_come_back_to_their_lines():
     assert decisions[0].action.shape == (action_size("pickers"),)
     np.testing.assert_allclose(cloth.corners[:, 1], [WIDTH_M / 2, -WIDTH_M / 2], atol=0.002)
     np.testing.assert_allclose(cloth.corners[0, [0, 2]], cloth.corners[1, [0, 2]], atol=0.002)
+
+
+@given(
+    laid=st.floats(0.0, 0.27), height=st.floats(0.003, 0.27), dx=st.floats(0.004, 0.012), dz=st.floats(-0.012, -0.0015)
+)
+def test_a_small_cloth_is_laid_tautly(laid, height, dx, dz):
+    """The step leaves the edges as far apart as they should be, or goes there as fast as any; it always descends."""
+    taut = 0.82 * 0.275
+    ahead, down = _tautly(dx, dz, laid, height, taut)
+    distance = np.hypot(laid + ahead, max(height + down, 0.0))
+    assert distance >= taut - 1e-9 or ahead >= LAY_STEP_M - 1e-12
+    assert ahead >= dx
+    assert dz <= down <= -LAND_STEP_M
+    if np.hypot(laid + dx, max(height + dz, 0.0)) >= taut:
+        assert (ahead, down) == (dx, dz)

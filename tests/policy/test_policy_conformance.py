@@ -15,12 +15,15 @@ from policy.field_policy import FieldPolicy
 from policy.flatten import CONTROLLERS, controller
 from policy.handover import Handover
 from policy.recorded import Recorded
+from policy.takeover import Takeover
 
 HANDOVER = "handover"
+TAKEOVER = "takeover"
 EXPERT = "scripted"
 RECORDED = "recorded"
 FLATTEN = "flatten-"
-PLACERS = [(name, task) for name in (*registry.MADE, *registry.TRAINABLE, HANDOVER, EXPERT, RECORDED) for task in TASKS]
+OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED)
+PLACERS = [(name, task) for name in (*registry.MADE, *registry.TRAINABLE, *OTHERS) for task in TASKS]
 
 
 @pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
@@ -33,6 +36,8 @@ def policy(request, model_of, learned_of, make_episode) -> Policy:
     if name == HANDOVER:
         first = FieldPolicy(model_of(task, "position"))
         return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
+    if name == TAKEOVER:
+        return Takeover(FieldPolicy(model_of(task, "position")), registry.make("random", task), lambda: "lead")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
         truth = Truth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)

@@ -10,7 +10,8 @@ import pytest
 
 from data.types import TASKS, Task, action_size
 from sim.cloth import HELD_STRETCH
-from sim.placing import START_MOVES, START_STEP_M, BenchSettings, Placing
+from sim.placing import BenchSettings, Placing
+from sim.starts import START_MOVES, START_STEP_M, home_corners
 from sim.world import SimError
 
 _SCRIPT = """
@@ -50,7 +51,7 @@ def started(request: pytest.FixtureRequest) -> Placing:
 
 
 def test_a_start_hangs_free_of_the_table_near_home(started: Placing) -> None:
-    spec, home = started.settings.spec, started.settings.home()
+    spec, home = started.settings.spec, home_corners(started.settings.spec)
     truth, seen = started.truth(), started.observe()
     assert started.time_s == 0.0
     assert truth.contact_portion_true == 0.0

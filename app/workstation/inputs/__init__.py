@@ -2,6 +2,6 @@
 
 from app.workstation.inputs.person import PersonPolicy
 from app.workstation.inputs.reading import Control, Reading
-from app.workstation.inputs.source import Button, Source
+from app.workstation.inputs.source import Button, Source, WindowSource
 
-__all__ = ["Button", "Control", "PersonPolicy", "Reading", "Source"]
+__all__ = ["Button", "Control", "PersonPolicy", "Reading", "Source", "WindowSource"]

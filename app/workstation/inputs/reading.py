@@ -45,6 +45,8 @@ class Reading:
     """Its name, for a person."""
     problem: str = ""
     """One sentence where something is wrong, what to do about it included."""
+    stamp_s: float = 0.0
+    """When it was read, by the system's monotonic clock; 0 where nobody asks."""
     hand: FloatArray | None = None
     """Kinesthetic teaching: where the hand draws the holder, (3,) or for two pickers (2, 3) m, world."""
 

@@ -23,14 +23,19 @@ def prepare() -> None:
         os.environ.setdefault(name, value)
 
 
+def load() -> Any:
+    """pygame, loaded with these settings."""
+    prepare()
+    return importlib.import_module("pygame")
+
+
 def start() -> tuple[Any, Any]:
     """pygame and its controllers, started; pads only speak through an event loop, which needs a display of some kind.
 
     Where there is no window yet, SDL's dummy display serves: nothing is shown.
     """
-    prepare()
     try:
-        pygame = importlib.import_module("pygame")
+        pygame = load()
         controller = importlib.import_module("pygame._sdl2.controller")
         if not pygame.display.get_init():
             os.environ["SDL_VIDEODRIVER"] = "dummy"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from app.workstation.inputs.reading import Control, Reading
 
@@ -36,3 +36,11 @@ class Source(Protocol):
 
     def close(self) -> None:
         """Give the device back as it was; may be called twice."""
+
+
+@runtime_checkable
+class WindowSource(Source, Protocol):
+    """A source that hears what happens in the window."""
+
+    def on_event(self, event: Any) -> bool:
+        """One of pygame's events; True where it was for this source."""

@@ -1,0 +1,121 @@
+"""The window's edges: tabs above, what is said below the bench, what each button does now, and a panel of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from typing import TYPE_CHECKING
+
+import pygame
+
+from app.workstation import look
+from app.workstation.modes.mode import Chip, Row
+
+if TYPE_CHECKING:
+    from app.workstation.window import Window
+
+
+def top_key(window: Window) -> Hashable:
+    return (window.mode.name, _facts(window))
+
+
+def _facts(window: Window) -> tuple[str, str]:
+    """What stands at the right of the tabs: the device, and how fast time goes."""
+    factor = float(window.shop.link.status.get("factor", 0.0) or 0.0)
+    return window.hands.told(), f"{factor:.2f} × real time" if factor else ""
+
+
+def paint_top(window: Window, surface: pygame.Surface) -> None:
+    surface.fill(look.GROUND)
+    x = look.write(surface, "Layflat", (16, 9), 20, look.TEXT, face=look.BOLD).right + 22
+    window.tabs = []
+    for mode in window.modes:
+        chosen = mode is window.mode
+        width = look.text_width(mode.name, 15, look.BOLD if chosen else look.REGULAR) + 22
+        area = pygame.Rect(x, 8, width, 32)
+        if chosen:
+            pygame.draw.rect(surface, look.RAISED, area, border_radius=look.RADIUS)
+        picture = look.words(mode.name, 15, look.TEXT if chosen else look.QUIET, look.BOLD if chosen else look.REGULAR)
+        surface.blit(picture, picture.get_rect(center=area.center))
+        window.tabs.append((area, mode))
+        x = area.right + 2
+    device, factor = _facts(window)
+    right = surface.get_width() - 16
+    if factor:
+        right = look.write(surface, factor, (right, 14), 13, look.QUIET, align="right").left - 18
+    room = right - x - 10
+    if device and room > 60:
+        look.write(surface, look.cut(device, 13, room), (right, 14), 13, look.QUIET, align="right")
+
+
+def status_key(window: Window) -> Hashable:
+    return (window.shop.message, window.shop.message_colour, window.shop.link.status.get("rhythm"))
+
+
+def paint_status(window: Window, surface: pygame.Surface) -> None:
+    """The newest sentence at the left, the cadence at the right."""
+    surface.fill(look.GROUND)
+    rhythm = str(window.shop.link.status.get("rhythm", ""))
+    room = surface.get_width()
+    if rhythm and not window.shop.message:
+        look.write(surface, rhythm, (4, 5), 12, look.FAINT, width=room - 8)
+        return
+    width = look.text_width(window.shop.message, 13)
+    look.write(surface, window.shop.message, (4, 4), 13, window.shop.message_colour, width=room - 8)
+    left = room - width - 28
+    if rhythm and look.text_width(rhythm, 12) < left:
+        look.write(surface, rhythm, (room - 4, 5), 12, look.FAINT, align="right")
+
+
+def paint_strip(window: Window, surface: pygame.Surface) -> None:
+    """All buttons in as many lines as there is room for."""
+    surface.fill(look.GROUND)
+    look.card(surface, surface.get_rect())
+    corner = window.shop.place.strip.topleft
+    window.chips = []
+    x, y, pitch = 14, 9, 30
+    for chip in window.mode.chips():
+        width = _chip_width(chip)
+        if x + width > surface.get_width() - 10 and x > 14:
+            x, y = 14, y + pitch
+        if y + pitch > surface.get_height():
+            break
+        area = look.chip(surface, (x, y), chip.key, chip.does, colour=chip.colour)
+        window.chips.append((area.move(corner), chip.act))
+        x = area.right + 20
+
+
+def _chip_width(chip: Chip) -> int:
+    return max(look.text_width(chip.key, 13, look.BOLD) + 14, 24) + 7 + look.text_width(chip.does, 13)
+
+
+def paint_rows(surface: pygame.Surface, headline: tuple[str, look.Colour], rows: Sequence[Row]) -> None:
+    """A panel that says how it goes."""
+    width = surface.get_width()
+    title, colour = headline
+    pygame.draw.circle(surface, colour, (22, 30), 6)
+    look.write(surface, title, (38, 15), 20, look.TEXT, face=look.BOLD, width=width - 50)
+    y = 58
+    for row in rows:
+        area = pygame.Rect(16, y + 17, width - 32, surface.get_height() - y - 20)
+        if area.height < 20:
+            break
+        look.write(surface, row.name, (16, y), 12, look.QUIET)
+        y = look.write_block(surface, row.value, area, 15, row.colour) + 5
+
+
+def paint_banner(surface: pygame.Surface, large: str, small: str) -> None:
+    """Words over the bench."""
+    if not large:
+        return
+    size = 64 if len(large) <= 3 else 26
+    title, under = look.words(large, size, look.TEXT, look.BOLD), look.words(small, 15, look.QUIET)
+    width = max(title.get_width(), under.get_width()) + 60
+    height = title.get_height() + (under.get_height() + 4 if small else 0) + 28
+    area = pygame.Rect(0, 0, min(width, surface.get_width() - 20), height)
+    area.midtop = (surface.get_width() // 2, 24)
+    veil = pygame.Surface(area.size, pygame.SRCALPHA)
+    pygame.draw.rect(veil, (*look.GROUND, 205), veil.get_rect(), border_radius=12)
+    surface.blit(veil, area)
+    surface.blit(title, title.get_rect(midtop=(area.centerx, area.top + 12)))
+    if small:
+        surface.blit(under, under.get_rect(midbottom=(area.centerx, area.bottom - 14)))

@@ -1,0 +1,139 @@
+"""`layflat record` when a person demonstrates: in the window where there is a display, else in the terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+from app import checks
+from app.errors import LayflatError, WrongCall
+from app.workstation.inputs.registry import SOURCES, terminal_source
+from app.workstation.recording import COUNTDOWN_S, Recording
+from app.workstation.sofar import recorded_seeds
+from app.workstation.take_process import begin_takes
+from app.workstation.terminal import Screen, introduce, run_recording, stops_on_signals, to_stdout
+from data.recorder import SessionRecorder
+from data.types import Task
+from policy import model as model_files
+from policy.learned import Learned
+from sim.disturbances import DISTURBANCES
+from sim.placing import BenchSettings
+
+
+def record_by_hand(
+    path: Path,
+    *,
+    task: Task,
+    cloth: str,
+    source: str,
+    episodes: int,
+    seed: int,
+    descriptor: str,
+    images: bool,
+    disturb: str,
+    window: bool,
+    countdown_s: float = COUNTDOWN_S,
+    mapping: Path | None = None,
+    correct: Path | None = None,
+) -> None:
+    """Record until ``episodes`` are kept or the person quits; one line on stdout for each that is kept or discarded.
+
+    ``correct``: the model in that file places, and the person takes over where their hands move; in the terminal.
+    """
+    checks.known_name("disturbance", disturb, DISTURBANCES)
+    if mapping is not None:
+        checks.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
+    model = None if correct is None else model_to_correct(correct, task, descriptor)
+    in_window = window and model is None and has_display()
+    if not in_window and not SOURCES[source].terminal:
+        missing = "there is no display" if not has_display() else "--no-window leaves none"
+        raise LayflatError(
+            f"--source {source} needs the window, and {missing}; in a terminal --source keyboard and gamepad work,"
+            " and scripted needs nobody"
+        )
+    record: Callable[..., None] = partial(record_in_terminal, model=model)
+    if in_window:
+        from app.workstation.launch import record_in_window  # Here, since it loads all of the window.
+
+        record = record_in_window
+    record(
+        path,
+        task=task,
+        cloth=cloth,
+        source=source,
+        episodes=episodes,
+        seed=seed,
+        descriptor=descriptor,
+        images=images,
+        disturb=disturb,
+        countdown_s=countdown_s,
+        mapping=mapping,
+    )
+
+
+def record_in_terminal(
+    path: Path,
+    *,
+    task: Task,
+    cloth: str,
+    source: str,
+    episodes: int,
+    seed: int,
+    descriptor: str,
+    images: bool,
+    disturb: str,
+    countdown_s: float,
+    mapping: Path | None,
+    model: Learned | None = None,
+) -> None:
+    """The same without a window. KeyboardInterrupt after Ctrl-C or SIGTERM, with everything kept by then."""
+    settings = BenchSettings(task=task, cloth=cloth, descriptor=descriptor)
+    screen = Screen(sys.stderr)
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stops_on_signals())
+        hands = terminal_source(source, task, mapping=mapping)
+        stack.callback(hands.close)
+        recorder = stack.enter_context(
+            SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=descriptor)
+        )
+        recording = Recording(
+            recorder,
+            begin_takes(recorder, settings, source, model=model),
+            seed=seed,
+            skip=recorded_seeds(path, source if model is None else f"{model.policy}+{source}"),
+            led=model is not None,
+            episodes=episodes,
+            disturbance=disturb,
+            countdown_s=countdown_s,
+            tell=to_stdout(screen),
+        )
+        stack.callback(recording.close)
+        introduce(recording, hands, screen.say)
+        cadence = run_recording(recording, hands, screen, tick_s=settings.tick_s, stopped=stopped)
+        recording.close()
+        screen.note(recording.message)
+        screen.say(f"cadence: {cadence.rhythm().told()}")
+        interrupted = stopped()
+    if interrupted:
+        raise KeyboardInterrupt
+
+
+def model_to_correct(path: Path, task: Task, descriptor: str) -> Learned:
+    """WrongCall where the model was taught something else than what is to be recorded."""
+    checks.readable_file(path, "a model that `layflat train` wrote")
+    model = model_files.load(path)
+    for name, taught, asked in (("task", model.layout.task, task), ("descriptor", model.descriptor, descriptor)):
+        if taught != asked:
+            raise WrongCall(f"{path} was taught with {name} {taught}, not {asked}; give --{name} {taught}")
+    return model
+
+
+def has_display() -> bool:
+    """Whether a window could be seen."""
+    if os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
+        return False
+    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

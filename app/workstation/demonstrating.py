@@ -1,0 +1,105 @@
+"""Recording as the bench process does it: a person demonstrates, one take after another, into one session."""
+
+from __future__ import annotations
+
+import multiprocessing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from app.workstation.cadence import Cadence
+from app.workstation.host import IDLE_S, Desk, Order
+from app.workstation.inputs.reading import Control
+from app.workstation.placing import recorder_of, settings_of
+from app.workstation.recording import Recording
+from app.workstation.sofar import recorded_seeds
+from app.workstation.take_process import begin_takes
+from app.workstation.telling import Telling
+
+
+class DemonstratingWork:
+    """The order: ``task, cloth, descriptor, noise, tick_s, speed, images, source, record, seed, countdown_s``,
+    ``episodes`` (None: until told to end) and ``disturbance``."""
+
+    def __init__(self, order: Order, desk: Desk) -> None:
+        self._desk = desk
+        self._tick_s = float(order["tick_s"])
+        settings, source = settings_of(order, descriptor=None), str(order["source"])
+        recorder = recorder_of(order, settings)
+        if recorder is None:
+            raise ValueError("a recording needs a session file")
+        self._recorder = recorder
+        self._cadence = Cadence(self._tick_s, float(order["speed"]))
+        self._controls: list[Control] = []
+        self._path = Path(str(order["record"]))
+        # This process never steps a simulation, and has no threads: its takes are forked.
+        takes = begin_takes(
+            recorder,
+            settings,
+            source,
+            attend=Telling(desk.channels.moments),
+            context=multiprocessing.get_context("fork"),
+        )
+        self._recording = Recording(
+            recorder,
+            takes,
+            seed=int(order["seed"]),
+            skip=recorded_seeds(self._path, source),
+            episodes=order.get("episodes"),
+            disturbance=str(order.get("disturbance", "none")),
+            countdown_s=float(order["countdown_s"]),
+            tell=lambda line: desk.tell("said", line=line),
+        )
+
+    @property
+    def over(self) -> bool:
+        return self._recording.state == "over"
+
+    def obey(self, order: Order) -> None:
+        """``control``: its ``name``."""
+        if order["do"] == "control":
+            self._controls.append(Control[str(order["name"])])
+
+    def advance(self) -> float:
+        letter = self._desk.letter()
+        if letter is None:
+            return IDLE_S
+        controls, self._controls = tuple(self._controls), []
+        self._recording.hear(replace(letter.reading, controls=controls))
+        pull = letter.pull
+        if not (self._recording.simulates or (self._recording.awaits_motion and pull is not None)):
+            self._cadence.pause()
+            self._recording.tick()
+            return IDLE_S
+        left_s = self._cadence.left_s()
+        if left_s > 0:
+            return left_s
+        self._cadence.begin()
+        self._recording.tick(pull)
+        self._cadence.end()
+        return 0.0
+
+    def status(self) -> dict[str, Any]:
+        recording, rhythm = self._recording, self._cadence.rhythm()
+        return {
+            "state": recording.state,
+            "ready": recording.state != "over" and recording.ready,
+            "awaits_motion": recording.awaits_motion,
+            "countdown": recording.countdown_left_s(),
+            "seed": recording.seed,
+            "ticks": recording.glance.ticks,
+            "time_s": recording.glance.time_s,
+            "contact": recording.glance.contact_portion,
+            "flat_area": recording.glance.flat_area,
+            "counts": recording.counts,
+            "stored": recording.stored,
+            "message": recording.message,
+            "does": {control.name: recording.does(control) for control in Control},
+            "rhythm": rhythm.told(),
+            "factor": rhythm.factor(self._tick_s),
+        }
+
+    def close(self) -> None:
+        """A demonstration that runs is kept as partial."""
+        self._recording.close()
+        self._recorder.close()

@@ -1,0 +1,98 @@
+"""Takes without a simulator, and a source that a test moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.workstation.inputs.reading import Control, Reading
+from app.workstation.inputs.source import Button
+from app.workstation.take import Glance, TakeLost
+from data.recorder import KeptEpisode, SessionRecorder
+from data.types import Episode, Outcome, Pull, StoppedBy, Task, action_size
+
+
+class DrawnTake:
+    """Counts ticks, and keeps a drawn episode of as many."""
+
+    def __init__(self, seed: int, recorder: SessionRecorder, draw: Callable[..., Episode]) -> None:
+        self.seed = seed
+        self.hangs = True
+        self.dies_at: int | None = None
+        self.unstable_at: int | None = None
+        self.work: Callable[[], None] = lambda: None
+        """What happens during a tick."""
+        self.readings: list[Reading] = []
+        self.disturbed: list[str] = []
+        self.discarded = False
+        self._recorder = recorder
+        self._draw = draw
+        self._glance = Glance()
+
+    def ready(self) -> bool:
+        return self.hangs
+
+    def glance(self) -> Glance:
+        return self._glance
+
+    def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
+        if len(self.readings) == self.dies_at:
+            raise TakeLost("the simulation ended by itself")
+        self.readings.append(reading)
+        self.work()
+        ticks = len(self.readings)
+        stop: StoppedBy | None = "unstable" if ticks == self.unstable_at else None
+        self._glance = Glance(ticks=ticks, time_s=0.1 * ticks, contact_portion=min(0.01 * ticks, 1.0), stopped_by=stop)
+        return self._glance
+
+    def disturb(self, name: str) -> None:
+        self.disturbed.append(name)
+        self._glance = replace(self._glance, disturbed=True)
+
+    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
+        if not self.readings:
+            return None
+        ticks = len(self.readings)
+        task, cloth = self._recorder.task, self._recorder.cloth
+        episode = self._draw(task, ticks=ticks, seed=self.seed, cloth=cloth, source="keyboard")
+        return self._recorder.keep(replace(episode, outcome=outcome, stopped_by=stopped_by))
+
+    def discard(self) -> None:
+        self.discarded = True
+
+
+class HandSource:
+    """Says what the test has put into it."""
+
+    name = "keyboard"
+
+    def __init__(self, task: Task = "hanger") -> None:
+        self.motion = np.zeros(action_size(task))
+        self.controls: list[Control] = []
+        self.connected = True
+        self.rumbles: list[float] = []
+        self.polled: list[float] = []
+        self.on_poll: Callable[[], None] = lambda: None
+
+    def poll(self) -> Reading:
+        self.on_poll()
+        controls, self.controls = tuple(self.controls), []
+        problem = "" if self.connected else "the pad is gone"
+        motion = self.motion if self.connected else 0 * self.motion
+        return Reading(motion=motion, controls=controls, connected=self.connected, device="hands", problem=problem)
+
+    def rumble(self, strength: float, seconds: float) -> None:
+        self.rumbles.append(strength)
+
+    def help(self) -> tuple[Button, ...]:
+        return (Button("stick", "moves"),)
+
+    def close(self) -> None: ...
+
+
+@pytest.fixture
+def hands() -> HandSource:
+    return HandSource()

@@ -1,0 +1,123 @@
+"""A model places, and a person takes over: the state machine, the wrong calls, a real terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app import cli
+from app.measure import random_model
+from app.replay import replay
+from app.workstation.inputs.reading import Control, Reading
+from data import open_session
+from policy import model as model_files
+from tests.app.workstation.test_by_hand import Terminal
+from tests.app.workstation.test_recording import Desk
+
+
+@pytest.fixture
+def desk(tmp_path) -> Desk:
+    made = Desk(tmp_path / "s.h5", led=True)
+    yield made
+    made.close()
+
+
+def _rest(desk: Desk, ticks: int) -> int:
+    desk.recording.hear(Reading(motion=np.zeros(2)))
+    return sum(desk.recording.tick() for _ in range(ticks))
+
+
+def test_time_waits_for_nobody_while_a_policy_leads(desk):
+    desk.press(Control.START)
+    desk.now += 10.0
+    desk.recording.tick()
+    assert desk.state == "running"
+    assert not desk.recording.awaits_motion
+    assert _rest(desk, 5) == 5
+    desk.press(Control.PAUSE)
+    assert _rest(desk, 5) == 0
+    desk.press(Control.PAUSE)
+    assert _rest(desk, 2) == 2
+
+
+def test_after_its_stop_time_stands_until_the_hands_move(desk):
+    desk.press(Control.START)
+    desk.now += 10.0
+    desk.recording.tick()
+    take = desk.takes[0]
+    real, stops = take.tick, iter([None, "threshold", None, None])
+    take.tick = lambda *given: replace(real(*given), stopped_by=next(stops))
+    assert _rest(desk, 6) == 2
+    assert desk.recording.awaits_motion
+    assert "has stopped (threshold)" in desk.recording.message
+    assert desk.recording.does(Control.KEEP_SUCCESS)
+    assert desk.move(1) == 1
+    assert "you have the lead" in desk.recording.message
+    assert _rest(desk, 1) == 1
+
+
+WRONG: list[tuple[tuple[str, ...], str]] = [
+    (("--source", "scripted", "--correct", "m.npz"), "--correct needs a person"),
+    (("--source", "keyboard", "--correct", "missing.npz"), "missing.npz"),
+    (("--source", "keyboard", "--correct", "m.npz", "--task", "hanger"), "give --task pickers"),
+    (("--source", "keyboard", "--correct", "m.npz", "--task", "pickers", "--descriptor", "how"), "give --descriptor"),
+]
+
+
+@pytest.mark.parametrize(("call", "sentence"), WRONG)
+def test_what_cannot_be_corrected_is_one_sentence(call, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    model_files.save(random_model("pickers", 20), tmp_path / "m.npz")
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["record", "s.h5", *call])
+    assert stop.value.code == 2
+    assert sentence in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]
+
+
+@pytest.fixture
+def terminal() -> Callable[..., Terminal]:
+    made: list[Terminal] = []
+
+    def start(*arguments: object) -> Terminal:
+        made.append(Terminal(*arguments))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()
+
+
+@pytest.mark.slow
+def test_a_correction_at_the_keyboard_is_marked_and_runs_again(terminal, tmp_path):
+    """The model knows no move: it stops after eight ticks, and again so long after each correction."""
+    path, model = tmp_path / "s.h5", random_model("pickers", 20)
+    model_files.save(replace(model, alpha=np.zeros_like(model.alpha)), tmp_path / "m.npz")
+    one = terminal(
+        "record", path, "--source", "keyboard", "--task", "pickers", "--cloth", "napkin", "--correct",
+        tmp_path / "m.npz", "--no-window",
+    )  # fmt: skip
+    one.until(" hangs]")
+    one.type("\r")
+    one.until("has stopped (threshold)")
+    one.hold("s", 0.6)
+    one.until("you have the lead")
+    one.until("has stopped (threshold)")
+    one.type("y")
+    one.until("kept demo_0 success ")
+    assert one.end() == 0
+    with open_session(path) as session:
+        (info,) = session.infos().values()
+        episode = session[0]
+    assert info.source == "gp-word+keyboard"
+    marked = [step.intervention for step in episode.steps]
+    first, last = marked.index(True), len(marked) - marked[::-1].index(True)
+    assert 0 < first < last < len(marked)
+    assert all(marked[first:last])
+    assert any(step.action.any() for step in episode.steps[first:last])
+    assert not any(step.action.any() for step in (*episode.steps[:first], *episode.steps[last:]))
+    replay(path, episode=0, mode="action", json=tmp_path / "r.json", force=False)
+    assert '"identical": true' in (tmp_path / "r.json").read_text()

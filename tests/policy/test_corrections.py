@@ -1,0 +1,89 @@
+"""What a person corrected can count more often than what else was shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+
+from policy import gp, registry
+from policy.base import PolicyError
+from policy.features import input_set
+from policy.gp_model import JITTER
+
+
+@pytest.fixture(scope="module")
+def disagreeing(observe, episode_of):
+    """One drags on by 3 mm whatever comes; the other, a corrected one, by 9 mm beyond x = 0.2. Both miss by 0.3 mm."""
+    rng = np.random.default_rng(1)
+    made = []
+    for number in range(2):
+        places = np.linspace(0.0, 0.4, 30)
+        marked = (places > 0.2) if number else np.zeros(30, bool)
+        actions = np.where(marked, 0.009, 0.003) + rng.normal(0, 0.0003, 30)
+        seen = [observe(x, 0.0, contact=2 * x) for x in places]
+        episode = episode_of(seen, np.column_stack([actions, rng.normal(0, 0.0003, 30)]), seed=number)
+        steps = [replace(step, intervention=bool(m)) for step, m in zip(episode.steps, marked, strict=True)]
+        made.append(replace(episode, steps=steps))
+    return made
+
+
+def _fit(episodes, weight):
+    options = gp.FitOptions(intervention_weight=weight)
+    return gp.fit(episodes, input_set("hanger", "all"), policy="gp-word", options=options)
+
+
+@pytest.fixture(scope="module")
+def models(disagreeing):
+    return {weight: _fit(disagreeing, weight) for weight in (1, 4)}
+
+
+def test_a_weight_is_a_noise_of_its_own_for_each_tick(disagreeing, models):
+    """scikit-learn's process, with the noise of corrected ticks a quarter of the others', sees the same."""
+    model, layout = models[4], input_set("hanger", "all")
+    steps = [step for episode in disagreeing for step in episode.steps]
+    inputs, hyper = layout.matrix(steps) / layout.scales(), model.hyper
+    share = np.where([step.intervention for step in steps], 4, 1)
+    queries = np.vstack([layout.matrix(steps)[::7], layout.matrix(steps)[::7] + 0.05])
+    mean, std = model.predict(queries)
+    for a in range(2):
+        kernel = ConstantKernel(hyper.variance[a]) * RBF(hyper.length_scales[a])
+        other = GaussianProcessRegressor(kernel, alpha=(hyper.noise[a] + JITTER) / share, optimizer=None)
+        other.fit(inputs, np.array([step.action[a] for step in steps]) / model.output_scale_m)
+        wanted, spread = other.predict(queries / layout.scales(), return_std=True)
+        np.testing.assert_allclose(mean[:, a], model.output_scale_m * wanted, atol=1e-7)
+        total = model.output_scale_m * np.sqrt(spread**2 + hyper.noise[a])
+        np.testing.assert_allclose(std[:, a], total, atol=1e-7)
+
+
+def test_where_two_disagree_the_corrected_one_wins_by_its_weight(models, disagreeing):
+    layout = input_set("hanger", "all")
+    there = layout.matrix([step for step in disagreeing[1].steps if step.observation.holder_position[0] > 0.28])
+    moved = {weight: 1000 * model.predict(there)[0][:, 0].mean() for weight, model in models.items()}
+    # Shares of 3 and 9 mm: half and half, or one fifth and four.
+    assert moved[1] == pytest.approx(6.0, abs=0.5)
+    assert moved[4] == pytest.approx(0.2 * 3 + 0.8 * 9, abs=0.5)
+
+
+def test_the_likelihood_hears_of_each_tick_once(models):
+    for name in ("length_scales", "variance", "noise"):
+        np.testing.assert_array_equal(getattr(models[1].hyper, name), getattr(models[4].hyper, name))
+    assert models[1].heldout_rmse_m == models[4].heldout_rmse_m
+    assert models[4].points_available == models[1].points_available == 60
+
+
+def test_without_corrections_a_weight_changes_nothing(disagreeing):
+    plain = [
+        replace(episode, steps=[replace(step, intervention=False) for step in episode.steps]) for episode in disagreeing
+    ]
+    np.testing.assert_array_equal(_fit(plain, 5).alpha, _fit(plain, 1).alpha)
+
+
+def test_what_cannot_be_weighted_is_refused(disagreeing):
+    with pytest.raises(PolicyError, match="is 0; it must be at least 1"):
+        gp.FitOptions(intervention_weight=0)
+    with pytest.raises(PolicyError, match="gmr cannot weight"):
+        registry.train("gmr", disagreeing, intervention_weight=2)

@@ -1,0 +1,98 @@
+"""Disturbances as plain values: what a suite's file may say, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.cloth import cloth_spec
+from sim.disturbances import DISTURBANCES, DisturbanceSpec, disturbance_spec
+from sim.placing import BenchSettings, Placing
+from sim.world import SimError
+
+TOWEL = cloth_spec("towel")
+
+
+@pytest.mark.parametrize("name", sorted(DISTURBANCES))
+def test_a_preset_written_out_is_read_back(name: str) -> None:
+    spec = disturbance_spec(name)
+    plain = {k: [list(v) if isinstance(v, tuple) else v for v in values] if isinstance(values, tuple) else values
+             for k, values in asdict(spec).items()}  # fmt: skip
+    assert DisturbanceSpec.from_mapping(plain) == spec
+    assert DisturbanceSpec.from_mapping({"like": name}) == spec
+
+
+def test_a_suites_file_says_what_differs() -> None:
+    spec = DisturbanceSpec.from_mapping(
+        {"name": "half", "like": "thesis", "scale": [0.3, 0.4], "across": 0.5, "force_weights": 2}
+    )
+    known = disturbance_spec("thesis")
+    assert (spec.name, spec.scale, spec.across, spec.force_weights) == ("half", (0.3, 0.4), (0.5, 0.5), 2.0)
+    assert (spec.path, spec.along, spec.kind) == (known.path, known.along, known.kind)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"name": ""}, "name"),
+        ({"name": 3, "like": "push"}, "name"),
+        ({"kind": "push"}, "name"),
+        ({"name": "odd"}, "kind"),
+        ({"name": "odd", "like": "storm"}, "storm"),
+        ({"name": "odd", "like": 3}, "like"),
+        ({"name": "odd", "kind": "shove"}, "shove"),
+        ({"name": "odd", "like": "push", "colour": "red"}, "colour"),
+        ({"name": "odd", "like": "push", "along": "far"}, "along"),
+        ({"name": "odd", "like": "push", "along": [0.1]}, "along"),
+        ({"name": "odd", "like": "push", "along": [0.9, 0.1]}, "along"),
+        ({"name": "odd", "like": "push", "scale": [0.9, 0.1]}, "scale"),
+        ({"name": "odd", "like": "push", "patch": [1.5, 2]}, "patch"),
+        ({"name": "odd", "like": "push", "patch": 3}, "patch"),
+        ({"name": "odd", "like": "push", "path": [[1.0]]}, "path"),
+        ({"name": "odd", "like": "push", "path": "up"}, "path"),
+        ({"name": "odd", "like": "push", "speed_m_s": True}, "speed_m_s"),
+        ({"name": "odd", "like": "push", "speed_m_s": math.nan}, "speed_m_s"),
+        ({"name": "odd", "like": "push", "either_side": 1}, "either_side"),
+        ({"name": "odd", "like": "wind", "wind_m_s2": 0}, "wind_m_s2"),
+    ],
+)
+def test_a_wrong_field_is_named_in_one_sentence(wrong: dict, said: str) -> None:
+    with pytest.raises(SimError, match=said) as caught:
+        DisturbanceSpec.from_mapping(wrong)
+    assert "\n" not in str(caught.value)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_corner_is_folded_inwards_on_either_side(seed: int) -> None:
+    """The hands take nodes of one corner and carry them forward and towards the other side."""
+    plan = disturbance_spec("fold-corner").schedule(np.random.default_rng(seed), TOWEL)
+    side = np.sign(TOWEL.flat_nodes()[list(plan.nodes), 1].mean())
+    assert 0 in plan.nodes or TOWEL.columns - 1 in plan.nodes
+    assert plan.path_m[-1, 0] > 0.05
+    assert plan.path_m[-1, 1] * side < 0
+
+
+def test_both_sides_occur() -> None:
+    sides = {
+        bool(0 in disturbance_spec("fold-corner").schedule(np.random.default_rng(seed), TOWEL).nodes)
+        for seed in range(20)
+    }
+    assert sides == {True, False}
+
+
+def test_repeats_differ_and_the_first_is_what_it_always_was() -> None:
+    bench = Placing(BenchSettings(task="hanger", cloth="towel", camera=False))
+    known = disturbance_spec("thesis").schedule(np.random.default_rng([7, 0xD157]), TOWEL)
+    first, named, second, again = (
+        bench.disturbance_plan(what, 7, repeat).path_m
+        for what, repeat in (("thesis", 0), (disturbance_spec("thesis"), 0), ("thesis", 1), ("thesis", 1))
+    )
+    np.testing.assert_array_equal(first, known.path_m)
+    np.testing.assert_array_equal(first, named)
+    np.testing.assert_array_equal(second, again)
+    assert np.abs(first - second).max() > 1e-4
