@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from app import checks, measure, measure_data, measure_sight
+from app import checks, measure, measure_batch, measure_data, measure_recipes, measure_sight
 from app.jobs import JOB_LIMIT_S, fresh_processes
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -29,7 +29,9 @@ SECONDS = {
     "fine physics": 18.0,
     "seeing": 12.0,
     "sight": 6.0,
-    "predicting": 1.0,
+    "predicting": 4.0,
+    "recipes": 25.0,
+    "batch": 70.0,
     **measure_data.SECONDS,
 }
 """Expected wall time of each kind of measurement."""
@@ -63,6 +65,8 @@ class Measurement:
     cloth: str
     work: Callable[..., dict[str, FloatArray]]
     arguments: tuple[object, ...]
+    forks: bool = False
+    """It makes processes itself."""
 
     @property
     def title(self) -> str:
@@ -78,13 +82,20 @@ def bench(json: Path | None, *, force: bool) -> list[Row]:
     with Progress({item.title: SECONDS[item.kind] for item in plan}) as progress:
         for item in plan:
             progress.phase(item.title)
-            with fresh_processes(1) as pool:
-                samples = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
-            rows += rows_of(item, samples, rows)
+            rows += rows_of(item, measured(item), rows)
     if json is not None:
         write_json(json, content(rows))
     show(rows)
     return rows
+
+
+def measured(item: Measurement) -> dict[str, FloatArray]:
+    """What came of it: in a process of its own, or, where it makes its own processes, from here."""
+    if item.forks:
+        return item.work(*item.arguments)
+    with fresh_processes(1) as pool:
+        samples: dict[str, FloatArray] = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
+    return samples
 
 
 def measurements(folder: Path | None) -> Iterator[Measurement]:
@@ -103,8 +114,20 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
     yield Measurement(kind="sight", task=TASKS[0], cloth=CLOTH, work=measure_sight.sight, arguments=())
     for task in TASKS:
         yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
+    for across in measure_recipes.ACROSS:
+        yield Measurement(
+            kind="recipes",
+            task=TASKS[0],
+            cloth=f"{across} x {across}",
+            work=measure_recipes.recipes,
+            arguments=(across, CLOTH),
+        )
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
         yield Measurement(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
+    task = TASKS[0]
+    yield Measurement(
+        kind="batch", task=task, cloth=CLOTH, work=measure_batch.scaling, arguments=(task, CLOTH, folder), forks=True
+    )
 
 
 def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]) -> list[Row]:
@@ -114,7 +137,12 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
         lines = measure_data.lines_of(item.kind, samples)
         return [Row(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
     if item.kind == "predicting":
-        return [_plain(f"{item.task} GP, {measure.GP_POINTS} points", samples["predict"], 1e6, "us")]
+        name = f"{item.task} GP, {measure.GP_POINTS} points / GPy"
+        return [_beside(name, samples["predict"], samples["GPy"], "ms")]
+    if item.kind == "recipes":
+        return [_faster(*line) for line in measure_recipes.lines_of(int(str(item.arguments[0])), samples)]
+    if item.kind == "batch":
+        return [_more_workers(samples)]
     if item.kind == "sight":
         return _sight_rows(samples)
     if item.kind == "seeing":
@@ -159,6 +187,20 @@ def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER
     theirs = float(np.median(theirs_s))
     ratio = float(np.median(ours_s / theirs_s))
     return Row(name=name, value=1e3 * theirs * ratio, unit=unit, baseline=1e3 * theirs, samples=len(ours_s))
+
+
+def _faster(name: str, ours_s: FloatArray, theirs_s: FloatArray) -> Row:
+    """Simulated over wall time of both, from wall s per simulated s of neighbouring blocks."""
+    theirs = 1 / float(np.median(theirs_s))
+    ratio = float(np.median(theirs_s / ours_s))
+    return Row(name=name, value=ratio * theirs, unit=RTF, baseline=theirs, samples=len(ours_s))
+
+
+def _more_workers(samples: dict[str, FloatArray]) -> Row:
+    """Episodes a minute of the most workers, beside those of one."""
+    few, many = (60 / float(samples[str(workers)][0]) for workers in measure_batch.WORKERS)
+    name = f"batch of {measure_batch.EPISODES}, {measure_batch.WORKERS[-1]} workers / 1"
+    return Row(name=name, value=many, unit="episodes / min", baseline=few)
 
 
 def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> Row:

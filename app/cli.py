@@ -36,7 +36,7 @@ from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
 TaskName = Literal["hanger", "pickers"]
 SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
-PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gmr", "dmp", "nearest"]
+PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gp-finish", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(

@@ -11,7 +11,7 @@ from app import checks
 from app.cli_options import Debug, Episodes, Force, Seed, Workers
 
 EngineName = Literal["local", "ray"]
-StartName = Literal["hanging", "crumpled"]
+StartName = Literal["hanging", "crumpled", "folded-corner", "swinging"]
 
 Policies = Annotated[
     list[str],
@@ -37,6 +37,7 @@ Engine = Annotated[EngineName, typer.Option(help="On this machine, or on a Ray c
 Address = Annotated[
     str | None, typer.Option(metavar="HOST:PORT", help="Of the Ray cluster; a local one is started without.")
 ]
+Videos = Annotated[bool, typer.Option("--videos", help="Film the best, the median and the worst of each policy.")]
 _SUITE = (
     "a suite (thesis, gentle, harsh, folds, wind), a single disturbance by name, or a suite of your own; may be given "
     "several times."
@@ -62,12 +63,13 @@ def evaluate(
     limit_s: Limit = 900.0,
     engine: Engine = "local",
     address: Address = None,
+    videos: Videos = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Compare policies from the same starts, through the same disturbances.
 
-    Rows, summary and every episode into DIR; the same command goes on where it was interrupted.
+    Rows, summary, every episode and report.html into DIR; the same command goes on where it was interrupted.
     """
     checks.require_simulator()
     from app.evaluate import evaluate as run
@@ -85,6 +87,7 @@ def evaluate(
         workers=workers,
         engine=engine,
         address=address,
+        videos=videos,
         force=force,
     )
 
@@ -102,6 +105,7 @@ def disturb(
     limit_s: Limit = 900.0,
     engine: Engine = "local",
     address: Address = None,
+    videos: Videos = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -122,6 +126,7 @@ def disturb(
         limit_s=limit_s,
         engine=engine,
         address=address,
+        videos=videos,
         force=force,
         debug=debug,
     )

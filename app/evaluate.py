@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from app import checks
+from app.batch.cluster import ray_engine
 from app.batch.local import Engine, local_engine
 from app.batch.plan import SCRIPTED, Entrant, Plan
 from app.batch.results import Results
@@ -20,15 +21,17 @@ from app.batch.run import run_batch
 from app.batch.suites import cases_of
 from app.errors import LayflatError, WrongCall
 from app.progress import Progress
+from app.report.evaluation import write_evaluation
 from data.types import TASKS
 from policy import model as model_files
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from policy.registry import MADE
-from sim.placing import Start
+from sim.starts import Start
 
 EPISODE_S = 12.0
 CASE_S = 6.0
-"""Core-seconds of a placing, and of what follows in each case, for the first estimate of the time left."""
+REPORT_S = 15.0
+"""Core-seconds of a placing, of what follows in each case, and of the page, for the first estimate of the time left."""
 DEFAULT_CLOTH = "towel"
 _SPEC = re.compile(r"(?:(?P<name>[^=/]+)=)?(?P<who>.+?)(?:\+(?P<rule>[a-z-]+))?")
 
@@ -48,6 +51,7 @@ def evaluate(
     engine: str,
     address: str | None,
     force: bool,
+    videos: bool = False,
 ) -> Results:
     """Run ``policies`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, all else in ``out``.
 
@@ -63,14 +67,16 @@ def evaluate(
         start=start,
         limit_s=limit_s,
     )
+    on = engine_of(engine, workers, address)
     seconds = len(plan.seeds) * len(plan.cloths) * len(entrants) * (EPISODE_S + CASE_S * len(plan.cases))
-    with Progress({"episodes": seconds / workers}) as progress:
+    with Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:
         progress.phase("episodes", items=plan.episodes)
-        results = run_batch(
-            plan, out, workers=workers, engine=engine_of(engine, workers, address), force=force, progress=progress
-        )
+        results = run_batch(plan, out, engine=on, force=force, progress=progress)
+        progress.phase("report")
+        page = write_evaluation(results, videos=videos, tick=progress.status)
     show(results.summary)
     print(f"results: {out}")
+    print(f"report: {page}")
     if results.rows["crashed"].all():
         raise LayflatError(f"every episode crashed; the first: {results.rows['reason'].iloc[0]}")
     return results
@@ -81,6 +87,8 @@ def engine_of(name: str, workers: int, address: str | None) -> Engine:
         if address is not None:
             raise WrongCall("--address is where a Ray cluster is; give --engine ray with it")
         return local_engine(workers)
+    if name == "ray":
+        return ray_engine(workers, address)
     raise WrongCall(f"engine {name!r} is unknown; known ones are local, ray")
 
 
@@ -90,7 +98,7 @@ class _Given:
 
     name: str | None
     stem: str
-    model: GpModel | None
+    model: Learned | None
     made: str | None
 
     @property
@@ -142,7 +150,7 @@ def _given(text: str) -> _Given:
     return _Given(name, Path(who).stem, _load(Path(who)), rule)
 
 
-def _load(path: Path) -> GpModel:
+def _load(path: Path) -> Learned:
     return model_files.load(checks.readable_file(path, "a model that `layflat train` wrote"))
 
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,9 @@ from data.types import Episode, FloatArray, Task, action_size
 from perception.percept import Perceiver
 from policy.base import Policy
 from policy.features import input_set
-from policy.gp_model import GpModel, Hyperparameters
+from policy.gp import import_gpy
+from policy.gp_kernel import JITTER, Hyperparameters, covariance
+from policy.gp_model import GpModel
 from policy.simple import Drag, Hold
 from policy.stopping import AnyOf
 from sim.placing import BenchSettings, Placing
@@ -100,10 +103,27 @@ def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, 
 
 
 def predicting(task: Task) -> dict[str, FloatArray]:
-    """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs."""
+    """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs: ours and GPy's."""
     model = random_model(task)
-    here = np.zeros((1, model.layout.size))
-    return {"predict": _repeat(lambda: model.predict(here), 200)}
+    here, there = np.zeros((1, model.layout.size)), np.zeros((1, model.layout.size))
+    theirs = as_gpy(model)
+    return alternating(
+        {"predict": lambda: model.predict(here), "GPy": lambda: [process.predict(there) for process in theirs]}, 200
+    )
+
+
+def as_gpy(model: GpModel) -> list[Any]:
+    """The same processes, one for each output, as GPy has them."""
+    gpy, scaled = import_gpy(), model.inputs / model.input_scale
+    processes = []
+    for a, alpha in enumerate(model.alpha):
+        noise = model.hyper.noise[a]
+        target = covariance(scaled, scaled, model.hyper, a) @ alpha + (noise + JITTER) * alpha
+        kernel = gpy.kern.RBF(
+            scaled.shape[1], variance=model.hyper.variance[a], lengthscale=model.hyper.length_scales[a, 0]
+        )
+        processes.append(gpy.models.GPRegression(scaled, target[:, np.newaxis], kernel, noise_var=noise))
+    return processes
 
 
 def random_model(task: Task, points: int = GP_POINTS) -> GpModel:

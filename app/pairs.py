@@ -1,19 +1,18 @@
-"""Comparison of two policies over the same starts and disturbances, and shares with their intervals."""
+"""Comparison of two policies over the same starts and disturbances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
-from scipy.stats import binomtest
 
 from app.summary import confidence_interval
-from data.types import FLAT_AREA
 
 PAIR = ("task", "cloth", "seed", "disturbance")
 """What two episodes share that are compared."""
+LEAST = 6
+"""Pairs below which nothing is said: five that all point the same way do so by chance in one of 16."""
 TIE = 5e-4
 """Contact portions that are nearer than this are the same: a twentieth of a point."""
 
@@ -32,8 +31,11 @@ class Paired:
 
     @property
     def clear(self) -> bool:
-        """Whether the interval leaves 0 out."""
-        return bool(self.low > 0 or self.high < 0)
+        """Whether there are enough pairs, and the interval leaves 0 out."""
+        return self.n >= LEAST and bool(self.low > 0 or self.high < 0)
+
+
+NO_PAIRS = Paired(n=0, mean=float("nan"), low=float("nan"), high=float("nan"), better=0, worse=0)
 
 
 def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> Paired:
@@ -41,8 +43,7 @@ def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] =
     both = a.merge(b, on=list(on), suffixes=("_a", "_b"))
     values = (both[f"{column}_a"].astype(float) - both[f"{column}_b"].astype(float)).dropna().to_numpy(float)
     if not len(values):
-        nan = float("nan")
-        return Paired(n=0, mean=nan, low=nan, high=nan, better=0, worse=0)
+        return NO_PAIRS
     low, high = confidence_interval(values)
     return Paired(
         n=len(values),
@@ -52,21 +53,6 @@ def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] =
         better=int((values > TIE).sum()),
         worse=int((values < -TIE).sum()),
     )
-
-
-def wilson(successes: int, n: int) -> tuple[float, float]:
-    """95 % Wilson interval of a share; (NaN, NaN) for none."""
-    if n == 0:
-        return float("nan"), float("nan")
-    interval = binomtest(successes, n).proportion_ci(confidence_level=0.95, method="wilson")
-    return float(interval.low), float(interval.high)
-
-
-def successes(rows: pd.DataFrame) -> np.ndarray:
-    """(n,) bool: ended with the cloth flat; what crashed or diverged did not."""
-    flat = rows["flat_area_final"].astype(float).fillna(-1.0) > FLAT_AREA
-    lost = rows["crashed"].astype(bool) | rows["unstable"].fillna(False).astype(bool)
-    return np.asarray(flat & ~lost)
 
 
 def with_gain(rows: pd.DataFrame) -> pd.DataFrame:

@@ -1,11 +1,13 @@
-"""Who made a result, with what: versions, platform, time, command line."""
+"""Who made a result, with what: versions, git revision, platform, time, command line."""
 
 from __future__ import annotations
 
+import functools
 import getpass
 import os
 import platform
 import shlex
+import subprocess
 import sys
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
@@ -27,6 +29,8 @@ def provenance_now() -> Provenance:
             versions[name] = version(name)
         except PackageNotFoundError:  # run from a source folder that is not installed
             continue
+    if revision := git_revision():
+        versions["git"] = revision
     return Provenance(
         versions=versions,
         platform=platform.platform(),
@@ -34,6 +38,21 @@ def provenance_now() -> Provenance:
         command=shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         operator=os.environ.get(OPERATOR) or _login(),
     )
+
+
+@functools.cache
+def git_revision() -> str:
+    """Commit of the working copy that this program runs from, with "+changes" where files differ; "" outside of one."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", Path(__file__).name)  # Another project's folder may have Layflat installed.
+        return git("rev-parse", "HEAD") + ("+changes" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return ""
 
 
 def _login() -> str:

@@ -14,6 +14,8 @@ from data.types import FloatArray
 
 BOOTSTRAP_SEED = 0
 BOOTSTRAP_RESAMPLES = 9999
+BATCH_VALUES = 10_000_000
+"""Values that are drawn at a time, so that memory does not grow with their number."""
 GROUP = ("policy", "task", "cloth", "disturbance")
 
 
@@ -61,6 +63,7 @@ def confidence_interval(values: FloatArray) -> tuple[float, float]:
         np.mean,
         confidence_level=0.95,
         n_resamples=BOOTSTRAP_RESAMPLES,
+        batch=max(1, BATCH_VALUES // len(values)),
         method="percentile",
         random_state=np.random.default_rng(BOOTSTRAP_SEED),  # named rng from SciPy 1.15; Python 3.10 has 1.12
     )

@@ -58,7 +58,8 @@ REGAINED_CLAIM: Mapping[str, str] = {BASELINE: "less than 1 point", PROPOSED: "a
 """Chapter 4-3-3, in words."""
 
 BAD_CONTACT = Stated(value=0.7939, source="chapter 5-1, Figure 5-1", about="final contact after a bad first contact")
-FOLDED_CORNER = "the robot pulls, and stops with the corner still folded (chapter 5-1, Figure 5-2; no number)"
+FOLDED_CORNER = "the robot pulls, and stops with the corner still folded (no number)"
+"""Chapter 5-1, Figure 5-2."""
 
 
 def regained(policy: str) -> tuple[float, ...]:

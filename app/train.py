@@ -80,7 +80,7 @@ def show(model: Learned, path: Path) -> None:
     console.print(table)
     kernel = f"kernel {model.hyper.kernel}; " if isinstance(model, GpModel) else ""
     console.print(
-        f"{model.points} {model.MADE_OF} of {model.points_available} ticks in {model.demonstrations} demonstrations; "
+        f"{model.points} {model.made_of} of {model.points_available} ticks in {model.demonstrations} demonstrations; "
         f"inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}",
         highlight=False,
         soft_wrap=True,

@@ -38,7 +38,6 @@ class DmpModel(Learned):
     FORMAT: ClassVar[str] = "layflat-dmp"
     ARRAYS: ClassVar[tuple[str, ...]] = ("goal", "weights")
     SETTINGS: ClassVar[Mapping[str, type]] = {"duration_s": float}
-    MADE_OF: ClassVar[str] = "basis functions for each axis"
 
     goal: FloatArray
     """(A,) m, world: where the demonstrations end, on average."""
@@ -61,6 +60,10 @@ class DmpModel(Learned):
     @property
     def points(self) -> int:
         return self.weights.shape[1]
+
+    @property
+    def made_of(self) -> str:
+        return "basis functions for each axis"
 
     @property
     def step_u(self) -> float:

@@ -54,7 +54,6 @@ class GmrModel(Field):
     FORMAT: ClassVar[str] = "layflat-gmr"
     ARRAYS: ClassVar[tuple[str, ...]] = ("input_scale", "weights", "means", "covariances")
     SETTINGS: ClassVar[Mapping[str, type]] = {"output_scale_m": float}
-    MADE_OF: ClassVar[str] = "components"
 
     input_scale: FloatArray
     """(D,) what each column is divided by."""
@@ -84,6 +83,10 @@ class GmrModel(Field):
     @property
     def points(self) -> int:
         return len(self.weights)
+
+    @property
+    def made_of(self) -> str:
+        return "components"
 
     @cached_property
     def _components(self) -> tuple[_Conditional, ...]:

@@ -35,8 +35,6 @@ class Learned:
     """Arrays that a file may have."""
     SETTINGS: ClassVar[Mapping[str, type]] = {}
     """Header fields of this method alone."""
-    MADE_OF: ClassVar[str] = "points"
-    """What ``points`` counts, for a person."""
 
     policy: str
     """Name of the policy that it makes, as in the registry."""
@@ -81,6 +79,11 @@ class Learned:
     def points(self) -> int:
         """Number of parts that the model is made of: ticks, components or basis functions."""
         raise NotImplementedError
+
+    @property
+    def made_of(self) -> str:
+        """What ``points`` counts, for a person."""
+        return "points"
 
     def arrays(self) -> dict[str, FloatArray]:
         """What its file holds, by name."""

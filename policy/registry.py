@@ -7,11 +7,13 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from data.types import Episode, Provenance, Task
+from policy import finish
 from policy.base import Policy, PolicyError
 from policy.dmp import DmpPolicy
 from policy.dmp_model import DmpModel
 from policy.features import input_set
 from policy.field_policy import FieldPolicy
+from policy.gp_model import GpModel
 from policy.learned import Field, Learned
 from policy.simple import Hold, RandomMoves, drag_rule, stretch_right
 
@@ -70,6 +72,7 @@ TRAINED: Mapping[str, Trainer] = {
         ("gp-baseline", "gp", "position"),
         ("gp-contact", "gp", "position+contact"),
         ("gp-direction", "gp", "position+word"),
+        (finish.NAME, "gp", "all"),
         ("gmr", "gmr", "all"),
         ("dmp", "dmp", "position"),
         ("nearest", "nearest_model", "all"),
@@ -116,6 +119,8 @@ def from_model(model: Learned) -> Policy:
     """The policy that a trained model makes."""
     if model.policy not in TRAINED:
         raise PolicyError(f"the model's policy {model.policy!r} is unknown; it must be one of {', '.join(TRAINABLE)}")
+    if model.policy == finish.NAME and isinstance(model, GpModel):
+        return finish.FinishPolicy(model)
     if isinstance(model, DmpModel):
         return DmpPolicy(model)
     if isinstance(model, Field):

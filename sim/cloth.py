@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -146,14 +147,7 @@ class Cloth:
 
     def _load(self) -> int:
         spec = self.spec
-        nodes = spec.flat_nodes(z_m=0.5)
-        lines = [f"v {x:.9f} {y:.9f} {z:.9f}\n" for x, y, z in nodes]
-        lines += [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in self._triangles]
-        # Bullet caches OBJ files by path, so each cloth comes from a name that was never used.
-        handle, path = tempfile.mkstemp(suffix=".obj")
-        try:
-            with os.fdopen(handle, "w") as file:
-                file.writelines(lines)
+        with mesh_file(spec.flat_nodes(z_m=0.5), self._triangles) as path:
             body = bullet.loadSoftBody(
                 path,
                 scale=1.0,
@@ -171,8 +165,6 @@ class Cloth:
                 collisionMargin=spec.margin_m,
                 physicsClientId=self.world.client,
             )
-        finally:
-            os.unlink(path)
         # A cloth that hung still for about a second falls asleep and then ignores its moving anchors.
         bullet.changeDynamics(
             body, -1, activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING, physicsClientId=self.world.client
@@ -239,6 +231,23 @@ class Cloth:
             if speed > SPEED_LIMIT_M_S:
                 return f"a node moves at {speed:.1f} m/s"
         return None
+
+
+@contextmanager
+def mesh_file(nodes: FloatArray, triangles: np.ndarray) -> Iterator[str]:
+    """Path of an OBJ file of nodes (N, 3) m and triangles (T, 3), there while it is needed.
+
+    Bullet caches OBJ files by path, so each cloth comes from a name that was never used.
+    """
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}\n" for x, y, z in nodes]
+    lines += [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in triangles]
+    handle, path = tempfile.mkstemp(suffix=".obj")
+    try:
+        with os.fdopen(handle, "w") as file:
+            file.writelines(lines)
+        yield path
+    finally:
+        os.unlink(path)
 
 
 def resting_share(nodes: FloatArray, triangles: np.ndarray, margin_m: float) -> float:

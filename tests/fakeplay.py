@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import os
 import resource
 import signal
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
 
 from app.batch.plan import Case, Entrant, Group, Plan
+from app.batch.run import run_batch
+from app.errors import run_guarded
+from app.progress import Progress
 from app.schedule import ScheduledDisturbance, When
 from data.types import Episode, Observation, Phase, Step, Truth
 from sim.disturbances import DISTURBANCES
@@ -29,6 +36,8 @@ class Scripted:
     """Which faults come: by group and where in it, one for each attempt; None or nothing: none."""
 
     faults: Mapping[tuple[str, str], tuple[Fault | None, ...]] = field(default_factory=dict)
+    marks: Path = Path()
+    """Where it is noted that a disk has been full: somebody makes room then."""
     tick_s: float = 0.0
     """Wall time of a placing and of each case."""
 
@@ -37,9 +46,23 @@ class Scripted:
 
     def suffer(self, group: Group, where: str) -> None:
         planned = self.faults.get((key_of(group), where), ())
-        if len(planned) >= group.attempt and planned[group.attempt - 1] is not None:
-            _suffer(planned[group.attempt - 1])
+        fault = planned[group.attempt - 1] if len(planned) >= group.attempt else None
+        if fault == "disk":
+            mark = self.marks / f"full-{key_of(group)}-{where}".replace("/", ".")
+            if not mark.exists():
+                mark.touch()
+                _suffer(fault)
+        elif fault is not None:
+            _suffer(fault)
         time.sleep(self.tick_s)
+
+
+class Looking(Scripted):
+    """With a look at a picture, as every real episode has."""
+
+    def suffer(self, group: Group, where: str) -> None:
+        cv2.setNumThreads(cv2.getNumThreads())
+        cv2.resize(np.zeros((800, 800), np.float32), (2000, 2000))
 
 
 class FakePlaying:
@@ -65,10 +88,11 @@ def key_of(group: Group) -> str:
     return f"{group.entrant.task} {group.cloth} {group.entrant.name} {group.seed}"
 
 
-def _suffer(fault: Fault | None) -> None:
+def _suffer(fault: Fault) -> None:
     if fault == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
     elif fault == "segfault":
+        faulthandler.disable()
         ctypes.string_at(0)
     elif fault == "hang":
         while True:
@@ -133,3 +157,16 @@ def fake_plan(seeds: int = 4, *, policies: tuple[str, ...] = ("hold", "drag-rule
         cases=(Case(name="push", schedule=(push,)), Case(name="mix/early", schedule=(early,))),
         limit_s=limit_s,
     )
+
+
+def main(out: str, seeds: str, workers: str, tick_s: str) -> int:
+    """A batch as a program of its own, which can be interrupted and killed."""
+    plan = fake_plan(int(seeds))
+    with Progress({"episodes": 1.0}) as progress:
+        progress.phase("episodes", items=plan.episodes)
+        run_batch(plan, Path(out), workers=int(workers), play=Scripted(tick_s=float(tick_s)), progress=progress)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_guarded(lambda: main(*sys.argv[1:])))

@@ -14,9 +14,10 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
+
+import cv2
 
 from app.batch.group import WHOLE_GROUP, Play, Said, run_file, run_group
 from app.batch.isolate import end_with_parent, why_it_ended
@@ -54,24 +55,32 @@ class Engine(Protocol):
 class Isolated:
     """A group that runs in a process of its own."""
 
-    def __init__(self, group: Group, folder: Path, play: Play, context: BaseContext) -> None:
+    def __init__(self, group: Group, folder: Path, play: Play) -> None:
+        context = get_context("fork")
         self.group = group
         self._folder = folder
         self._hear, say = context.Pipe(duplex=False)
         self._give_up_s = time.monotonic() + group.limit_s * (len(group.cases) + 2) + GRACE_S
         # daemon: when this program ends by an error of its own, it does not wait for them.
-        self._process = context.Process(target=_alone, args=(group, folder, play, say, os.getpid()), daemon=True)  # type: ignore[attr-defined]
+        self._process = context.Process(target=_alone, args=(group, folder, play, say, os.getpid()), daemon=True)
         self._process.start()
         say.close()
 
     @property
     def sentinel(self) -> int:
-        """Ready when the process has ended."""
+        """Ready when the process and its forks have ended."""
         return int(self._process.sentinel)
 
     @property
     def overdue(self) -> bool:
         return time.monotonic() > self._give_up_s
+
+    def wait(self) -> GroupEnd:
+        """What came of it, when it has ended; in the end it is ended here."""
+        wait([self.sentinel], timeout=max(self._give_up_s - time.monotonic(), 0.0))
+        if self.overdue:
+            self.kill()
+        return self.end()
 
     def kill(self) -> None:
         """And its forks with it."""
@@ -105,9 +114,6 @@ def _alone(group: Group, folder: Path, play: Play, say: Connection, parent: int)
     # Ctrl-C reaches the whole process group; only the parent decides what to keep, and then ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
-    import cv2
-
-    cv2.setNumThreads(1)
     run_group(group, folder, play, say)
 
 
@@ -115,12 +121,13 @@ def local_engine(workers: int) -> Engine:
     """``workers`` groups at a time."""
 
     def run(next_group: NextGroup, folder: Path, play: Play) -> Generator[GroupEnd | None, None, None]:
-        context = get_context("fork")
+        # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
+        cv2.setNumThreads(1)
         running: list[Isolated] = []
         try:
             while True:
                 while len(running) < workers and (group := next_group()) is not None:
-                    running.append(Isolated(group, folder, play, context))
+                    running.append(Isolated(group, folder, play))
                 if not running:
                     return
                 ready = wait([item.sentinel for item in running], timeout=LOOK_S)

@@ -17,10 +17,11 @@ from app.schedule import ScheduledDisturbance
 from data.types import TASKS, Task
 from perception.descriptors import DEFAULT
 from policy.flatten import CONTROLLERS
-from policy.gp_model import GpModel
+from policy.learned import Learned
 from policy.registry import MADE
 from sim.cloth import CLOTHS
-from sim.placing import STARTS, BenchSettings, Start
+from sim.placing import BenchSettings
+from sim.starts import STARTS, Start
 from sim.world import SimError
 
 LIMIT_S = 900.0
@@ -39,7 +40,7 @@ class Entrant:
     name: str
     """As in the column ``policy``."""
     task: Task
-    model: GpModel | None = None
+    model: Learned | None = None
     made: str | None = None
     """A name of policy.registry.MADE, or "scripted"; with a model: who takes over after a disturbance."""
     controller: str | None = None

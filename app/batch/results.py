@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from app.batch.group import run_file
@@ -54,15 +55,11 @@ class Results:
 
 def read_rows(path: Path) -> pd.DataFrame:
     """episodes.csv with the types of its columns; empty numbers are NaN."""
-    types = {**dict.fromkeys(_WORDS, str), **dict.fromkeys(_COUNTS, int), **dict.fromkeys(_TRUTHS, bool)}
-    empty = {name: [""] for name in _NUMBERS}
-    return pd.read_csv(
-        path,
-        dtype={**types, **dict.fromkeys(_NUMBERS, float)},
-        keep_default_na=False,
-        na_values=empty,
-        float_precision="round_trip",
-    )
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    # Numbers are read by Python: pandas' own way, before its version 3, may lose the last bit.
+    numbers = {name: [float(cell) if cell else np.nan for cell in rows[name]] for name in _NUMBERS}
+    truths = {name: rows[name] == "True" for name in _TRUTHS}
+    return rows.assign(**numbers, **truths, **{name: rows[name].astype(int) for name in _COUNTS})
 
 
 def read_run(runs: Path, run: str) -> Episode:

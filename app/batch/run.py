@@ -23,7 +23,7 @@ from app.batch.results import BATCH, EPISODES, RUNS, SUMMARY, Results, as_rows, 
 from app.batch.summary import summary_of
 from app.errors import LayflatError, WrongCall
 from app.progress import Progress
-from app.provenance import provenance_now
+from app.provenance import git_revision, provenance_now
 from app.rows import COLUMNS, row_of, write_json
 from data.durable import PART_SUFFIX, WriterLock, os_reason
 from data.types import DataError
@@ -106,7 +106,12 @@ class Batch:
             self._ledger.sort(asked.order(self._asked))
             rows = read_rows(self._out / EPISODES)
             if len(rows):
-                provenance = {**vars(provenance_now()), "seeds": self._asked["seeds"], "asked": BATCH}
+                provenance = {
+                    **vars(provenance_now()),
+                    "git": git_revision(),
+                    "seeds": self._asked["seeds"],
+                    "asked": BATCH,
+                }
                 content = {**summary_of(rows), "episodes": as_rows(rows), "provenance": provenance}
                 write_json(self._out / SUMMARY, content)
 

@@ -19,14 +19,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Mapping
-from dataclasses import fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from app.batch.plan import Case
 from app.errors import WrongCall
-from app.schedule import Moment, ScheduledDisturbance, When
+from app.schedule import ScheduledDisturbance, When
 from sim.disturbances import DISTURBANCES, DisturbanceSpec
 from sim.world import SimError
 
@@ -41,9 +40,7 @@ MAX_BYTES = 100_000
 MAX_REPEATS = 20
 _SUITE_KEYS = ("schema", "about", "case")
 _CASE_KEYS = ("name", "disturbance")
-_SCHEDULE_KEYS = ("like", "when", "repeats")
-_SPEC_KEYS = tuple(item.name for item in fields(DisturbanceSpec) if item.name != "name")
-_PAIRS = ("along", "across", "heading_deg", "scale", "patch")
+_SCHEDULE_KEYS = ("when", "repeats")
 
 
 def shipped() -> tuple[str, ...]:
@@ -70,7 +67,7 @@ def parse(text: str, name: str, where: str) -> tuple[Case, ...]:
     """Cases of a suite's text; WrongCall, naming ``where`` it is from, says the first thing that is wrong."""
     try:
         suite = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise WrongCall(f"{where} is not TOML: {error}") from None
     _known_keys(suite, _SUITE_KEYS, where)
     if suite.get("schema") != SCHEMA:
@@ -98,7 +95,6 @@ def _case(table: Mapping[str, Any], suite: str, where: str, siblings: int) -> Ca
 
 
 def _item(table: Mapping[str, Any], name: str, where: str) -> ScheduledDisturbance:
-    _known_keys(table, (*_SCHEDULE_KEYS, *_SPEC_KEYS), where)
     repeats = table.get("repeats", 1)
     if not _is_whole(repeats) or not 1 <= repeats <= MAX_REPEATS:
         raise WrongCall(f"{where}: repeats is {repeats!r}; it must be a whole number from 1 to {MAX_REPEATS}")
@@ -111,52 +107,20 @@ def _when(value: object, where: str) -> When:
         return When()
     if isinstance(value, dict) and len(value) == 1:
         ((moment, number),) = value.items()
-        if moment in get_args(Moment) and moment != "stopped" and isinstance(number, (int, float)):
-            return When(moment=moment, value=number)
+        if moment in ("tick", "contact") and isinstance(number, (int, float)) and not isinstance(number, bool):
+            try:
+                return When(moment=moment, value=number)
+            except WrongCall as error:
+                raise WrongCall(f"{where}: {error}") from None
     raise WrongCall(f'{where}: when is {value!r}; it must be "stopped", {{ tick = 30 }} or {{ contact = 0.5 }}')
 
 
 def _spec(table: Mapping[str, Any], name: str, where: str) -> DisturbanceSpec:
-    values = {key: _value(key, table[key], where) for key in _SPEC_KEYS if key in table}
-    like = table.get("like")
-    if like is None and "kind" not in table:
-        raise WrongCall(f"{where}: a disturbance needs a kind, or another one that it is like")
-    if like is not None and (not isinstance(like, str) or like not in DISTURBANCES):
-        raise WrongCall(f"{where}: like is {like!r}; it must be one of {', '.join(DISTURBANCES)}")
+    said = {key: value for key, value in table.items() if key not in _SCHEDULE_KEYS}
     try:
-        if like is None:
-            return DisturbanceSpec(name=name, **values)
-        return replace(DISTURBANCES[like], name=name, **values)
+        return DisturbanceSpec.from_mapping({**said, "name": name})
     except SimError as error:
         raise WrongCall(f"{where}: {error}") from None
-
-
-def _value(key: str, value: object, where: str) -> Any:
-    """As the specification has it: lists become tuples, and every number is one."""
-    if key == "kind":
-        return value
-    if key in _PAIRS:
-        whole = key == "patch"
-        if isinstance(value, list) and len(value) == 2 and all(_is_whole(v) if whole else _is_number(v) for v in value):
-            return tuple(value if whole else map(float, value))
-        raise WrongCall(f"{where}: {key} is {value!r}; it must be two {'whole ' if whole else ''}numbers, as in [1, 2]")
-    if key == "path":
-        if isinstance(value, list) and all(map(_is_point, value)):
-            return tuple((float(ahead), float(up)) for ahead, up in value)
-        raise WrongCall(
-            f"{where}: path is {value!r}; it must be pairs of forward and up, as in [[0.0, 0.1], [0.2, 0.1]]"
-        )
-    if _is_number(value):
-        return value
-    raise WrongCall(f"{where}: {key} is {value!r}; it must be a number")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e6
-
-
-def _is_point(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
 
 
 def _is_whole(value: object) -> bool:

@@ -30,6 +30,8 @@ class TableBlock:
     note: str = ""
     folded: bool = False
     """Shown only when asked for: long lists."""
+    wordy: bool = False
+    """Cells are sentences, not numbers: to the left, and on several lines."""
 
 
 @dataclass(frozen=True, kw_only=True)

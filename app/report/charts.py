@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 
 from app.figures import DPI, STYLE, colour_of
 from app.moments import stretches
+from app.summary import confidence_interval
 from data.types import Episode, FloatArray
 
 QUARTILES = (25.0, 50.0, 75.0)
@@ -115,9 +117,10 @@ def spread_over_time(groups: Mapping[str, Sequence[Curve]]) -> bytes:
         axes[0].set_ylim(0, 105)
         if disturbed:
             _zoom(axes[1], groups)
-        axes[-1].legend(
-            loc="lower right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85, fontsize=8
-        )
+        if any(groups.values()):
+            axes[-1].legend(
+                loc="lower right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85, fontsize=8
+            )
         return png(figure)
 
 
@@ -134,43 +137,44 @@ def quartiles_over_time(group: Sequence[Curve]) -> tuple[FloatArray, FloatArray]
 def _zoom(axis: Axes, groups: Mapping[str, Sequence[Curve]]) -> None:
     """From shortly before the first disturbance, on the range that the bands cover there."""
     axis.set_title("disturbance and repair")
-    axis.set_xlim(-2.0, max(curve.time_s[-1] for group in groups.values() for curve in group))
+    axis.set_xlim(-2.0, max((curve.time_s[-1] for group in groups.values() for curve in group), default=1.0))
     lows = []
     for group in groups.values():
         if group:
             time_s, quartiles = quartiles_over_time(group)
             lows.append(100 * quartiles[0][time_s >= 0].min(initial=1.0))
-    axis.set_ylim(max(0.0, min(lows) - 6), 102)
+    axis.set_ylim(max(0.0, min(lows, default=6.0) - 6), 102)
 
 
-def against(lines: Mapping[str, Sequence[tuple[float, FloatArray]]], *, xlabel: str, ylabel: str) -> bytes:
-    """Mean of values (0..1) against a number, with the 95 % interval of the mean as a bar, one line for each name."""
-    from app.summary import confidence_interval
+Lines: TypeAlias = Mapping[str, Sequence[tuple[float, FloatArray]]]
+"""For each name, values (0..1) at numbers."""
 
+
+def against(panels: Mapping[str, Lines], *, xlabel: str) -> bytes:
+    """Means of values against a number, with the 95 % interval of the mean as a bar; a panel for each y label."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 3.2), layout="constrained")
-        axis = figure.subplots()
-        for number, (name, points) in enumerate(lines.items()):
-            x = np.array([at for at, _ in points])
-            mean = np.array([100 * values.mean() for _, values in points])
-            ends = np.array([100 * np.array(confidence_interval(values)) for _, values in points])
-            reach = np.nan_to_num(np.abs(np.column_stack([mean - ends[:, 0], ends[:, 1] - mean]))).T
-            shift = 0.1 * (number - (len(lines) - 1) / 2)
-            axis.errorbar(
-                x + shift,
-                mean,
-                yerr=reach,
-                color=colour_of(name, number),
-                marker="o",
-                markersize=4,
-                capsize=2.5,
-                label=name,
-            )
-        axis.set_xlabel(xlabel)
-        axis.set_ylabel(ylabel)
-        axis.grid(axis="y")
+        figure = Figure(figsize=(10.4, 3.2), layout="constrained")
+        for axis, (ylabel, lines) in zip(
+            figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
+        ):
+            for number, (name, points) in enumerate(lines.items()):
+                _draw_means(axis, name, points, colour_of(name, number), shift=0.1 * (number - (len(lines) - 1) / 2))
+            axis.set_xlabel(xlabel)
+            axis.set_ylabel(ylabel)
+            axis.grid(axis="y")
         axis.legend(loc="best")
         return png(figure)
+
+
+def _draw_means(
+    axis: Axes, name: str, points: Sequence[tuple[float, FloatArray]], colour: str, *, shift: float
+) -> None:
+    known = [(at, values) for at, values in points if len(values)]
+    x = np.array([at for at, _ in known])
+    mean = np.array([100 * values.mean() for _, values in known])
+    ends = np.array([100 * np.array(confidence_interval(values)) for _, values in known]).reshape(-1, 2)
+    reach = np.nan_to_num(np.abs(np.column_stack([mean - ends[:, 0], ends[:, 1] - mean]))).T
+    axis.errorbar(x + shift, mean, yerr=reach, color=colour, marker="o", markersize=4, capsize=2.5, label=name)
 
 
 def png(figure: Figure) -> bytes:

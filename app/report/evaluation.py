@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -43,12 +43,35 @@ class Results(Protocol):
         """The recorded episode of a row that did not crash."""
 
 
-def write_evaluation(
-    path: Path, results: Results, *, title: str, made: Sequence[str], videos: bool = False, tick: Tick | None = None
-) -> None:
-    """Write the page of a batch; ``made``: lines on how it came to be; ``videos`` films best, median and worst."""
+class Folder(Results, Protocol):
+    """The same, and where it lies."""
+
+    @property
+    def folder(self) -> Path: ...
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """As in summary.json; empty while the batch runs for the first time."""
+
+
+def write_evaluation(results: Folder, *, videos: bool = False, tick: Tick | None = None) -> Path:
+    """Write the page of a batch into its folder; ``videos`` films best, median and worst. Returns the page's path."""
+    path = results.folder / "report.html"
     with Painter() as painter:
-        write_page(path, evaluation_page(results, painter, title=title, made=made, videos=videos), tick=tick)
+        page = evaluation_page(
+            results, painter, title=f"Evaluation: {results.folder.resolve().name}", made=_made(results), videos=videos
+        )
+        write_page(path, page, tick=tick)
+    return path
+
+
+def _made(results: Folder) -> tuple[str, ...]:
+    """How the batch came to be, as its summary says."""
+    known = results.summary.get("provenance", {})
+    versions = ", ".join(f"{name} {number}" for name, number in known.get("versions", {}).items())
+    seeds = ", ".join(map(str, known.get("seeds", ())))
+    lines = (known.get("command", ""), f"{known.get('created_utc', '')} (UTC), {known.get('platform', '')}", versions)
+    return (*(line for line in lines if line), f"seeds {seeds}") if known else ()
 
 
 def evaluation_page(
@@ -100,16 +123,17 @@ def moment_boxes(rows: pd.DataFrame) -> Figure | None:
     return Figure(png=charts.boxes(groups), alt="box plots of the contact portion", caption=caption)
 
 
-def contact_curves(results: Results, rows: pd.DataFrame) -> Figure | None:
-    """Contact over time of each policy, median and quartiles; None where no episode was kept."""
+def contact_curves(rows: pd.DataFrame, curve: Callable[[str], charts.Curve]) -> Figure:
+    """Contact over time of each policy, median and quartiles; ``curve`` is asked for each run's."""
     groups = {}
     for policy in policies_of(rows):
         kept = rows[(rows["policy"] == policy) & ~rows["crashed"].astype(bool)].sort_values("seed")[:CURVES_EACH]
-        groups[policy] = [charts.curve_of(results.episode(run)) for run in kept["run"]]
-    if not any(groups.values()):
-        return None
+        groups[policy] = [curve(run) for run in kept["run"]]
     most = max(len(group) for group in groups.values())
-    caption = "Contact portion over time: median (line), and the middle half of the episodes (band); a run that has ended keeps its last value."
+    caption = (
+        "Contact portion over time: median (line), and the middle half of the episodes (band); a run that has "
+        "ended keeps its last value."
+    )
     if most == CURVES_EACH:
         caption += f" Of each policy the first {CURVES_EACH} episodes."
     return Figure(png=charts.spread_over_time(groups), alt="contact portion over time", caption=caption)
@@ -121,7 +145,10 @@ def example_strips(results: Results, painter: Painter, rows: pd.DataFrame, *, vi
         for name, row in examples(rows[rows["policy"] == policy]):
             episode = results.episode(row["run"])
             ticks = key_ticks(episode, STRIP_FRAMES)
-            caption = f"{name}: seed {row['seed']}, final contact {percent(row['contact_final'])}, flat area {row['flat_area_final']:.3f}, {row['stopped_by']}"
+            caption = (
+                f"{name}: seed {row['seed']}, final contact {percent(row['contact_final'])}, flat area "
+                f"{row['flat_area_final']:.3f}, {row['stopped_by']}"
+            )
             if drawable(episode):
                 yield Strip(frames=painter.strip(episode, ticks, STRIP_WIDTH), tag=policy, caption=caption)
                 if videos:
@@ -146,7 +173,7 @@ def _section(
             Text(lines=tuple(lines), finding=True),
             TableBlock(table=paired_table(rows, pairs), title="Paired differences", note=note),
         ]
-    blocks += [moment_boxes(rows), contact_curves(results, rows)]
+    blocks += [moment_boxes(rows), contact_curves(rows, lambda run: charts.curve_of(results.episode(run)))]
     blocks += example_strips(results, painter, rows, videos=videos)
     lead = f"Seeds {_span(rows['seed'])}; {len(rows)} episodes."
     id = re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-")
@@ -160,7 +187,8 @@ def _failures(rows: pd.DataFrame) -> Section:
     block: Block = (
         TableBlock(
             table=table,
-            note="An episode is listed once, under the first that holds of: crashed, diverged, interrupted, cut off, not flat.",
+            note="An episode is listed once, under the first that holds of: crashed, diverged, interrupted, cut off, "
+            "not flat.",
         )
         if table.rows
         else Text(lines=("Nothing: every episode ended flat, by its own decision.",))
@@ -183,7 +211,10 @@ def _lead(rows: pd.DataFrame) -> str:
         f"{rows[name].nunique()} {word}" + ("s" if rows[name].nunique() != 1 else "")
         for name, word in (("task", "task"), ("cloth", "cloth"))
     ]
-    return f"{len(rows)} episodes: {', '.join(policies_of(rows))}; {', '.join(counts)}; disturbances: {', '.join(dict.fromkeys(rows['disturbance']))}; seeds {_span(rows['seed'])}."
+    return (
+        f"{len(rows)} episodes: {', '.join(policies_of(rows))}; {', '.join(counts)}; disturbances: "
+        f"{', '.join(dict.fromkeys(rows['disturbance']))}; seeds {_span(rows['seed'])}."
+    )
 
 
 def _cards(rows: pd.DataFrame) -> Iterator[Card]:

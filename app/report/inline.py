@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import cv2
 import jinja2
 import numpy as np
+from markupsafe import Markup, escape
 from numpy.typing import NDArray
 
 from app import figures, tables
@@ -17,6 +19,10 @@ from app.strips import Frame
 from app.video import write_video
 
 JPEG_QUALITY = 84
+UNBROKEN = re.compile(
+    r"(\[[^\]]*\]|n = \d+|[\u2212+]?[\d.]+ to [\u2212+]?[\d.]+"
+    r"|[\u2212+]?[\d.]+ (?:%|mm|points)|[^\s,;()]*\w-\w[^\s,;()]*)"
+)
 MOODS = {"disturbance": "bad", "disturbed": "bad", "repair": "good"}
 """How a frame of a strip is framed, by what goes on in it."""
 
@@ -31,8 +37,16 @@ def template(name: str) -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.globals["colours"] = dict(figures.POLICY_COLOURS)
+    environment.filters["unbroken"] = unbroken
     environment.globals["colour_of"] = figures.colour_of
     return environment.get_template(name)
+
+
+def unbroken(text: str) -> Markup:
+    """The text, in which no line ends within a name, an interval, a number and its unit, or "n = 20"."""
+    parts = UNBROKEN.split(text)  # every second one matched
+    pieces = [Markup('<span class="unbroken">{}</span>').format(p) if k % 2 else escape(p) for k, p in enumerate(parts)]
+    return Markup("").join(pieces)
 
 
 def strip_view(frames: Sequence[Frame]) -> list[dict[str, str]]:

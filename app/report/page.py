@@ -39,9 +39,9 @@ def markdown(page: Page) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def table_markdown(table: Table) -> str:
+def table_markdown(table: Table, *, wordy: bool = False) -> str:
     """A pipe table; bars in cells are escaped."""
-    lines = [table.header, ("---",) + ("---:",) * (len(table.header) - 1), *table.rows]
+    lines = [table.header, ("---",) + ("---" if wordy else "---:",) * (len(table.header) - 1), *table.rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
@@ -50,7 +50,7 @@ def _markdown_of(block: Block) -> list[str]:
         return [f"**{line}**" if block.finding else line for line in block.lines]
     if isinstance(block, TableBlock) and not block.folded:
         title = [f"### {block.title}"] if block.title else []
-        return [*title, table_markdown(block.table), *([block.note] if block.note else [])]
+        return [*title, table_markdown(block.table, wordy=block.wordy), *([block.note] if block.note else [])]
     return []
 
 

@@ -4,22 +4,46 @@ from __future__ import annotations
 
 import pandas as pd
 
-from app.pairs import successes, wilson, with_gain
+from app.batch.summary import wilson, with_measures
+from app.pairs import with_gain
 from app.summary import statistics
 from app.tables import Table, interval, order, percent, points, ratio
 
 GROUP_HEADER = (
-    "policy", "n", "contact placed", "contact final", "min,\u00a0max", "95\u00a0%\u00a0CI", "regained (points)", "95\u00a0%\u00a0CI", "mesh contact",
-    "flat area", "flat at the end", "Wilson 95\u00a0%",
-)  # fmt: skip
+    "policy",
+    "n",
+    "contact placed",
+    "contact final",
+    "min,\u00a0max",
+    "95\u00a0%\u00a0CI",
+    "regained (points)",
+    "95\u00a0%\u00a0CI",
+    "mesh contact",
+    "flat area",
+    "flat at the end",
+    "Wilson 95\u00a0%",
+)
 GROUP_NOTE = (
-    "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact and flat area (of the area on the "
-    "table, reverse side negative) are the simulator's, all three at the end. Intervals of means are 95 % bootstrap intervals over episodes; flat counts "
+    "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact "
+    "and flat area (of the area on the "
+    "table, reverse side negative) are the simulator's, all three at the end. Intervals of means are 95 % bootstrap "
+    "intervals over episodes; flat counts "
     "flat area above 0.97, and an episode that diverged or crashed as not flat."
 )
 EVERY_HEADER = (
-    "policy", "seed", "start", "placed", "disturbed", "final", "regained", "mesh contact", "flat area", "ticks", "stopped by", "wall",
-)  # fmt: skip
+    "policy",
+    "seed",
+    "start",
+    "placed",
+    "disturbed",
+    "final",
+    "regained",
+    "mesh contact",
+    "flat area",
+    "ticks",
+    "stopped by",
+    "wall",
+)
 FAILED_HEADER = ("policy", "what", "episodes", "of", "seeds", "why")
 SEEDS_SHOWN = 12
 
@@ -35,7 +59,8 @@ def group_table(rows: pd.DataFrame) -> Table:
     for policy in policies_of(rows):
         group = with_gain(rows[rows["policy"] == policy])
         final, gain = _numbers(group, "contact_final"), _numbers(group, "gain")
-        flat = int(successes(group).sum())
+        flat = int(with_measures(group)["success"].sum())
+        low, high = wilson(flat, len(group))
         lines.append(
             (
                 policy,
@@ -49,7 +74,7 @@ def group_table(rows: pd.DataFrame) -> Table:
                 percent(_numbers(group, "contact_final_true")["mean"]),
                 _ratio(_numbers(group, "flat_area_final")["mean"]),
                 f"{flat} of {len(group)}",
-                interval(*wilson(flat, len(group)), ".0f"),
+                interval(low, high, ".0f"),
             )
         )
     return Table(GROUP_HEADER, tuple(lines), (True,) * len(lines))
@@ -91,7 +116,7 @@ def failed_table(rows: pd.DataFrame) -> Table:
 def failures(rows: pd.DataFrame) -> pd.Series:
     """What went wrong with each row, "" where nothing did."""
     kinds = pd.Series("", index=rows.index, dtype=object)
-    kinds[~successes(rows)] = "not flat at the end"
+    kinds[~with_measures(rows)["success"]] = "not flat at the end"
     kinds[rows["stopped_by"] == "tick_limit"] = "cut off by the tick limit"
     kinds[rows["stopped_by"] == "interrupted"] = "interrupted"
     kinds[rows["unstable"].fillna(False).astype(bool)] = "diverged"

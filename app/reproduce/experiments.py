@@ -33,7 +33,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="flattening",
             title="Figures 3-5 to 3-8: wrinkle removal",
-            lead="Two pickers on the table pull a crumpled cloth flat: along WORD (Algorithm 2), to the right, or at random. Thesis: one run each in SoftGym.",
+            lead="Two pickers on the table pull a crumpled cloth flat: along WORD (Algorithm 2), to the right, or at "
+            "random. Thesis: one run each in SoftGym.",
             urgency=2,
             needs=(studies.flattening,),
             show=flattening.show,
@@ -41,7 +42,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="field",
             title="Figure 4-1: the learned field",
-            lead="What a model predicts in the xz plane, and how sure it is. Thesis: the baseline, five demonstrations with a gamepad.",
+            lead="What a model predicts in the xz plane, and how sure it is. Thesis: the baseline, five "
+            "demonstrations with a gamepad.",
             urgency=1,
             needs=(studies.placing,),
             show=field.show,
@@ -49,7 +51,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="placing",
             title="Figures 4-2 and 4-3, Table 4-1: placing",
-            lead="From hanging in the air until the policy stops. Thesis: one run each in SoftGym, then a robot taught ten times by hand.",
+            lead="From hanging in the air until the policy stops. Thesis: one run each in SoftGym, then a robot "
+            "taught ten times by hand.",
             urgency=1,
             needs=(studies.placing,),
             show=placing.show,
@@ -57,7 +60,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="disturbance",
             title="Figures 4-4 and 4-5, Table 4-2: disturbance",
-            lead="After the stop a hand wrinkles the cloth, the policy goes on; then once more. Thesis: a mouse in SoftGym, a stick on the robot's two cloths.",
+            lead="After the stop a hand wrinkles the cloth, the policy goes on; then once more. Thesis: a mouse in "
+            "SoftGym, a stick on the robot's two cloths.",
             urgency=4,
             needs=(studies.placing, studies.second_cloth),
             show=disturbance.show,
@@ -73,15 +77,17 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="folded-corner",
             title="Figure 5-2: a folded corner",
-            lead="The cloth lies flat but for one corner that is folded over. Thesis: one run; the robot pulls, and stops with the fold still there.",
-            urgency=5,
-            needs=(studies.folded_corner,),
+            lead="A hand folds a corner of the free edge over after the policy has stopped. Thesis: one run; the robot "
+            "pulls, and stops with the fold still there.",
+            urgency=1,
+            needs=(studies.placing,),
             show=limits.show_folded_corner,
         ),
         Experiment(
             name="inputs",
             title="What each input adds",
-            lead="The same learner without WORD, without the contact portion, without both, and the baseline with a rule of three lines that repairs.",
+            lead="The same learner without WORD, without the contact portion, without both, and the baseline with a "
+            "rule of three lines that repairs.",
             urgency=3,
             needs=(studies.placing, studies.inputs),
             show=inputs.show,
@@ -105,7 +111,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="comparators",
             title="Other learners",
-            lead="The thesis's chapter 5-3 names DMP and GMM as what GPs should be compared with; the nearest demonstrated action stands below all of them.",
+            lead="The thesis's chapter 5-3 names DMP and GMM as what GPs should be compared with; the nearest "
+            "demonstrated action stands below all of them.",
             urgency=9,
             needs=(studies.placing, studies.comparators),
             show=sweeps.show_comparators,

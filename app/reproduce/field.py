@@ -12,6 +12,7 @@ from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.studies import placing
 from app.reproduce.words import NO, UNKNOWN, YES
 from data.types import Episode, Task
+from policy.learned import Field
 
 
 def show(material: Material) -> Shown:
@@ -19,9 +20,8 @@ def show(material: Material) -> Shown:
     blocks: list[Block] = []
     claims = []
     for trial in placing(material.size):
-        models = {
-            t.policy: material.workshop.model(t) for t in trial.taught if material.workshop.model_path(t).exists()
-        }
+        there = [t for t in trial.taught if material.workshop.model_path(t).exists()]
+        models = {t.policy: model for t in there if isinstance(model := material.workshop.model(t), Field)}
         learned = material.workshop.demonstrations(trial.task, trial.cloth, material.size.demonstrations)
         if not models or not learned:
             blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
@@ -30,8 +30,10 @@ def show(material: Material) -> Shown:
         png = figures.attractor_field(trial.task, panels, learned)
         who = "picker 1" if trial.task == "pickers" else "the hanger"
         caption = (
-            f"{trial.task} task: the displacement that a model predicts for {who} in the xz plane (arrows, length proportional) over its standard "
-            f"deviation (grey: unsure), with the {len(learned)} demonstrations it learned from. Inputs outside the plane are, at each point, those of "
+            f"{trial.task} task: the displacement that a model predicts for {who} in the xz plane (arrows, length "
+            "proportional) over its standard "
+            f"deviation (grey: unsure), with the {len(learned)} demonstrations it learned from. Inputs outside the "
+            "plane are, at each point, those of "
             f"the demonstrations' ticks near it."
         )
         blocks.append(Figure(png=png, alt=f"attractor field, {trial.task}", caption=caption))
@@ -41,7 +43,8 @@ def show(material: Material) -> Shown:
                 what=f"the prediction fades, and its variance grows, away from the demonstrations ({trial.task})",
                 source="chapters 4-2-2, 4-2-3, Figure 4-1",
                 thesis="yes",
-                ours=f"{1000 * near:.1f} mm a tick near (std {1000 * sure:.1f} mm), {1000 * far:.1f} mm far away (std {1000 * unsure:.1f} mm)",
+                ours=f"{1000 * near:.1f} mm a tick near (std {1000 * sure:.1f} mm), {1000 * far:.1f} mm far away "
+                f"(std {1000 * unsure:.1f} mm)",
                 holds=YES if far < near and unsure > sure else NO,
             )
         )

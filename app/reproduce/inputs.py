@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app.pairs import Paired
+from app.pairs import LEAST, Paired
 from app.report import charts
 from app.report.blocks import Block, Figure, TableBlock, Text
 from app.report.rows import policies_of
 from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Material, Shown
-from app.reproduce.studies import CONTACT, DIRECTION, RULED, inputs, placing
+from app.reproduce.studies import CONTACT, DIRECTION, DISTURBANCE, RULED, TUG, inputs, placing
 from app.reproduce.words import (
     area_cell,
     difference,
@@ -22,13 +22,13 @@ from app.reproduce.words import (
     gain_cell,
     lost_cell,
     mean_cell,
-    undisturbed,
     values,
-)  # fmt: skip
-from app.tables import Table
+)
+from app.tables import Table, interval, points
 from app.thesis_numbers import BASELINE, PROPOSED
 from data.types import TASKS, Task
 
+NONE = "none"
 SEES = {
     BASELINE: "position",
     CONTACT: "position, contact",
@@ -46,19 +46,32 @@ PAIRS = (
 )
 WORD_PAIRS = tuple(pair for pair in PAIRS if pair[2].startswith("WORD"))
 HEADER = (
-    "policy", "sees", "n", "placed [95\u00a0%\u00a0CI]", "flat after placing", "regained, points [95\u00a0%\u00a0CI]",
-    "flat area after repair (min)", "flat after repair", "lost",
-)  # fmt: skip
-PAIRED_HEADER = ("adds", "difference", "placed", "flat area after placing", "regained", "flat area after repair")
-QUESTIONS = (
-    ("placed", "contact_final", False),
-    ("flat area", "flat_area_final", False),
-    ("regained", "gain", True),
-    ("flat area after repair", "flat_area_final", True),
+    "policy",
+    "sees",
+    "n",
+    "placed",
+    "flat after placing",
+    "regained, first",
+    "second",
+    "tug aside",
+    "flat area after repair (min)",
+    "flat after repair",
+    "lost",
 )
-"""What is asked of each pair: name, column, and whether of the disturbed episodes."""
+QUESTIONS = (
+    ("placed", "contact_final", NONE),
+    ("flat area after placing", "flat_area_final", NONE),
+    ("regained, first", "regained_1", DISTURBANCE),
+    ("regained, second", "regained_2", DISTURBANCE),
+    ("flat area after repair", "flat_area_final", DISTURBANCE),
+    ("regained, tug aside", "regained_1", TUG),
+    ("flat area after tug aside", "flat_area_final", TUG),
+)
+"""What is asked of each pair: name, column, and in which episodes."""
+PAIRED_HEADER = ("adds", "n", *(name for name, _, _ in QUESTIONS))
 NOTE = (
-    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with the 95 % bootstrap interval. "
+    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
+    "the 95 % bootstrap interval. "
     "Of twenty intervals one leaves 0 out by chance."
 )
 
@@ -77,13 +90,18 @@ def show(material: Material) -> Shown:
         blocks.append(TableBlock(table=_policies(rows), title=f"{task} task, {trials[0].cloth}"))
         blocks.append(TableBlock(table=_differences(rows), note=NOTE))
         groups = {
-            "regained": {policy: values(disturbed(rows), "gain", policy) for policy in policies_of(rows)},
+            name: {policy: values(disturbed(rows, what), column, policy) for policy in policies_of(rows)}
+            for name, column, what in (
+                ("after the first disturbance", "regained_1", DISTURBANCE),
+                ("after the second", "regained_2", DISTURBANCE),
+                ("after a tug aside", "regained_1", TUG),
+            )
         }
         blocks.append(
             Figure(
                 png=charts.boxes(groups, unit="regained (points)"),
                 alt=f"contact regained by policy, {task}",
-                caption="Contact regained after a disturbance, mean over an episode's disturbances; a dot each episode.",
+                caption="Contact regained, a dot each episode; boxes are quartiles.",
             )
         )
     if found:
@@ -97,9 +115,9 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
     none = 0
     for task, rows in found.items():
         for a, b, adds in WORD_PAIRS:
-            for name, column, late in QUESTIONS:
-                pair = _pair(rows, a, b, column, late)
-                if pair.n < 2:
+            for name, column, disturbance in QUESTIONS:
+                pair = _pair(rows, a, b, column, disturbance)
+                if pair.n < LEAST:
                     continue
                 if pair.clear:
                     clear.append(
@@ -109,11 +127,13 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
                     none += 1
     total = len(clear) + none
     if not total:
+        yield f"Fewer than {LEAST} pairs are too few to say what WORD adds."
         return
     better = [text for text, pair in clear if pair.mean > 0]
     worse = [text for text, pair in clear if pair.mean < 0]
     yield (
-        f"What WORD's direction adds: of {total} comparisons {len(better)} show that it helps, {len(worse)} that it harms, and {none} no difference that "
+        f"What WORD's direction adds: of {total} comparisons {len(better)} show that it helps, {len(worse)} that it "
+        f"harms, and {none} no difference that "
         "these n can show."
     )
     if better:
@@ -122,20 +142,21 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
         yield "It harms in: " + "; ".join(worse) + "."
     for task, rows in found.items():
         for a, b, _ in (PAIRS[0], PAIRS[-1]):
-            pair = _pair(rows, a, b, "gain", late=True)
-            if pair.n:
-                yield difference_sentence(a, b, "gain", pair, f"{task} task")
+            for column, disturbance in (("regained_1", DISTURBANCE), ("regained_2", DISTURBANCE), ("regained_1", TUG)):
+                pair = _pair(rows, a, b, column, disturbance)
+                if pair.n:
+                    yield difference_sentence(a, b, column, pair, f"{task} task, {disturbance}")
 
 
-def _pair(rows: pd.DataFrame, a: str, b: str, column: str, late: bool) -> Paired:
-    return difference(disturbed(rows) if late else undisturbed(rows), a, b, column)
+def _pair(rows: pd.DataFrame, a: str, b: str, column: str, disturbance: str) -> Paired:
+    return difference(disturbed(rows, disturbance), a, b, column)
 
 
 def _policies(rows: pd.DataFrame) -> Table:
     lines = []
     for policy in sorted(policies_of(rows), key=list(SEES).index):
         mine = rows[rows["policy"] == policy]
-        early, late = undisturbed(mine), disturbed(mine)
+        early, late, tugged = disturbed(mine, NONE), disturbed(mine), disturbed(mine, TUG)
         lines.append(
             (
                 policy,
@@ -143,7 +164,9 @@ def _policies(rows: pd.DataFrame) -> Table:
                 str(len(early)),
                 mean_cell(values(early, "contact_final")),
                 flat_cell(early),
-                gain_cell(values(late, "gain")),
+                gain_cell(values(late, "regained_1")),
+                gain_cell(values(late, "regained_2")),
+                gain_cell(values(tugged, "regained_1")),
                 area_cell(values(late, "flat_area_final")),
                 flat_cell(late),
                 lost_cell(mine),
@@ -155,12 +178,14 @@ def _policies(rows: pd.DataFrame) -> Table:
 def _differences(rows: pd.DataFrame) -> Table:
     lines = []
     for a, b, adds in PAIRS:
-        pairs = [_pair(rows, a, b, column, late) for _, column, late in QUESTIONS]
+        pairs = [_pair(rows, a, b, column, disturbance) for _, column, disturbance in QUESTIONS]
         if any(pair.n for pair in pairs):
-            lines.append((adds, f"{a} \u2212 {b}", *(_marked(pair) for pair in pairs)))
+            lines.append((f"{adds}: {a} \u2212 {b}", str(pairs[0].n), *(_marked(pair) for pair in pairs)))
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
 
 
 def _marked(pair: Paired) -> str:
-    """The difference, starred where its interval leaves 0 out."""
-    return difference_cell(pair).replace(" points", "") + (" *" if pair.clear and pair.n > 1 else "")
+    """The difference in points, starred where its interval leaves 0 out."""
+    if not pair.n:
+        return "\u2013"
+    return f"{points(pair.mean)} [{interval(pair.low, pair.high, '+.1f')}]" + " *" * pair.clear

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from app.batch.results import Results
-from app.report.blocks import Block, Strip
+from app.moments import Round, rounds
+from app.report.blocks import Block, Figure, Strip
+from app.report.charts import Curve, curve_of
+from app.report.evaluation import contact_curves
 from app.report.painter import Painter, drawable, key_ticks
 from app.reproduce.studies import Size, Trial
-from app.reproduce.trials import results_of, with_rounds
+from app.reproduce.trials import results_of
 from app.reproduce.workshop import Workshop
+from app.strips import Frame
 from app.tables import percent, ratio
 from data.types import Episode
 
@@ -43,8 +49,18 @@ class Shown:
     claims: tuple[Claim, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Digest:
+    """What tables and curves need of an episode; the episode itself is some hundred times larger."""
+
+    curve: Curve
+    rounds: tuple[Round, ...]
+    mesh_start: float
+    """Contact of the mesh at the first tick."""
+
+
 class Material:
-    """Reads what is asked for when it is asked for; trials that were not run have no rows."""
+    """Reads what is asked for when it is asked for, and each episode once; trials that were not run have no rows."""
 
     def __init__(self, out: Path, size: Size, workshop: Workshop) -> None:
         self.size = size
@@ -53,6 +69,7 @@ class Material:
         self._out = out
         self._results: dict[str, Results | None] = {}
         self._rows: dict[str, pd.DataFrame] = {}
+        self._digests: dict[tuple[str, str], Digest] = {}
 
     def __enter__(self) -> Material:
         return self
@@ -67,8 +84,27 @@ class Material:
             self._results[trial.name] = results_of(trial, self._out)
         return self._results[trial.name]
 
+    def digest(self, trial: Trial, run: str) -> Digest:
+        """Of an episode that did not crash."""
+        key = trial.name, run
+        if key not in self._digests:
+            results = self.results(trial)
+            if results is None:
+                raise KeyError(f"{trial.name} was not run")
+            self._digests[key] = digest_of(results.episode(run))
+        return self._digests[key]
+
+    def curves(self, trial: Trial, rows: pd.DataFrame) -> Figure:
+        """Contact over time of the trial's episodes in ``rows``, by policy."""
+        return contact_curves(rows, lambda run: self.digest(trial, run).curve)
+
     def rows(self, *trials: Trial) -> pd.DataFrame:
-        """Rows of all of them, each disturbance told apart as in ``with_rounds``; empty where nothing was run."""
+        """Rows of all of them; empty where nothing was run.
+
+        Besides the batch's columns ``mesh_start``, and of the K-th disturbance (from 1) ``disturbed_K`` and
+        ``regained_K``. ``contact_disturbed`` and ``gain`` are means over an episode's disturbances, so that it counts
+        once however often it was disturbed; NaN without one.
+        """
         parts = [self._rows_of(trial) for trial in trials]
         known = [part for part in parts if len(part)]
         return pd.concat(known, ignore_index=True) if known else pd.DataFrame()
@@ -94,14 +130,33 @@ class Material:
             if drawable(episode):
                 yield Strip(frames=self._frames(episode), tag=policy, caption=_caption(row))
 
-    def _frames(self, episode: Episode) -> tuple:
+    def _frames(self, episode: Episode) -> tuple[Frame, ...]:
         return self.painter.strip(episode, key_ticks(episode, STRIP_FRAMES), STRIP_WIDTH)
 
     def _rows_of(self, trial: Trial) -> pd.DataFrame:
         if trial.name not in self._rows:
             results = self.results(trial)
-            self._rows[trial.name] = pd.DataFrame() if results is None else with_rounds(results)
+            lines = () if results is None else results.rows.to_dict(orient="records")
+            self._rows[trial.name] = pd.DataFrame([self._row(trial, line) for line in lines])
         return self._rows[trial.name]
+
+    def _row(self, trial: Trial, line: dict[Hashable, Any]) -> dict[Hashable, Any]:
+        if line["crashed"]:
+            return line | {"gain": float("nan"), "mesh_start": float("nan")}
+        digest = self.digest(trial, line["run"])
+        found = digest.rounds
+        row = line | {"gain": float("nan"), "mesh_start": digest.mesh_start}
+        if found:
+            row["gain"] = float(np.mean([each.regained for each in found]))
+            row["contact_disturbed"] = float(np.mean([each.disturbed for each in found]))
+        for k, each in enumerate(found, start=1):
+            row |= {f"disturbed_{k}": each.disturbed, f"regained_{k}": each.regained}
+        return row
+
+
+def digest_of(episode: Episode) -> Digest:
+    """What is kept of an episode."""
+    return Digest(curve=curve_of(episode), rounds=rounds(episode), mesh_start=episode.truths()[0].contact_portion_true)
 
 
 def _caption(row: pd.Series) -> str:

@@ -17,7 +17,8 @@ from data.types import Provenance
 TITLE = "The thesis's experiments, ours beside its"
 CLAIMS_HEADER = ("the thesis says", "where", "thesis", "ours", "agrees")
 CLAIMS_NOTE = (
-    "Agrees: a number where it lies in our 95 % interval of the mean (\u201cin part\u201d: within our range); a share where nine in ten of our episodes do the same "
+    "Agrees: a number where it lies in our 95 % interval of the mean (\u201cin part\u201d: within our range); a "
+    "share where nine in ten of our episodes do the same "
     "(\u201cin part\u201d: half); a difference where the paired interval says so."
 )
 
@@ -41,7 +42,7 @@ def page_of(shown: Sequence[tuple[Experiment, Shown]], size: Size, provenance: P
     overview = Section(
         id="agrees",
         title="What agrees, and what does not",
-        blocks=(TableBlock(table=claims_table(claims), note=CLAIMS_NOTE),),
+        blocks=(TableBlock(table=claims_table(claims), note=CLAIMS_NOTE, wordy=True),),
     )
     sections = [
         Section(
@@ -73,8 +74,11 @@ def claims_table(claims: Sequence[Claim]) -> Table:
 
 def _lead(size: Size) -> str:
     return (
-        f"A {size.name} reproduction in simulation: {size.seeds} starts of each experiment of the thesis, {size.sweep_seeds} of each point of a sweep, from "
-        f"seed {FIRST_SEED} on, which were not looked at while anything was tuned; every model learned from {size.demonstrations} scripted demonstrations "
-        f"unless it says otherwise. Every policy meets the same starts and the same disturbances (\u201c{DISTURBANCE}\u201d: a hand pushes the cloth from the "
+        f"A {size.name} reproduction in simulation: {size.seeds} starts of each experiment of the thesis, "
+        f"{size.sweep_seeds} of each point of a sweep, from "
+        f"seed {FIRST_SEED} on, which were not looked at while anything was tuned; every model learned from "
+        f"{size.demonstrations} scripted demonstrations "
+        "unless it says otherwise. Every policy meets the same starts and the same disturbances "
+        f"(\u201c{DISTURBANCE}\u201d: a hand pushes the cloth from the "
         "middle to the front). Intervals are 95 % bootstrap intervals over starts."
     )

@@ -6,7 +6,6 @@ import pandas as pd
 
 from app.report import charts
 from app.report.blocks import Block, Figure, TableBlock, Text
-from app.report.evaluation import contact_curves
 from app.report.rows import policies_of
 from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Material, Shown
@@ -32,15 +31,22 @@ from app.reproduce.words import (
     range_cell,
     undisturbed,
     values,
-)  # fmt: skip
+)
 from app.tables import Table
 from app.thesis_numbers import PROPOSED
-from data.types import TASKS
+from data.types import TASKS, FloatArray
 
 HEADER = (
-    "", "n", "placed [95\u00a0%\u00a0CI]", "min,\u00a0max", "flat area (min)", "flat after placing", "regained, points [95\u00a0%\u00a0CI]",
-    "flat after repair", "lost",
-)  # fmt: skip
+    "",
+    "n",
+    "placed [95\u00a0%\u00a0CI]",
+    "min,\u00a0max",
+    "flat area (min)",
+    "flat after placing",
+    "regained, points [95\u00a0%\u00a0CI]",
+    "flat after repair",
+    "lost",
+)
 SAME, OTHER = "same", "other"
 
 
@@ -48,8 +54,8 @@ def show_counts(material: Material) -> Shown:
     """Contact after placing and what is regained, against the number of demonstrations."""
     blocks: list[Block] = []
     size = material.size
-    lines: dict[str, list] = {}
-    gains: dict[str, list] = {}
+    lines: dict[str, list[tuple[float, FloatArray]]] = {}
+    gains: dict[str, list[tuple[float, FloatArray]]] = {}
     for task in TASKS:
         (sweep,) = (trial for trial in number_of_demonstrations(size) if trial.task == task)
         (main,) = (trial for trial in placing(size) if trial.task == task)
@@ -62,16 +68,15 @@ def show_counts(material: Material) -> Shown:
         by_count[size.demonstrations] = whole[whole["policy"] == PROPOSED] if len(whole) else whole
         known = {count: part for count, part in by_count.items() if len(part)}
         cells = tuple((f"{count} demonstration{'s' * (count > 1)}", *_cells(part)) for count, part in known.items())
-        note = f"{PROPOSED} on {sweep.cloth}; the first successful demonstrations by seed, the same starts for every number."
+        note = f"{PROPOSED}, {sweep.cloth}; the first demonstrations by seed that ended flat, the same starts for all."
         table = Table(("", *HEADER[1:]), cells, (True,) * len(cells))
         blocks.append(TableBlock(table=table, title=f"{task} task", note=note))
         lines[f"{task} task"] = [(count, values(undisturbed(part), "contact_final")) for count, part in known.items()]
         gains[f"{task} task"] = [(count, values(disturbed(part), "gain")) for count, part in known.items()]
-    for name, found in (("contact after placing (%)", lines), ("regained (points)", gains)):
-        if found:
-            png = charts.against(found, xlabel="demonstrations", ylabel=name)
-            caption = "Means with their 95 % bootstrap intervals."
-            blocks.append(Figure(png=png, alt=f"{name} against the number of demonstrations", caption=caption))
+    if lines:
+        png = charts.against({"contact after placing (%)": lines, "regained (points)": gains}, xlabel="demonstrations")
+        caption = "Means with their 95 % bootstrap intervals."
+        blocks.append(Figure(png=png, alt="contact against the number of demonstrations", caption=caption))
     return Shown(blocks=tuple(blocks))
 
 
@@ -125,9 +130,7 @@ def show_comparators(material: Material) -> Shown:
             for part, column in ((undisturbed, "contact_final"), (disturbed, "gain"))
         ]
         blocks.append(Text(lines=tuple(findings), finding=True))
-        results = material.results(trial)
-        if results is not None and (figure := contact_curves(results, disturbed(rows))) is not None:
-            blocks.append(figure)
+        blocks.append(material.curves(trial, disturbed(rows)))
     return Shown(blocks=tuple(blocks))
 
 

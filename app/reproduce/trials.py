@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from app.batch.plan import Case, Entrant, Plan
 from app.batch.results import Results
 from app.batch.run import run_batch
-from app.moments import rounds
 from app.progress import Progress
-from app.reproduce.studies import DISTURBANCE, FIRST_SEED, Trial
+from app.reproduce.studies import FIRST_SEED, Trial
 from app.reproduce.workshop import Workshop
 from app.schedule import ScheduledDisturbance
 from data.types import DataError
 from sim.disturbances import DISTURBANCES
-from sim.placing import STARTS
+from sim.starts import STARTS
 
-CORE_S = {"crumpled": 12.0, "hanging": 12.0, "folded-corner": 8.0}
+CORE_S = {"crumpled": 6.0}
+USUAL_CORE_S = 7.0
 """Of one placing, for the first estimate of the time left."""
-REPEAT_CORE_S = 6.0
+REPEAT_CORE_S = 3.0
 """Of one disturbance and its repair."""
 
 
@@ -31,7 +28,7 @@ def trial_folder(out: Path, trial: Trial) -> Path:
 
 def trial_seconds(trial: Trial) -> float:
     """Core-seconds, about."""
-    each = CORE_S.get(trial.start, 12.0) + REPEAT_CORE_S * trial.repeats
+    each = CORE_S.get(trial.start, USUAL_CORE_S) + REPEAT_CORE_S * sum(repeats for _, repeats in trial.disturbances)
     return each * trial.seeds * len(trial.players)
 
 
@@ -48,15 +45,15 @@ def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
         for player in trial.players
     ]
     first = FIRST_SEED + seed
-    cases: tuple[Case, ...] = ()
-    if trial.repeats:
-        schedule = (ScheduledDisturbance(spec=DISTURBANCES[DISTURBANCE], repeats=trial.repeats),)
-        cases = (Case(name=DISTURBANCE, schedule=schedule),)
+    cases = [
+        Case(name=name, schedule=(ScheduledDisturbance(spec=DISTURBANCES[name], repeats=repeats),))
+        for name, repeats in trial.disturbances
+    ]
     return Plan(
         entrants=tuple(entrants),
         cloths=(trial.cloth,),
         seeds=tuple(range(first, first + trial.seeds)),
-        cases=cases,
+        cases=tuple(cases),
         start=next(start for start in STARTS if start == trial.start),
     )
 
@@ -73,21 +70,3 @@ def results_of(trial: Trial, out: Path) -> Results | None:
     except DataError:
         return None
     return results if len(results.rows) else None
-
-
-def with_rounds(results: Results) -> pd.DataFrame:
-    """The rows; of each disturbed episode also ``disturbed_K`` and ``regained_K`` of its K-th disturbance (from 1).
-
-    ``contact_disturbed`` is then the mean over its disturbances, and so is ``gain``, for which an episode counts once
-    however often it was disturbed; NaN without one.
-    """
-    rows = []
-    for row in results.rows.to_dict(orient="records"):
-        found = () if row["crashed"] or row["disturbance"] == "none" else rounds(results.episode(row["run"]))
-        row |= {f"disturbed_{k}": each.disturbed for k, each in enumerate(found, start=1)}
-        row |= {f"regained_{k}": each.regained for k, each in enumerate(found, start=1)}
-        row["gain"] = float(np.mean([each.regained for each in found])) if found else float("nan")
-        if found:
-            row["contact_disturbed"] = float(np.mean([each.disturbed for each in found]))
-        rows.append(row)
-    return pd.DataFrame(rows)

@@ -19,7 +19,7 @@ from data.types import Episode, Task
 from perception.descriptors import DEFAULT
 from policy import model as model_files
 from policy import registry
-from policy.gp_model import GpModel
+from policy.learned import Learned
 
 ATTEMPTS_EACH = 3
 """Times the wanted number of demonstrations that are tried before too many have failed."""
@@ -49,7 +49,7 @@ class Workshop:
             self._demonstrate(task, cloth, count, progress, workers)
         self._learn(missing, progress, workers)
 
-    def model(self, taught: Taught) -> GpModel:
+    def model(self, taught: Taught) -> Learned:
         return model_files.load(self.model_path(taught))
 
     def attempts(self, task: Task, cloth: str) -> list[Episode]:
@@ -101,7 +101,7 @@ class Workshop:
                 progress.advance(status=f"learned {taught.name}")
 
 
-def _train(path: Path, taught: Taught, seed: int) -> GpModel:
+def _train(path: Path, taught: Taught, seed: int) -> Learned:
     with open_session(path) as session:
         episodes = [session.episode(name, images=False) for name in session.select(outcome="success")]
     first = sorted(episodes, key=lambda episode: episode.seed)[: taught.demonstrations]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
-from app import bench, measure, measure_data, measure_sight
+from app import bench, measure, measure_batch, measure_data, measure_recipes, measure_sight
 from data.types import TASKS, TICK_S
 from perception.word import AXIAL, LETTER
+from sim.recipes import RECIPES, SITUATIONS
+from tests.fakeplay import Scripted
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
@@ -21,7 +25,9 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "fine physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "seeing": ("flat", "drag", "capture", "perceive", "keep"),
         "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
-        "predicting": ("predict",),
+        "predicting": ("predict", "GPy"),
+        "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_recipes.OURS, *RECIPES)),
+        "batch": tuple(str(workers) for workers in measure_batch.WORKERS),
         "recording": ("tick", "hand over", "journal", "keep", "raw", "size", *PACKED),
         "opening": ("open", "read", "arrays", "growth", "episodes"),
     }[kind]
@@ -79,9 +85,22 @@ def test_the_table_shows_every_row(capsys, monkeypatch):
 
 
 def test_predicting_really_predicts():
-    walls = measure.predicting("hanger")["predict"]
-    assert len(walls) == 200
-    assert 0 < np.median(walls) < 0.1
+    walls = measure.predicting("hanger")
+    assert {len(wall) for wall in walls.values()} == {200}
+    assert 0 < np.median(walls["predict"]) < 0.1
+    assert np.median(walls["predict"] / walls["GPy"]) < 0.7
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_what_is_timed_beside_gpy_gives_gpys_numbers(task):
+    """To 1e-8 of a unit of the processes, mean and deviation."""
+    model = measure.random_model(task, points=150)
+    queries = np.random.default_rng(0).uniform(-0.4, 0.6, (30, model.layout.size))
+    mean, std = (value / model.output_scale_m for value in model.predict(queries))
+    for a, theirs in enumerate(measure.as_gpy(model)):
+        want, variance = theirs.predict(queries / model.input_scale)
+        np.testing.assert_allclose(mean[:, a], want[:, 0], atol=1e-8)
+        np.testing.assert_allclose(std[:, a], np.sqrt(variance[:, 0]), atol=1e-8)
 
 
 @pytest.mark.parametrize("config", [AXIAL, LETTER], ids=["word-axial", "word"])
@@ -99,6 +118,32 @@ def test_a_short_real_run(task, tmp_path):
     assert np.median(physics["flat"]) > np.median(physics["air"])  # contact costs
     assert np.median(seeing["flat"]) > np.median(seeing["capture"])
     assert not list(tmp_path.iterdir())
+
+
+def test_recipes_are_compared_with_ours_of_as_many_nodes():
+    rows = {row.name: row for row in _all_rows()}
+    for across in measure_recipes.ACROSS:
+        for name in RECIPES:
+            row = rows[f"bare cloth {across} x {across} flat / {name}"]
+            assert row.unit == bench.RTF
+            assert row.ratio == pytest.approx(1.0)
+
+
+def test_a_batch_is_really_shared_by_workers(tmp_path):
+    """Of episodes that only wait, two at a time take half as long."""
+    # OpenCV's threads, which other tests have started here, do not survive the forks of a batch.
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, Scripted(tick_s=0.4)).result()
+    assert walls["1"] > 1.5 * walls["2"]
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_recipes_really_run():
+    with bench.fresh_processes(1) as pool:
+        samples = pool.schedule(measure_recipes.recipes, args=(10, "towel", 0.1, 2)).result()
+    assert all((walls > 0).all() and len(walls) == 2 for walls in samples.values())
+    assert len(measure_recipes.lines_of(10, samples)) == 4
 
 
 @pytest.mark.slow

@@ -17,7 +17,23 @@ from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "gamepad", "app")
+COMMANDS = (
+    "demo",
+    "record",
+    "train",
+    "place",
+    "flatten",
+    "word",
+    "bench",
+    "doctor",
+    "data",
+    "replay",
+    "reproduce",
+    "evaluate",
+    "disturb",
+    "gamepad",
+    "app",
+)
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -61,6 +77,25 @@ WRONG = [
     ("flatten", "--video", "x.mp4"),
     ("flatten", "--strip", "x.jpg"),
     ("flatten", "extra"),
+    ("reproduce",),
+    ("reproduce", "--out", "x", "--seeds", "0"),
+    ("reproduce", "--out", "x", "--only", "nonsense"),
+    ("reproduce", "--out", "x", "--workers", "0"),
+    ("evaluate",),
+    ("evaluate", "hold", "--task", "hanger"),
+    ("evaluate", "hold", "--out", "x"),
+    ("evaluate", "nope.npz", "--out", "x"),
+    ("evaluate", "hold", "--task", "arm", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--cloth", "silk", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--disturb", "soap", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--disturb", "mine.toml", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--start", "crumpled", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--limit-s", "0", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--engine", "abacus", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--address", "there:1", "--out", "x"),
+    ("evaluate", "hold", "hold", "--task", "hanger", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--episodes", "0", "--out", "x"),
+    ("disturb", "hold", "--task", "hanger", "--suite", "soap", "--out", "x"),
     ("doctor", "extra"),
     ("data",),
     ("data", "nonsense"),

@@ -12,7 +12,8 @@ import pytest
 from data.types import Episode, Observation, Step, Task, Truth, action_size
 from policy import registry
 from policy.features import input_set
-from policy.gp_model import GpModel, Hyperparameters, weights
+from policy.gp_kernel import Hyperparameters, weights
+from policy.gp_model import GpModel
 from policy.learned import Learned
 
 GP_INPUTS = {
@@ -20,6 +21,7 @@ GP_INPUTS = {
     "gp-baseline": "position",
     "gp-contact": "position+contact",
     "gp-direction": "position+word",
+    "gp-finish": "all",
 }
 
 

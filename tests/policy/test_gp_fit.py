@@ -17,7 +17,7 @@ from policy import gp, registry
 from policy.base import PolicyError
 from policy.features import input_set
 from policy.field_policy import FieldPolicy
-from policy.gp_model import JITTER
+from policy.gp_kernel import JITTER
 from policy.stopping import AnyOf
 
 GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
@@ -72,7 +72,7 @@ def models(drags):
 @pytest.mark.parametrize("ard", [False, True])
 def test_prediction_is_gpys_own_to_the_digit(drags, ard):
     gpy, layout = gp.import_gpy(), input_set("hanger", "all")
-    model = gp.fit(drags[:2], layout, policy="gp-word", options=gp.FitOptions(ard=ard, starts=1))
+    model = gp.fit(drags[:2], layout, policy="gp-word", options=gp.FitOptions(ard=ard))
     scaled = model.inputs / model.input_scale
     targets = np.concatenate([[step.action for step in e.steps] for e in drags[:2]]) / model.output_scale_m
     queries = np.random.default_rng(0).normal(size=(20, 5))
@@ -146,13 +146,30 @@ def test_disturbed_ticks_are_not_learned_from(drags, observe, episode_of):
     wild = [observe(0.2, 0.2) for _ in range(12)]
     phases = ["place"] * 4 + ["disturb"] * 6 + ["repair"] * 2
     episode = episode_of(wild, np.zeros((12, 2)), phases=phases)
-    model = gp.fit([drags[0], episode], input_set("hanger", "all"), policy="gp-word", options=gp.FitOptions(starts=1))
+    model = gp.fit([drags[0], episode], input_set("hanger", "all"), policy="gp-word", options=gp.FitOptions())
     assert model.points == model.points_available == len(drags[0].steps) + 6
 
 
-def test_more_points_than_allowed_are_thinned(drags):
-    model = gp.fit(drags, input_set("hanger", "all"), policy="gp-word", options=gp.FitOptions(max_points=50, starts=1))
-    assert (model.points, model.points_available, model.demonstrations) == (50, 210, 6)
+def test_more_points_than_allowed_make_a_sparse_process(drags):
+    options = gp.FitOptions(max_points=50, inducing_points=30)
+    model = gp.fit(drags, input_set("hanger", "all"), policy="gp-word", options=options)
+    assert (model.points, model.points_available, model.demonstrations) == (30, 210, 6)
+
+
+@pytest.mark.parametrize("name", ["starts", "max_points", "inducing_points"])
+def test_options_that_make_no_sense_are_refused(name):
+    with pytest.raises(PolicyError, match=f"{name} is 0"):
+        gp.FitOptions(**{name: 0})
+
+
+def test_the_shared_start_ends_where_the_best_of_many_ends(drags):
+    """One run from it is as likely as the likeliest of six."""
+    layout = input_set("hanger", "all")
+    inputs = np.concatenate([layout.matrix(e.steps) for e in drags]) / layout.scales()
+    targets = np.concatenate([[step.action for step in e.steps] for e in drags]) / 0.01
+    one, many = (gp.fit_hyperparameters(inputs, targets, starts=n) for n in (1, 6))
+    np.testing.assert_allclose(one.length_scales[0], many.length_scales[0], rtol=1e-2)
+    np.testing.assert_allclose(one.noise[0], many.noise[0], rtol=1e-2)
 
 
 @given(count=st.integers(1, 5000), most=st.integers(10, 1200))
@@ -166,7 +183,7 @@ def test_thinning_is_even_and_keeps_the_ends(count, most):
 
 def test_progress_names_each_output(drags):
     said: list[tuple[int, int, str]] = []
-    options = gp.FitOptions(starts=1, max_points=40)
+    options = gp.FitOptions()
     gp.fit(
         drags, input_set("hanger", "all"), policy="gp-word", options=options, progress=lambda *told: said.append(told)
     )

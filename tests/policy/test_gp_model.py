@@ -10,7 +10,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from data.types import DataError
 from policy.base import PolicyError
 from policy.field_policy import FieldPolicy
-from policy.gp_model import JITTER, GpModel, Hyperparameters, held_out_errors, weights
+from policy.gp_kernel import JITTER, Hyperparameters, held_out_errors, weights
+from policy.gp_model import GpModel
 from policy.stopping import AnyOf
 
 

@@ -1,0 +1,252 @@
+"""Whatever ends a process of a batch, or the batch itself: no row is lost, and none is there twice."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import psutil
+import pytest
+
+from app.batch.plan import Plan
+from app.batch.results import Results
+from app.batch.run import run_batch
+from app.errors import LayflatError
+from app.rows import COLUMNS, row_of
+from data.durable import WriterLock
+from tests.fakeplay import FAULTS, PLACING, Fault, Scripted, fake_episode, fake_plan, key_of
+
+DISK_SHARE, HANG_SHARE = 0.04, 0.05
+LIMIT_S = 4.0
+"""A hang takes that long; an episode that is well must never."""
+
+
+def _faults(plan: Plan, wanted: int, rng: np.random.Generator) -> dict[tuple[str, str], tuple[Fault | None, ...]]:
+    """``wanted`` faults at random places of the plan's first and second attempts."""
+    ordinary = [fault for fault in FAULTS if fault not in ("disk", "hang")]
+    planned: dict[tuple[str, str], tuple[Fault | None, ...]] = {}
+    places = [
+        (key_of(group), where) for group in plan.groups() for where in (PLACING, *(case.name for case in group.cases))
+    ]
+    rng.shuffle(places)
+    for place in map(tuple, places):
+        if sum(map(len, planned.values())) >= wanted:
+            break
+        one: Fault = rng.choice(["disk", "hang", *ordinary], p=_shares(len(ordinary)))
+        # A second fault in the same place makes a crashed row; a disk is full once, and then somebody makes room.
+        again = rng.uniform() < 0.3 and one != "disk"
+        planned[place] = (one, rng.choice(ordinary)) if again else (one,)
+    return planned
+
+
+def _shares(ordinary: int) -> list[float]:
+    return [DISK_SHARE, HANG_SHARE, *[(1 - DISK_SHARE - HANG_SHARE) / ordinary] * ordinary]
+
+
+def _until_done(plan: Plan, out: Path, play: Scripted, workers: int) -> tuple[Results, int]:
+    """As a person would: the same command again, with room made, until it ends well; how often the disk was full."""
+    for full in itertools.count():
+        with contextlib.suppress(LayflatError):
+            return run_batch(plan, out, workers=workers, play=play), full
+    raise AssertionError
+
+
+def _check(plan: Plan, results: Results) -> Counter:
+    """Each planned row once, each as it must be; which ends there were."""
+    rows = results.rows.set_index("run")
+    assert rows.index.is_unique
+    assert list(rows.index) == [run for group in plan.groups() for run in group.run_ids]
+    for group in plan.groups():
+        for case, run in zip(group.cases, group.run_ids, strict=True):
+            row, file = rows.loc[run], results.folder / "runs" / f"{run}.h5"
+            if row["crashed"]:
+                assert row["attempts"] == 2
+                assert row["reason"]
+                assert not file.exists()
+            else:
+                made = replace(fake_episode(group, case), source=group.entrant.name, disturbance=case.name)
+                assert {name: None if pd.isna(row[name]) else row[name] for name in COLUMNS} == row_of(made)
+                assert file.exists()
+    return Counter(rows["reason"])
+
+
+def _inject(out: Path, count: int, groups: int, workers: int, seed: int) -> None:
+    plan = fake_plan(seeds=groups // 2, limit_s=LIMIT_S)
+    faults = _faults(plan, count, np.random.default_rng(seed))
+    injected = Counter(fault for given in faults.values() for fault in given)
+    assert sum(injected.values()) >= count
+    assert set(injected) == set(FAULTS)
+    results, full = _until_done(plan, out / "out", Scripted(faults, marks=out), workers)
+    reasons = _check(plan, results)
+    print(f"injected {dict(injected)}; disk full {full} times; crashed rows by reason: {dict(reasons)}")
+    assert full > 0
+    assert (results.rows["attempts"] == 2).sum() > count / 4
+
+
+def test_a_hundred_faults_lose_no_row_and_double_none(tmp_path):
+    _inject(tmp_path, 100, groups=60, workers=8, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_thousand_faults_lose_no_row_and_double_none(tmp_path):
+    _inject(tmp_path, 1000, groups=500, workers=8, seed=2)
+
+
+@pytest.fixture
+def start(tmp_path) -> Iterator:
+    """``start(seeds, workers, tick_s)``: a batch as a program, in a process group of its own."""
+    running: list[subprocess.Popen] = []
+
+    def run(seeds: int = 6, workers: int = 2, tick_s: float = 0.3) -> subprocess.Popen:
+        words = [sys.executable, "-m", "tests.fakeplay", str(tmp_path / "out"), str(seeds), str(workers), str(tick_s)]
+        child = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
+        running.append(child)
+        return child
+
+    yield run
+    for child in running:
+        if child.poll() is None:
+            child.kill()
+        child.communicate()
+
+
+def _until(stream, words: str) -> None:
+    for line in stream:
+        if words in line:
+            return
+    raise AssertionError(f"the program ended without saying {words!r}")
+
+
+def _left(group: int) -> list[psutil.Process]:
+    def there(process: psutil.Process) -> bool:
+        try:
+            return process.status() != psutil.STATUS_ZOMBIE and os.getpgid(process.pid) == group
+        except (ProcessLookupError, psutil.NoSuchProcess):
+            return False
+
+    return [process for process in psutil.process_iter() if there(process)]
+
+
+def _none_left(group: int, patience_s: float = 10.0) -> bool:
+    give_up = time.monotonic() + patience_s
+    while left := _left(group):
+        if time.monotonic() > give_up:
+            print(left)
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def _whole(plan: Plan, folder: Path) -> pd.DataFrame:
+    """The rows of a batch that nobody disturbs."""
+    return run_batch(plan, folder, workers=4, play=Scripted()).rows
+
+
+def test_kill_9_of_the_batch_leaves_no_process_and_the_same_command_goes_on(start, tmp_path):
+    child = start()
+    _until(child.stderr, "4/36")
+    assert len(_left(child.pid)) > 2
+    child.kill()
+    child.wait()
+    assert _none_left(child.pid)
+    kept = pd.read_csv(tmp_path / "out" / "episodes.csv")
+    assert len(kept) >= 4
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").glob("*.h5")}
+    assert {f"{run}.h5" for run in kept["run"]} <= {path.name for path in files}
+    rows = run_batch(fake_plan(6), tmp_path / "out", workers=4, play=Scripted()).rows
+    pd.testing.assert_frame_equal(rows, _whole(fake_plan(6), tmp_path / "whole"))
+    assert {path: path.stat().st_mtime_ns for path in files} == files
+
+
+def test_ctrl_c_keeps_what_is_finished_sums_it_up_and_ends_with_130(start, tmp_path):
+    child = start()
+    _until(child.stderr, "3/36")
+    os.killpg(child.pid, signal.SIGINT)
+    _, err = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert err.splitlines()[-1].startswith("layflat: interrupted")
+    assert "Traceback" not in err
+    assert _none_left(child.pid)
+    results = Results.open(tmp_path / "out")
+    assert 3 <= len(results.rows) < 36
+    assert not results.rows["crashed"].any()
+    assert sum(group["n"] for group in results.summary["groups"]) == len(results.rows)
+    rows = run_batch(fake_plan(6), tmp_path / "out", workers=4, play=Scripted()).rows
+    pd.testing.assert_frame_equal(rows, _whole(fake_plan(6), tmp_path / "whole"))
+
+
+@pytest.mark.slow
+def test_a_batch_that_is_killed_again_and_again_comes_to_its_end(start, tmp_path):
+    rng = np.random.default_rng(0)
+    for _ in range(15):
+        child = start(seeds=12, workers=3, tick_s=0.05)
+        time.sleep(2.0 + rng.uniform(0.0, 3.0))
+        child.kill()
+        child.wait()
+        assert _none_left(child.pid)
+    child = start(seeds=12, workers=3, tick_s=0.0)
+    child.communicate(timeout=120)
+    assert child.returncode == 0
+    pd.testing.assert_frame_equal(Results.open(tmp_path / "out").rows, _whole(fake_plan(12), tmp_path / "whole"))
+
+
+def test_killed_workers_are_replaced(start, tmp_path):
+    """From outside, at any moment, as when memory runs out."""
+    child = start(seeds=6, workers=2, tick_s=0.3)
+    _until(child.stderr, "1/36")
+    for _ in range(5):
+        workers = [process for process in _left(child.pid) if process.pid != child.pid]
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for process in workers[:1]:
+                process.kill()
+        time.sleep(0.4)
+    assert child.wait(timeout=60) == 0
+    rows = Results.open(tmp_path / "out").rows
+    assert len(rows) == 36
+    assert rows["run"].is_unique
+    assert (rows["attempts"] == 2).any()
+
+
+def test_a_killed_batch_leaves_the_folder_to_the_next(start, tmp_path):
+    child = start()
+    _until(child.stderr, "1/36")
+    child.kill()
+    child.wait()
+    with WriterLock(tmp_path / "out" / ".running", tmp_path):
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_ten_thousand_episodes_in_flat_memory(tmp_path):
+    """Resident memory after the first 500 rows and at any moment until the last."""
+    plan = fake_plan(seeds=1667, policies=("hold", "drag-rule"))
+    assert plan.episodes >= 10_000
+    seen: list[tuple[int, int]] = []
+
+    class Watch:
+        done = 0
+
+        def advance(self, amount: float = 1.0, status: str = "") -> None:
+            self.done += int(amount)
+            if self.done % 500 == 0:
+                seen.append((self.done, psutil.Process().memory_info().rss))
+
+    results = run_batch(plan, tmp_path, workers=4, play=Scripted(), progress=Watch())  # type: ignore[arg-type]
+    assert len(results.rows) == plan.episodes
+    assert results.rows["run"].is_unique
+    first, last = seen[0][1], max(rss for _, rss in seen)
+    print(f"RSS after {seen[0][0]} rows {first / 1e6:.1f} MB, at most {last / 1e6:.1f} MB")
+    assert last - first < 10e6

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from policy import gp, gp_sparse
+from policy import model as model_file
+from policy.base import PolicyError
+from policy.features import input_set
+from policy.gp_kernel import Hyperparameters, weights
+from policy.gp_model import GpModel
+
+NOISE_STD = 0.05
+
+
+def problem(points: int = 120, seed: int = 0) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
+    rng = np.random.default_rng(seed)
+    inputs = rng.uniform(-2, 2, (points, 2))
+    truth = np.column_stack([np.sin(inputs[:, 0]) * np.cos(inputs[:, 1]), inputs[:, 0] * np.exp(-(inputs[:, 1] ** 2))])
+    hyper = Hyperparameters(
+        kernel="se", length_scales=[[0.9, 0.9], [0.7, 0.7]], variance=[1.0, 0.8], noise=[NOISE_STD**2, 0.01]
+    )
+    return inputs, truth + rng.normal(0, NOISE_STD, truth.shape), hyper
+
+
+def made(points: np.ndarray, alpha: np.ndarray, hyper: Hyperparameters, inner: np.ndarray | None = None) -> GpModel:
+    return GpModel(
+        policy="gp-baseline",
+        layout=input_set("hanger", "position"),
+        cloth="towel",
+        inputs=points,
+        input_scale=np.ones(2),
+        alpha=alpha,
+        output_scale_m=1.0,
+        hyper=hyper,
+        inner=inner,
+    )
+
+
+def full_and_sparse(count: int, points: int = 120, shrink: float = 1.0) -> tuple[GpModel, GpModel]:
+    inputs, targets, hyper = problem(points)
+    hyper = replace(hyper, length_scales=shrink * hyper.length_scales)
+    inducing = gp_sparse.inducing_points(inputs, count, seed=0)
+    alpha, inner = gp_sparse.condensed(inducing, inputs, targets, hyper)
+    return made(inputs, weights(inputs, targets, hyper), hyper), made(inducing, alpha, hyper, inner)
+
+
+QUERIES = np.random.default_rng(5).uniform(-1.9, 1.9, (40, 2))
+
+
+def test_with_every_tick_an_inducing_point_it_is_the_full_process():
+    # Short length scales: the jitter of K_uu is the only difference, and counts for more the smoother the process.
+    full, sparse = full_and_sparse(count=60, points=60, shrink=0.3)
+    for ours, theirs in zip(sparse.predict(QUERIES), full.predict(QUERIES), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def test_more_inducing_points_come_closer_to_the_full_process():
+    errors = []
+    for count in (10, 40, 150):
+        pair = [model.predict(QUERIES) for model in full_and_sparse(count, points=400)]
+        errors.append([np.abs(a - b).max() for a, b in zip(*pair, strict=True)])
+    assert (np.diff(errors, axis=0) < 0).all()
+    assert max(errors[-1]) < 0.2 * NOISE_STD
+
+
+def test_prediction_is_gpys_own():
+    inputs, targets, hyper = problem()
+    gpy, inducing = gp.import_gpy(), gp_sparse.inducing_points(inputs, 25, seed=0)
+    alpha, inner = gp_sparse.condensed(inducing, inputs, targets, hyper)
+    model = made(inducing, alpha, hyper, inner)
+    mean, std = model.predict(QUERIES)
+    for a in range(2):
+        kernel = gpy.kern.RBF(2, variance=hyper.variance[a], lengthscale=hyper.length_scales[a, 0])
+        theirs = gpy.models.SparseGPRegression(inputs, targets[:, [a]], kernel, Z=inducing)
+        theirs.likelihood.variance[:] = hyper.noise[a]
+        want, variance = theirs.predict(QUERIES)
+        np.testing.assert_allclose(mean[:, a], want[:, 0], atol=1e-6)
+        np.testing.assert_allclose(std[:, a] ** 2, variance[:, 0], atol=1e-6)
+
+
+def test_one_query_is_answered_as_many_are():
+    for model in full_and_sparse(count=20):
+        many = model.predict(QUERIES)
+        for k, query in enumerate(QUERIES):
+            for one, all_ in zip(model.predict([query]), many, strict=True):
+                np.testing.assert_allclose(one[0], all_[k], atol=1e-10)
+
+
+def test_far_away_the_deviation_is_the_priors():
+    _, sparse = full_and_sparse(count=20)
+    mean, std = sparse.predict([[500.0, 500.0]])
+    np.testing.assert_allclose(mean, 0.0, atol=1e-12)
+    np.testing.assert_allclose(std[0], sparse.prior_std)
+
+
+def test_held_out_errors_are_those_of_models_trained_without_the_group():
+    inputs, targets, hyper = problem(90)
+    inducing = gp_sparse.inducing_points(inputs, 20, seed=0)
+    groups = np.repeat([3, 1, 2], [40, 30, 20])
+    errors = gp_sparse.held_out_errors(inducing, inputs, targets, groups, hyper)
+    for group in (1, 2, 3):
+        out = groups == group
+        alpha, inner = gp_sparse.condensed(inducing, inputs[~out], targets[~out], hyper)
+        mean, _ = made(inducing, alpha, hyper, inner).predict(inputs[out])
+        np.testing.assert_allclose(errors[out], targets[out] - mean, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def long_lesson(observe, episode_of):
+    """More than 2,000 ticks: drags whose speed depends on x and on contact."""
+    rng, episodes = np.random.default_rng(0), []
+    for seed in range(3):
+        xs, contacts = rng.uniform(0, 0.4, 700), rng.uniform(0.5, 1, 700)
+        seen = [observe(x, 0.0, contact=c) for x, c in zip(xs, contacts, strict=True)]
+        move = 0.012 * (1 - contacts) + 0.004 * np.sin(12 * xs) + rng.normal(0, 3e-4, 700)
+        episodes.append(episode_of(seen, np.column_stack([move, np.zeros(700)]), seed=seed))
+    return episodes
+
+
+def test_beyond_two_thousand_ticks_training_switches_by_itself(long_lesson, tmp_path):
+    options = gp.FitOptions(inducing_points=40)
+    model = gp.fit(long_lesson, input_set("hanger", "all"), policy="gp-word", options=options)
+    assert gp.MAX_POINTS == 2000 < model.points_available == 2100
+    assert model.points == 40
+    assert "sparse" in model.made_of
+    assert model.heldout_rmse_m is not None
+    assert model.heldout_rmse_m[0] < 4e-4  # the noise of the demonstrator is 3e-4
+    model_file.save(model, tmp_path / "m.npz")
+    again = model_file.load(tmp_path / "m.npz")
+    assert isinstance(again, GpModel)
+    for ours, theirs in zip(model.predict(model.inputs), again.predict(model.inputs), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    few = gp.fit(long_lesson[:1], input_set("hanger", "all"), policy="gp-word")
+    assert few.inner is None
+    assert few.points == 700
+
+
+def test_an_inner_factor_that_is_none_is_refused():
+    _, sparse = full_and_sparse(count=20)
+    for inner, message in ((np.zeros((2, 20, 20)), "lower factor"), (np.ones((2, 19, 20)), "inner has shape")):
+        with pytest.raises(PolicyError, match=message):
+            replace(sparse, inner=inner)
+
+
+def test_inducing_points_on_top_of_each_other_are_refused():
+    inputs, targets, hyper = problem(40)
+    wide = replace(hyper, length_scales=np.full((2, 2), 1e6))
+    huge = replace(wide, variance=np.full(2, 1e12))
+    with pytest.raises(PolicyError, match="too close"):
+        gp_sparse.condensed(inputs, inputs, targets, huge)
