@@ -92,7 +92,7 @@ def demonstrate_once() -> None:
     """Beside the window's own rounds: Enter, a while downwards, y."""
 
     def wait(until: Callable[[dict], bool]) -> None:
-        give_up = time.monotonic() + 60
+        give_up = time.monotonic() + 150
         while Watched.newest is None or not until(Watched.newest.shop.link.status):
             if time.monotonic() > give_up:
                 return

@@ -22,7 +22,7 @@ def link() -> Iterator[BenchLink]:
     made.end()
 
 
-def hear_until(link: BenchLink, what, seconds: float = 20.0) -> list[dict]:
+def hear_until(link: BenchLink, what, seconds: float = 60.0) -> list[dict]:
     """Messages until ``what()`` holds."""
     heard, give_up = [], time.monotonic() + seconds
     while not what():

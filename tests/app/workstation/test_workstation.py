@@ -28,6 +28,9 @@ from data.validate import validate
 from tests.app.workstation.person import Person, headless, unplug_all
 
 
+pytestmark = pytest.mark.timeout(400)
+
+
 @pytest.fixture
 def window(tmp_path: Path) -> Iterator[Window]:
     headless()
@@ -211,7 +214,7 @@ def test_a_short_afternoon_at_the_workstation(window):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("task", ["hanger", "pickers"])
 def test_an_afternoon_at_the_workstation(window, task):
     use_it_all(window, task, ticks=None)
@@ -257,7 +260,7 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     bench.kill()
     person.wait(lambda: isinstance(window.mode, RecordMode) and not window.mode.running, "the menu")
     assert "ended by itself (signal 9)" in window.shop.message
-    psutil.wait_procs(family, timeout=10)
+    psutil.wait_procs(family, timeout=40)
     assert leftovers() == []
     # What there was of it is back with the next recording.
     person.menu("Begin")
