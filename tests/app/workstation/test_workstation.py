@@ -27,7 +27,6 @@ from data.types import ACTION_LIMIT_M, Episode, Task, action_size
 from data.validate import validate
 from tests.app.workstation.person import Person, headless, unplug_all
 
-
 pytestmark = pytest.mark.timeout(400)
 
 
