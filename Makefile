@@ -8,7 +8,7 @@ EPISODES ?= 5
 PYTHON ?=
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test check lint slow word-study reproduce clean
+.PHONY: help demo test check lint slow word-study reproduce screenshots clean
 
 help:
 	@echo "make demo    the whole story once, into $(OUT)/report.html (OUT=dir, EPISODES=5)"
@@ -17,6 +17,7 @@ help:
 	@echo "make slow    the long simulation tests"
 	@echo "make word-study  the tables and plots of docs/word.md, into runs/word-study"
 	@echo "make reproduce   the thesis's experiments, into runs/reproduction; over an hour, goes on where it stopped"
+	@echo "make screenshots  the pictures of docs/workstation.md, of the real window"
 	@echo "make clean   removes the virtual environment and caches; runs/ stays"
 
 demo: $(VENV)/.installed
@@ -27,6 +28,9 @@ test: $(VENV)/.installed-dev
 
 slow: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 1800
+
+screenshots: $(VENV)/.installed-dev
+	$(BIN)/python -m tests.app.workstation.screenshots docs/images runs/screenshots
 
 word-study: $(VENV)/.installed
 	$(BIN)/python -m app.wordstudy --out runs/word-study

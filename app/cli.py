@@ -18,6 +18,7 @@ import typer
 from app import checks
 from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
+from app.cli_gamepad import gamepad_cli
 from app.cli_options import (
     Cloth,
     DataFile,
@@ -132,6 +133,21 @@ def record(
         mapping=pad,
         correct=correct,
     )
+
+
+@cli.command(name="app")
+def app_(
+    folder: Annotated[Path, typer.Option(metavar="DIR", help="Where sessions and models are, and go.")] = Path("runs"),
+    debug: Debug = False,
+) -> None:
+    """Open the workstation's window.
+
+    Record, train, place, disturb, replay and look after data from one place.
+    """
+    checks.require_simulator()
+    from app.workstation.launch import app as run
+
+    raise typer.Exit(run(folder))
 
 
 @cli.command()
@@ -324,6 +340,7 @@ cli.command()(evaluate)
 cli.command()(disturb)
 cli.command()(replay)
 cli.add_typer(data_cli)
+cli.add_typer(gamepad_cli)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

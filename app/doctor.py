@@ -146,23 +146,30 @@ def display() -> list[Check]:
     found = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
     if found or platform.system() == "Darwin":
         return [Check("display", "ok", found or "built in")]
-    return [Check("display", "note", "none", "not needed: every command here runs without one")]
+    return [
+        Check(
+            "display",
+            "note",
+            "none",
+            "only `layflat app` needs one: `layflat record` by hand works in the terminal, with keys or a pad",
+        )
+    ]
 
 
 def pad() -> list[Check]:
-    """Gamepads as SDL sees them; looking needs an event loop, hence a dummy display."""
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+    """Gamepads as recording would find them."""
     try:
-        pygame = importlib.import_module("pygame")
-        pygame.display.init()
-        pygame.joystick.init()
-        names = [pygame.joystick.Joystick(index).get_name() for index in range(pygame.joystick.get_count())]
-        pygame.quit()
+        devices = importlib.import_module("app.workstation.inputs.devices")
+        pads = devices.Pads(*importlib.import_module("app.workstation.inputs.sdl").start())
+        pads.refresh()
+        found = [f"{device.name} (known by {device.how})" for device in pads.devices.values()]
+        unknown = list(pads.unknown.values())
+        pads.close()
     except Exception as error:
         return [Check("gamepad", "note", f"cannot look: {' '.join(str(error).split())}")]
-    if names:
-        return [Check("gamepad", "ok", ", ".join(names))]
-    return [Check("gamepad", "note", "none", "not needed for scripted demonstrations")]
+    lines = [Check("gamepad", "ok", name) for name in found]
+    lines += [Check("gamepad", "note", "one that cannot be used yet", sentence) for sentence in unknown]
+    return lines or [Check("gamepad", "note", "none", "not needed: --source keyboard and scripted work without one")]
 
 
 EXAMINATIONS: tuple[Callable[[], list[Check]], ...] = (interpreter, system, packages, films, resources, display, pad)

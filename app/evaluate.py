@@ -67,12 +67,11 @@ def evaluate(
         start=start,
         limit_s=limit_s,
     )
+    on = engine_of(engine, workers, address)
     seconds = len(plan.seeds) * len(plan.cloths) * len(entrants) * (EPISODE_S + CASE_S * len(plan.cases))
     with Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:
         progress.phase("episodes", items=plan.episodes)
-        results = run_batch(
-            plan, out, workers=workers, engine=engine_of(engine, workers, address), force=force, progress=progress
-        )
+        results = run_batch(plan, out, engine=on, force=force, progress=progress)
         progress.phase("report")
         page = write_evaluation(results, videos=videos, tick=progress.status)
     show(results.summary)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 
+import cv2
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from data.journal import JournalTicket, JournalWriter
@@ -183,6 +184,8 @@ def _interrupts_wait() -> Iterator[None]:
 @contextmanager
 def fresh_processes(workers: int) -> Iterator[ProcessPool]:
     """A pool that gives every task a process of its own; left with an error (or Ctrl-C), it ends them at once."""
+    # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
+    cv2.setNumThreads(1)
     pool = ProcessPool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=_prepare_worker)
     finished = False
     try:
@@ -215,6 +218,3 @@ def _prepare_worker() -> None:
     if sys.platform == "linux":
         # A parent that is killed cannot stop its workers; PR_SET_PDEATHSIG makes the system do it.
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    import cv2
-
-    cv2.setNumThreads(1)

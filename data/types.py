@@ -290,6 +290,14 @@ def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: 
     )
 
 
+def as_task(name: str) -> Task:
+    """A task by its name; DataError where there is none of it."""
+    for task in TASKS:
+        if task == name:
+            return task
+    raise DataError(f"task is {name!r}; it must be one of {', '.join(TASKS)}")
+
+
 def action_size(task: Task) -> int:
     return len(ACTION_NAMES[task])
 

@@ -37,7 +37,8 @@ USEFUL_M = 0.004
 ON_TABLE_CONTACT = 0.8
 FLAT_CONTACT = 0.99
 FLAT_TICKS = 6
-NO_GAIN_TICKS = 12
+NO_GAIN_TICKS = 25
+"""Ten centimetres of the smallest useful move: slack that is drawn together may hide contact for as long as that."""
 LOST_M = 2e-4
 """Output below which its direction is noise."""
 

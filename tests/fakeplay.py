@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
 
 from app.batch.plan import Case, Entrant, Group, Plan
@@ -54,6 +55,14 @@ class Scripted:
         elif fault is not None:
             _suffer(fault)
         time.sleep(self.tick_s)
+
+
+class Looking(Scripted):
+    """With a look at a picture, as every real episode has."""
+
+    def suffer(self, group: Group, where: str) -> None:
+        cv2.setNumThreads(cv2.getNumThreads())
+        cv2.resize(np.zeros((800, 800), np.float32), (2000, 2000))
 
 
 class FakePlaying:

@@ -17,6 +17,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
+import cv2
+
 from app.batch.group import WHOLE_GROUP, Play, Said, run_file, run_group
 from app.batch.isolate import end_with_parent, why_it_ended
 from app.batch.plan import Group
@@ -112,9 +114,6 @@ def _alone(group: Group, folder: Path, play: Play, say: Connection, parent: int)
     # Ctrl-C reaches the whole process group; only the parent decides what to keep, and then ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
-    import cv2
-
-    cv2.setNumThreads(1)
     run_group(group, folder, play, say)
 
 
@@ -122,6 +121,8 @@ def local_engine(workers: int) -> Engine:
     """``workers`` groups at a time."""
 
     def run(next_group: NextGroup, folder: Path, play: Play) -> Generator[GroupEnd | None, None, None]:
+        # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
+        cv2.setNumThreads(1)
         running: list[Isolated] = []
         try:
             while True:

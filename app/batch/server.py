@@ -14,6 +14,8 @@ import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import cv2
+
 from app.batch.group import Play, run_file
 from app.batch.isolate import end_with_parent
 from app.batch.local import GroupEnd, Isolated
@@ -53,6 +55,7 @@ def serve(descriptor: int) -> None:
     """One group after the other until the owner hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(os.getppid())
+    cv2.setNumThreads(1)
     line = Connection(descriptor)
     while True:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 from collections.abc import Callable
@@ -23,9 +22,6 @@ from policy import model as model_files
 from policy.learned import Learned
 from sim.disturbances import DISTURBANCES
 from sim.placing import BenchSettings
-
-WINDOW = "app.workstation.window"
-"""The module that has ``record_in_window(path, **as record_in_terminal)``."""
 
 
 def record_by_hand(
@@ -49,16 +45,21 @@ def record_by_hand(
     ``correct``: the model in that file places, and the person takes over where their hands move; in the terminal.
     """
     checks.known_name("disturbance", disturb, DISTURBANCES)
+    if mapping is not None:
+        checks.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
     model = None if correct is None else model_to_correct(correct, task, descriptor)
-    window = window and model is None
-    in_window = _window() if window and has_display() else None
-    if in_window is None and not SOURCES[source].terminal:
+    in_window = window and model is None and has_display()
+    if not in_window and not SOURCES[source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
         raise LayflatError(
             f"--source {source} needs the window, and {missing}; in a terminal --source keyboard and gamepad work,"
             " and scripted needs nobody"
         )
-    record = in_window or partial(record_in_terminal, model=model)
+    record: Callable[..., None] = partial(record_in_terminal, model=model)
+    if in_window:
+        from app.workstation.launch import record_in_window  # Here, since it loads all of the window.
+
+        record = record_in_window
     record(
         path,
         task=task,
@@ -136,11 +137,3 @@ def has_display() -> bool:
     if os.environ.get("SDL_VIDEODRIVER") in ("dummy", "offscreen"):
         return False
     return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def _window() -> Callable[..., None] | None:
-    """The window's way to record, where this installation has it."""
-    if importlib.util.find_spec(WINDOW) is None:
-        return None
-    found: Callable[..., None] | None = getattr(importlib.import_module(WINDOW), "record_in_window", None)
-    return found

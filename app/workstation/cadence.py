@@ -1,4 +1,4 @@
-"""Steady time: ticks begin when they are due by the wall's clock, where the machine keeps up, and how well that went."""
+"""Steady time: ticks begin when they are due by the wall's clock, where the machine keeps up, and how well they do."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def draw_word(surface: pygame.Surface, history: History, now_s: float | None = N
     """WORD's angle to the robot's front."""
     area = surface.get_rect()
     angle = _value_at(history.time_s, history.angle_deg, now_s)
-    told = "" if angle is None else "none" if math.isnan(angle) else f"{angle:+.0f}°"
+    told = "" if angle is None else "none" if math.isnan(angle) else f"{round(angle) or 0:+d}°"
     plot = _frame(surface, label, told, look.WORD)
     canvas = _canvas(plot, history)
     for degrees in (-90, 0, 90):
@@ -133,7 +133,7 @@ def _finish(
     if now_s is not None:
         x = int(now_s / _span_s(history) * (plot.width - 1))
         cv2.line(canvas, (x, 0), (x, plot.height), look.TEXT, 1)
-    surface.blit(pygame.image.frombuffer(canvas, plot.size, "RGB"), plot)
+    surface.blit(look.picture(canvas), plot)
 
 
 def _time_axis(surface: pygame.Surface, area: pygame.Rect, plot: pygame.Rect, history: History) -> None:

@@ -57,8 +57,9 @@ class Desk:
 class Work(Protocol):
     """What a bench process does for one order."""
 
-    over: bool
-    """Nothing more will be done."""
+    @property
+    def over(self) -> bool:
+        """Nothing more will be done."""
 
     def obey(self, order: Order) -> None:
         """Something that the window asks in between."""

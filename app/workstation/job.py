@@ -23,6 +23,7 @@ from app.errors import INTERRUPTED
 LINES_MAX = 400
 CANCEL_S = 10.0
 """Time for a command to end when it is cancelled; it keeps what it has finished."""
+ASK_AGAIN_S = 2.0
 _PROGRESS = re.compile(r"\[ *(\d+) %\] (.*)")
 
 
@@ -83,20 +84,25 @@ class Job:
         return "cancelled" if self.cancelled or self.status == INTERRUPTED else f"failed, exit status {self.status}"
 
     def cancel(self) -> None:
-        """As Ctrl-C in a terminal."""
-        self.cancelled = True
-        with contextlib.suppress(ProcessLookupError):
+        """As Ctrl-C in a terminal; returns at once."""
+        if not self.cancelled:
+            self.cancelled = True
+            threading.Thread(target=self._interrupt, daemon=True).start()
+
+    def _interrupt(self) -> None:
+        """A Python program may lose a Ctrl-C, in a callback of an import or of a fork: then it gets another."""
+        for _ in range(int(CANCEL_S / ASK_AGAIN_S)):
             self._process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(ASK_AGAIN_S)
+                return
+        self._process.kill()
 
     def close(self) -> None:
         """End it, if it still runs; nothing of it is left behind."""
         if self._process.poll() is None:
             self.cancel()
-            try:
-                self._process.wait(CANCEL_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+            self._process.wait()
         for thread in self._threads:
             thread.join(2.0)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 from dataclasses import dataclass, field
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -24,6 +25,12 @@ def bench_context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOAD)
     return context
+
+
+def warm() -> None:
+    """Start that process now: it imports for a second or two while the person looks around."""
+    bench_context()
+    forkserver.ensure_running()
 
 
 @dataclass
@@ -54,7 +61,7 @@ class BenchLink:
         self._channels = Channels(self.context, task)
         self._connection, theirs = self.context.Pipe()
         self._process = self.context.Process(
-            target=serve, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=True
+            target=serve, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=False
         )
         self._process.start()
         theirs.close()

@@ -5,8 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TypeAlias
 
+import numpy as np
 import pygame
 import pygame_menu.font as fonts
+from numpy.typing import NDArray
 
 Colour: TypeAlias = tuple[int, int, int]
 
@@ -64,6 +66,12 @@ def write(
     picture = words(text, size, colour, face)
     left = place[0] - (picture.get_width() if align == "right" else 0)
     return surface.blit(picture, (left, place[1]))
+
+
+def picture(rgb: NDArray[np.uint8]) -> pygame.Surface:
+    """An image (H, W, 3) as pygame draws it; it must not be changed as long as it is shown."""
+    whole = np.ascontiguousarray(rgb)
+    return pygame.image.frombuffer(whole.data, (whole.shape[1], whole.shape[0]), "RGB")
 
 
 def text_width(text: str, size: int, face: str = REGULAR) -> int:

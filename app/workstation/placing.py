@@ -50,6 +50,7 @@ class PlacingWork:
         self._settle = 0
         self._phase_ticks = 0
         self._repeats = 0
+        self._pulled = 0
         self._last = {"input_s": 0.0, "work_s": 0.0}
         self._cadence = self._paced()
         self.bench = Placing(settings)
@@ -90,6 +91,7 @@ class PlacingWork:
         pull = None if letter is None else letter.pull
         if self.state == "placed" and pull is not None and not self.paused:
             self._turn("disturbing")
+            self.message = "a hand pulls at the cloth"
         if self.paused or self.state not in PHASES:
             self._cadence.pause()
             return IDLE_S
@@ -110,6 +112,7 @@ class PlacingWork:
 
     def _tick(self, pull: Pull | None) -> StoppedBy | None:
         self._phase_ticks += 1
+        self._pulled += pull is not None
         if self._phase_ticks > LIMIT_TICKS[self.state]:
             return "tick_limit"
         return self.run.tick(PHASES[self.state], pull=pull)
@@ -124,6 +127,7 @@ class PlacingWork:
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
                 self.run.policy.resume()
                 self._turn("repairing")
+                self.message = f"{self.run.policy.name} goes on"
         elif stop is not None and pull is None and not self.run.disturbed:
             self._stopped_by = stop
             contact = 100 * self.run.seen.contact_portion
@@ -188,6 +192,7 @@ class PlacingWork:
             "ticks": self.run.ticks,
             "message": self.message,
             "recording": self._recorder is not None,
+            "pulled_ticks": self._pulled,
             "disturbances": [record.name for record in self.run.disturbances],
             "rhythm": rhythm.told(),
             "factor": rhythm.factor(float(self._order["tick_s"])),

@@ -243,10 +243,11 @@ class Recording:
         self.message = why
 
     def _without_device(self, reading: Reading) -> None:
-        self.message = reading.problem
         if self.state in ("running", "countdown"):
             self._interrupted_by_device = self.state
             self._pause(f"paused: {reading.problem}")
+        elif self._interrupted_by_device is None:
+            self.message = reading.problem
 
     def _with_device_again(self) -> None:
         before, self._interrupted_by_device = self._interrupted_by_device, None

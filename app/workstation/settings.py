@@ -66,5 +66,10 @@ def load(folder: Path) -> Settings:
     return Settings(**{name: value for name, value in dict(told).items() if name in known})
 
 
+def with_one(settings: Settings, name: str, value: object) -> Settings:
+    """The same with one thing changed, by its name."""
+    return Settings(**{**asdict(settings), name: value})
+
+
 def save(folder: Path, settings: Settings) -> None:
     write_text(folder / FILE, json.dumps(asdict(settings), indent=2) + "\n")

@@ -251,6 +251,8 @@ def serve(job: TakeJob, pipe: Connection) -> None:
 def _settle_in() -> None:
     # Ctrl-C reaches the whole process group; only the parent decides what to keep.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # One that is forked has its parent's way with it, which is none here.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if sys.platform == "linux":
         # A parent that is killed cannot end its takes. The fork server ends with it, and these with that.
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)

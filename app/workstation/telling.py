@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 from app.run import Run
@@ -14,7 +15,6 @@ class Telling:
 
     def __init__(self, moments: MomentBuffer) -> None:
         self._moments = moments
-        self._told_s = 0.0
 
     def __call__(self, run: Run, reading: Reading) -> None:
         now = time.monotonic()
@@ -22,14 +22,10 @@ class Telling:
             run.bench,
             run.seen,
             run.truth,
-            episode=_number_of(run),
+            # Every take has a process of its own.
+            episode=os.getpid(),
             tick=run.ticks,
             phase=run.steps[-1].phase if run.steps else "place",
             input_s=reading.stamp_s if run.steps else 0.0,
             work_s=now - reading.stamp_s if reading.stamp_s else 0.0,
         )
-
-
-def _number_of(run: Run) -> int:
-    """Another number for each take: all of a process begin at different times."""
-    return int(1000 * run.began_s) % 2**31

@@ -7,7 +7,7 @@ from typing import Any
 
 import pygame
 import pygame_menu
-from pygame_menu.widgets import HighlightSelection
+from pygame_menu.widgets.selection.highlight import HighlightSelection
 
 from app.workstation import look
 
@@ -39,8 +39,10 @@ def theme() -> pygame_menu.Theme:
         scrollbar_slider_hover_color=look.LINE,
         scrollbar_slider_pad=3,
         scrollbar_thick=10,
-        scrollbar_cursor=pygame.SYSTEM_CURSOR_ARROW,
+        widget_cursor=None,
+        scrollbar_cursor=None,
         border_width=0,
+        focus_background_color=(*look.GROUND, 120),
     )
 
 
@@ -93,6 +95,7 @@ def choice(
         default=default,
         onchange=lambda value, _: on_change(value[0][1]),
         placeholder="choose",
+        placeholder_add_to_selection_box=False,
         selection_box_width=width - 46,
         selection_box_margin=(0, 0),
         selection_box_height=8,
@@ -103,13 +106,13 @@ def choice(
         selection_option_font=look.REGULAR,
         selection_option_font_size=14,
         selection_option_font_color=look.TEXT,
-        selection_option_active_font_color=look.ACCENT,
         selection_option_selected_bgcolor=look.LINE,
         selection_option_selected_font_color=look.TEXT,
         selection_option_border_color=look.RAISED,
         selection_option_border_width=0,
         selection_option_padding=(3, 6),
         selection_infinite=True,
+        cursor=None,
         scrollbar_color=look.RAISED,
         scrollbar_slider_color=look.LINE,
         scrollbar_thick=8,
@@ -159,6 +162,8 @@ def _stretch(widget: Any, width: int) -> None:
 
 
 def button(into: pygame_menu.Menu, text: str, on_press: Callable[[], None], *, main: bool = False) -> Any:
+    if main:
+        into.add.vertical_margin(8)
     widget = into.add.button(text, on_press, margin=(14, 8), padding=(6, 16), font_size=15, font_name=look.BOLD)
     widget.set_background_color(look.ACCENT if main else look.RAISED)
     widget.update_font(
@@ -173,6 +178,8 @@ def switch(into: pygame_menu.Menu, name: str, on: bool, on_change: Callable[[boo
         name,
         on,
         onchange=on_change,
+        single_click=True,
+        infinite=True,
         state_text=("off", "on"),
         state_color=(look.RAISED, look.ACCENT),
         state_text_font_color=(look.QUIET, look.GROUND),

@@ -31,6 +31,7 @@ AXIS_RGB = (92, 104, 122)
 SKY_TOP, SKY_BOTTOM = np.array([24.0, 29.0, 38.0]), np.array([33.0, 40.0, 51.0])
 PICKER_RGB = (255, 148, 64)
 HAND_RGB = (255, 96, 112)
+LEAD_RGB = (255, 196, 0)
 GRID_M = 0.1
 SHADOW = 0.55
 AMBIENT, DIFFUSE = 0.36, 0.74
@@ -52,6 +53,8 @@ class Scene:
     """(3,) mean force on the cloth."""
     pull: tuple[FloatArray, FloatArray] | None = None
     """The node that is pulled at and where it is pulled to, each (3,)."""
+    leads: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    """What a hand leads and where it is, each (3,), in kinesthetic teaching."""
     hover: FloatArray | None = None
     """(3,): the node that a click would take hold of."""
 
@@ -244,7 +247,11 @@ def _marks(canvas: NDArray[np.uint8], scene: Scene, orbit: Orbit, size: tuple[in
         _ball(canvas, node, 0.009, orbit, size, HAND_RGB)
         cv2.circle(canvas, b, FINE * 9 << _SHIFT, HAND_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
         at = node
-    elif scene.hover is not None:
+    for held, hand in scene.leads:
+        a, b = _fixed(orbit.project([held, hand], size)[0]).tolist()
+        cv2.line(canvas, a, b, LEAD_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
+        cv2.circle(canvas, b, FINE * 9 << _SHIFT, LEAD_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
+    if scene.pull is None and scene.hover is not None:
         place = _fixed(orbit.project(scene.hover, size)[0])[0].tolist()
         cv2.circle(canvas, place, FINE * 8 << _SHIFT, (255, 255, 255), FINE, cv2.LINE_AA, _SHIFT)
     if np.linalg.norm(scene.force_n) > 0.02:

@@ -7,7 +7,6 @@ import signal
 import time
 from collections.abc import Callable, Hashable
 from pathlib import Path
-from typing import Any
 
 import pygame
 
@@ -17,36 +16,56 @@ from app.workstation.benchpane import BenchPane
 from app.workstation.curves import draw_contact, draw_word
 from app.workstation.hands import Hands
 from app.workstation.host import MakeWork
+from app.workstation.inputs import sdl
 from app.workstation.layout import LEAST, SIZE, layout
-from app.workstation.link import BenchLink
+from app.workstation.link import BenchLink, warm
 from app.workstation.modes import Mode, Shop, all_modes
+from app.workstation.modes.mode import ASK_AGAIN_S
 from app.workstation.moment import Moment
+from app.workstation.preview import preview
+from data.types import as_task
 
 FRAMES_HZ = 30
-ASK_AGAIN_S = 3.0
-"""A second click on another tab within this time ends what runs."""
+REPEAT_MS = (350, 40)
+"""A held key: until it repeats, and from then on."""
 TITLE = "Layflat"
 
 
 class Window:
     """The whole program while it is open; ``frame`` does one round, ``run`` all of them."""
 
-    def __init__(self, folder: Path, make: MakeWork, *, size: tuple[int, int] = SIZE, start: str = "Record") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        make: MakeWork,
+        *,
+        size: tuple[int, int] = SIZE,
+        start: str = "Record",
+        remember: bool = True,
+    ) -> None:
+        """``make`` does a bench process's work; ``remember``: read and write the settings of ``folder``."""
         # No sound is made, and no sound card is to be opened for that.
         os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
+        sdl.prepare()
         pygame.init()
         look.fresh()
         pygame.display.set_caption(TITLE)
-        pygame.key.set_repeat(350, 40)
         self.surface = pygame.display.set_mode(size, pygame.RESIZABLE)
+        warm()
         self.shop = Shop(
-            folder=folder, settings=settings.load(folder), link=BenchLink(make), place=layout(self.surface.get_size())
+            folder=folder,
+            settings=settings.load(folder) if remember else settings.Settings(),
+            remember=remember,
+            link=BenchLink(make),
+            place=layout(self.surface.get_size()),
         )
         self.pane = BenchPane()
         self.hands = Hands(self.shop, self.pane)
         self.modes: list[Mode] = all_modes(self.shop, self.hands)
         self.mode = next(mode for mode in self.modes if mode.name == start)
         self.open = True
+        self._closed = False
+        self._keys_repeat = False
         self.interrupted = False
         self.frames_s: list[float] = []
         """Wall time of the work of each of the last frames."""
@@ -59,12 +78,12 @@ class Window:
 
     # Rounds
 
-    def run(self) -> int:
-        """Until the window is closed or the program interrupted; returns the exit status."""
+    def run(self, until: Callable[[], bool] = lambda: False) -> int:
+        """Until the window is closed, the program interrupted, or ``until`` says so; returns the exit status."""
         clock = pygame.time.Clock()
         before = {number: signal.signal(number, self._interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
-            while self.open:
+            while self.open and not until():
                 self.frame()
                 clock.tick(FRAMES_HZ)
         finally:
@@ -79,25 +98,35 @@ class Window:
     def frame(self) -> None:
         """Events, what the bench says, what the hands do, and what has changed on the screen."""
         began = time.perf_counter()
+        self._repeat_keys()
         self._take(pygame.event.get())
-        messages = self.shop.link.hear()
-        hear = getattr(self.mode, "hear", None)
-        if hear is not None:
-            hear(messages)
+        self.mode.hear(self.shop.link.hear())
         self.hands.put(self.mode)
         self.mode.update()
         self.draw()
         self.frames_s.append(time.perf_counter() - began)
         del self.frames_s[:-200]
 
+    def _repeat_keys(self) -> None:
+        """Keys that are held repeat in menus and in a replay; never where each press is a button of a recording."""
+        wanted = not self.shop.link.alive
+        if wanted != self._keys_repeat:
+            self._keys_repeat = wanted
+            pygame.key.set_repeat(*(REPEAT_MS if wanted else ()))
+
     def close(self) -> None:
-        """End everything that was started; what is to be kept is on disk afterwards."""
+        """End everything that was started; what is to be kept is on disk afterwards. May be called twice."""
         self.open = False
+        if self._closed:
+            return
+        self._closed = True
+        self.mode.leave()
         for mode in self.modes:
-            mode.leave()
+            mode.close()
         self.shop.link.end()
         self.hands.close()
-        pygame.quit()
+        # Not pygame.quit(): pygame-menu keeps its fonts for a next window, and a font without its library crashes.
+        pygame.display.quit()
 
     # Events
 
@@ -108,15 +137,15 @@ class Window:
                 self.open = False
             elif event.type in (pygame.VIDEORESIZE, pygame.WINDOWSIZECHANGED):
                 self._resize()
-            elif not self._clicked(event) and not self._in_view(event):
+            elif not (self._clicked(event) or self.hands.take(event) or self._in_view(event)):
                 rest.append(event)
-        self.hands.take(events)
-        menu = self.mode.menu
-        if menu is not None and rest:
-            menu.update(rest)
-            self._menu_touched += 1
         for event in rest:
-            if self.mode.menu is None or event.type != pygame.KEYDOWN:
+            menu = self.mode.menu
+            if menu is not None:
+                # One by one: of a press and its release in one frame a menu would only see the first.
+                menu.update([event])
+                self._menu_touched += 1
+            if menu is None or event.type != pygame.KEYDOWN:
                 self.mode.handle(event)
 
     def _resize(self) -> None:
@@ -201,7 +230,7 @@ class Window:
         place, mode = self.shop.place, self.mode
         fresh = "all" not in self._painted
         areas: list[tuple[str, pygame.Rect, Hashable, Callable[[pygame.Surface], None]]] = [
-            ("all", place.window, (place.window.size,), lambda s: s.fill(look.GROUND)),
+            ("all", place.window, place.window.size, self._paint_ground),
             ("top", place.top, bars.top_key(self), lambda s: bars.paint_top(self, s)),
             ("panel", place.panel, self._panel_key(), self._paint_panel),
             ("strip", place.strip, tuple(chip[:2] for chip in mode.chips()), lambda s: bars.paint_strip(self, s)),
@@ -211,9 +240,10 @@ class Window:
             return areas
         moment, (history, now_s) = mode.moment(), mode.history()
         curve = (history.episode, len(history.time_s), now_s)
-        view = (id(moment), self.pane.orbit, self.pane.hover, id(self.pane.pull), mode.banner())
+        shown = moment or preview(as_task(self.shop.settings.task), self.shop.settings.cloth)
+        view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
         areas += [
-            ("view", place.view, view, lambda s: self._paint_view(s, moment)),
+            ("view", place.view, view, lambda s: self._paint_view(s, shown)),
             ("status", place.status, bars.status_key(self), lambda s: bars.paint_status(self, s)),
             ("camera", place.camera, id(moment), lambda s: self.pane.paint_camera(s, moment)),
             ("contact", place.contact, curve, lambda s: draw_contact(s, history, now_s)),
@@ -221,9 +251,13 @@ class Window:
         ]
         return areas
 
-    def _paint_view(self, surface: pygame.Surface, moment: Moment | None) -> None:
+    def _paint_ground(self, surface: pygame.Surface) -> None:
+        surface.fill(look.GROUND)
+
+    def _paint_view(self, surface: pygame.Surface, moment: Moment) -> None:
         surface.fill(look.GROUND)
         self.pane.paint(surface, moment)
+        self.mode.paint_over(surface)
         bars.paint_banner(surface, *self.mode.banner())
 
     def _panel_key(self) -> Hashable:
@@ -236,20 +270,13 @@ class Window:
         surface.fill(look.GROUND)
         look.card(surface, surface.get_rect())
         if self.mode.menu is not None:
+            # A list that has dropped down would darken the whole window, of which only the panel is drawn again.
+            self.surface.set_clip(self.shop.place.panel)
             self.mode.menu.draw(self.surface)
+            self.surface.set_clip(None)
         else:
             bars.paint_rows(surface, self.mode.headline(), self.mode.rows())
 
 
 def _tenths() -> int:
     return int(10 * time.monotonic())
-
-
-def share_of(values: list[float]) -> float:
-    """Mean of the last frames' work, s."""
-    return sum(values) / len(values) if values else 0.0
-
-
-def open_window(folder: Path, make: MakeWork, **options: Any) -> int:
-    """Open it, and stay until it is closed; returns the exit status."""
-    return Window(folder, make, **options).run()

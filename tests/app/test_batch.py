@@ -7,6 +7,8 @@ import json
 import os
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -23,7 +25,7 @@ from data.store import open_session
 from data.types import DataError
 from policy.model import load, save
 from sim.disturbances import DISTURBANCES
-from tests.fakeplay import PLACING, Scripted, fake_episode, fake_plan, key_of
+from tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fake_plan, key_of
 
 FAKE = Scripted()
 
@@ -265,3 +267,14 @@ def test_what_hangs_is_ended_in_time(tmp_path):
 def test_results_of_nothing_are_refused(tmp_path):
     with pytest.raises(DataError, match="does not hold the results"):
         Results.open(tmp_path)
+
+
+def test_a_program_that_has_used_opencvs_threads_may_run_batches(tmp_path):
+    """Its forks have no such threads, and must not wait for them."""
+    cv2.setNumThreads(4)
+    picture = np.random.default_rng(0).random((800, 800), dtype=np.float32)
+    for _ in range(3):
+        cv2.resize(cv2.filter2D(picture, -1, np.ones((11, 11), np.float32)), (2000, 2000))
+    rows = _run(fake_plan(seeds=2, limit_s=20.0), tmp_path, play=Looking()).rows
+    assert not rows["crashed"].any()
+    assert (rows["attempts"] == 1).all()

@@ -11,12 +11,29 @@ import pytest
 
 from app import checks, cli, cli_options
 from app.errors import LayflatError, WrongCall
+from app.workstation.inputs.registry import SOURCES
 from data.types import TASKS
 from perception.descriptors import DESCRIPTORS
 from policy.flatten import CONTROLLERS
 from policy.registry import TRAINABLE
 
-COMMANDS = ("demo", "record", "train", "place", "flatten", "word", "bench", "doctor", "data", "replay", "reproduce")
+COMMANDS = (
+    "demo",
+    "record",
+    "train",
+    "place",
+    "flatten",
+    "word",
+    "bench",
+    "doctor",
+    "data",
+    "replay",
+    "reproduce",
+    "evaluate",
+    "disturb",
+    "gamepad",
+    "app",
+)
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -38,6 +55,10 @@ WRONG = [
     ("demo", "--out", "x", "--task", "arm"),
     ("record", "x.h5", "--episodes", "0"),
     ("record", "x.h5", "--source", "telepathy"),
+    ("gamepad",),
+    ("gamepad", "shake"),
+    ("gamepad", "monitor", "--seconds", "-1"),
+    ("gamepad", "monitor", "--file", "x.json"),
     ("place", "x.npz", "--episodes", "-3"),
     ("train", "x.h5", "m.npz", "--policy", "gmr"),
     ("train", "x.h5", "m.npz", "--nope"),
@@ -60,6 +81,21 @@ WRONG = [
     ("reproduce", "--out", "x", "--seeds", "0"),
     ("reproduce", "--out", "x", "--only", "nonsense"),
     ("reproduce", "--out", "x", "--workers", "0"),
+    ("evaluate",),
+    ("evaluate", "hold", "--task", "hanger"),
+    ("evaluate", "hold", "--out", "x"),
+    ("evaluate", "nope.npz", "--out", "x"),
+    ("evaluate", "hold", "--task", "arm", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--cloth", "silk", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--disturb", "soap", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--disturb", "mine.toml", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--start", "crumpled", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--limit-s", "0", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--engine", "abacus", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--address", "there:1", "--out", "x"),
+    ("evaluate", "hold", "hold", "--task", "hanger", "--out", "x"),
+    ("evaluate", "hold", "--task", "hanger", "--episodes", "0", "--out", "x"),
+    ("disturb", "hold", "--task", "hanger", "--suite", "soap", "--out", "x"),
     ("doctor", "extra"),
     ("data",),
     ("data", "nonsense"),
@@ -97,6 +133,7 @@ def test_help_of_every_command(command, capsys):
 
 def test_choices_are_those_of_the_packages():
     assert set(get_args(cli.TaskName)) == set(TASKS)
+    assert set(get_args(cli.SourceName)) == {"scripted", *SOURCES}
     assert set(get_args(cli.PolicyName)) == set(TRAINABLE)
     assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
     assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)

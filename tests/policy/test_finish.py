@@ -160,7 +160,7 @@ def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
     for contact, word in ((0.995, "has reached"), (0.9, "no gain")):
         policy = FinishPolicy(model)
         policy.reset(0)
-        stops = [policy.act(observe(*GOAL, contact=contact)) for _ in range(20)]
+        stops = [policy.act(observe(*GOAL, contact=contact)) for _ in range(40)]
         stop = next(d for d in stops if d.stop is not None)
         assert stop.stop == "converged"
         assert word in stop.reason

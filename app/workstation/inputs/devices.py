@@ -70,7 +70,7 @@ class ControllerDevice:
         raw = [self._controller.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
         sticks = {name: max(raw[axis] / FULL, -1.0) for axis, name in enumerate(STICKS)}
         triggers = {
-            name: self._triggers.pulled(name, value / FULL, unmoved=value in UNMOVED)
+            name: self._triggers.pulled(name, value / FULL, unmoved=value in UNMOVED or value == 0)
             for name, value in zip(TRIGGERS, raw[len(STICKS) :], strict=True)
         }
         return state_of(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._controller.get_button(k)])
@@ -142,11 +142,13 @@ class Pads:
         self._mapping = mapping
         self.devices: dict[int, Device] = {}
         """Usable ones, in the order in which they came."""
+        self._open: dict[int, tuple[int, Any]] = {}
         self.unknown: dict[int, str] = {}
         """Pads whose buttons nobody knows, and why: one sentence each."""
 
     def refresh(self) -> None:
         joysticks = self._joysticks()
+        self._open = joysticks  # Or those that nobody reads would be closed, and opened again each time.
         for instance in [i for i in self.devices if i not in joysticks]:
             self.devices.pop(instance).close()
         for instance in [i for i in self.unknown if i not in joysticks]:

@@ -99,13 +99,15 @@ class _Hold:
 
 
 def take_hold(task: Task, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> _Hold | None:
-    """What a press on this line of sight takes hold of; None where nothing is close."""
+    """What a press on this line of sight takes hold of; None where nothing is close, or nothing is known of it yet."""
+    if not np.isfinite(corners).all():
+        return None
     direction = direction / np.linalg.norm(direction)
     if task == "hanger":
         along = np.linspace(0.0, 1.0, 41)[:, None]
         bar = corners[0] + along * (corners[1] - corners[0])
         at, gap = _nearest(bar, origin, direction)
-        return None if gap > GRASP_M else _Hold(corners.mean(axis=0), None, at, _plane(direction))
+        return _Hold(corners.mean(axis=0), None, at, _plane(direction)) if gap <= GRASP_M else None
     at, gap = _nearest(corners, origin, direction)
     if gap > GRASP_M:
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from app.errors import WrongCall
@@ -158,18 +158,22 @@ LAYOUT_C = _layout(
     _HAT,
 )
 """Linux without that driver."""
+LAYOUT_C_WITHOUT_HAT = replace(
+    LAYOUT_C, buttons={n: way for n, way in LAYOUT_C.buttons.items() if n not in BUTTONS[-4:]}
+)
 LAYOUTS = (LAYOUT_A, LAYOUT_B, LAYOUT_C)
 
 
 def raw_layout(pad: RawPad) -> Layout | None:
     """The layout of an unmapped PS4 pad, by its counts; None for any other pad."""
     counts = Counts.of(pad)
-    if counts.axes != 6:
+    if counts.axes != 6 or counts.hats > 1:
         return None
-    if counts.hats == 0:
-        return LAYOUT_A if counts.buttons == 16 else None
-    if counts.buttons == 14:  # The generic driver counts the touchpad's click, too.
-        return LAYOUT_C
+    if (counts.buttons, counts.hats) == (16, 0):
+        return LAYOUT_A
+    if counts.buttons == 14 or (counts.buttons, counts.hats) == (13, 0):
+        # The generic driver may count the touchpad's click, too, and may have no hat.
+        return LAYOUT_C if counts.hats else LAYOUT_C_WITHOUT_HAT
     if counts.buttons != 13:
         return None
     # By the counts both B and C. Triggers rest at -1, sticks at 0: where three axes in the middle tell, they are asked.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from app.workstation.inputs.mouse import Mouse
 from app.workstation.inputs.source import Source, WindowSource
 from app.workstation.inputs.terminal_keyboard import TerminalKeyboard
 from app.workstation.inputs.window_keyboard import WindowKeyboard
+from app.workstation.inputs.with_keys import WithKeys
 from data.types import FloatArray, Task
 
 
@@ -43,7 +45,7 @@ def terminal_source(name: str, task: Task, *, mapping: Path | None = None) -> So
     if not reading.connected:
         pad.close()
         raise LayflatError(reading.problem)
-    return pad
+    return WithKeys(pad, TerminalKeyboard(task)) if sys.stdin and sys.stdin.isatty() else pad
 
 
 def window_source(

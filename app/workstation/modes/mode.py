@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import pygame
 import pygame_menu
@@ -18,6 +18,8 @@ from app.workstation.moment import Moment
 from app.workstation.settings import Settings
 from data.types import Pull
 
+ASK_AGAIN_S = 3.0
+"""What would end something is asked for twice within this time."""
 Shows: TypeAlias = Literal["bench", "text"]
 
 
@@ -44,6 +46,8 @@ class Shop:
 
     folder: Path
     settings: Settings
+    remember: bool
+    """Whether settings outlive the window."""
     link: BenchLink
     place: Layout
     message: str = ""
@@ -59,7 +63,8 @@ class Shop:
         """Remember settings, for the next time as well."""
         if new != self.settings:
             self.settings = new
-            settings.save(self.folder, new)
+            if self.remember:
+                settings.save(self.folder, new)
 
     def sessions(self) -> list[str]:
         """Session files of the folder, the newest first."""
@@ -88,6 +93,9 @@ class Mode(Protocol):
     def leave(self) -> None:
         """Another one is; ends what runs, with everything kept that is to be kept."""
 
+    def close(self) -> None:
+        """The window ends, and with it what this mode has started."""
+
     def busy(self) -> str:
         """What would be ended by leaving, for a person; empty where there is nothing."""
 
@@ -109,6 +117,9 @@ class Mode(Protocol):
     def headline(self) -> tuple[str, look.Colour]:
         """The panel's first line while there is no menu."""
 
+    def hear(self, messages: list[dict[str, Any]]) -> None:
+        """What the bench said since the last frame."""
+
     def banner(self) -> tuple[str, str]:
         """Large words over the bench, and small ones below them; empty where there are none."""
 
@@ -117,6 +128,9 @@ class Mode(Protocol):
 
     def history(self) -> tuple[History, float | None]:
         """The curves, and the moment that is marked in them."""
+
+    def paint_over(self, surface: pygame.Surface) -> None:
+        """Draw something on the view."""
 
     def paint_text(self, surface: pygame.Surface) -> None:
         """Draw what a mode without a bench has to say."""
@@ -140,7 +154,10 @@ class BasicMode:
 
     def leave(self) -> None:
         self.shop.link.end()
-        self.shop.link.moment = None
+        self.shop.link.moment, self.shop.link.status = None, {}
+
+    def close(self) -> None:
+        """Nothing but the bench, which the window ends."""
 
     def build(self) -> None:
         """Make the menu."""
@@ -169,6 +186,9 @@ class BasicMode:
     def headline(self) -> tuple[str, look.Colour]:
         return self.name, look.TEXT
 
+    def hear(self, messages: list[dict[str, Any]]) -> None:
+        """Nothing."""
+
     def banner(self) -> tuple[str, str]:
         return "", ""
 
@@ -177,6 +197,9 @@ class BasicMode:
 
     def history(self) -> tuple[History, float | None]:
         return self.past, None
+
+    def paint_over(self, surface: pygame.Surface) -> None:
+        """Nothing."""
 
     def paint_text(self, surface: pygame.Surface) -> None:
         """Nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,16 @@ import pygame
 from app.workstation import look, theme
 from app.workstation.modes.mode import BasicMode, Chip, Row
 from app.workstation.placing import SCRIPTED
+from app.workstation.settings import with_one
 from policy import model as model_files
 from policy.registry import MADE
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
 
 NAMED = tuple(name for name in DISTURBANCES if name != "none")
-"""Disturbances in the order of the keys 1, 2, ..."""
+"""Disturbances in the order of the keys."""
+DIGITS = "1234567890-="
+"""Keys that begin them; more of them than keys can be clicked at."""
 STATES = {
     "ready": ("Ready", look.TEXT),
     "placing": ("Placing", look.ACCENT),
@@ -64,7 +68,7 @@ class PlaceMode(BasicMode):
             theme.choice(menu, name.capitalize(), known, value, self._setter(name), width=width)
 
     def _setter(self, name: str) -> Any:
-        return lambda value: self.shop.change(replace(self.shop.settings, **{name: value}))
+        return lambda value: self.shop.change(with_one(self.shop.settings, name, value))
 
     def _choose(self, policy: str) -> None:
         was = self.shop.settings.model
@@ -74,6 +78,8 @@ class PlaceMode(BasicMode):
             self._rebuild = True
 
     _rebuild: bool = False
+    _told: str = ""
+    """What the bench said last."""
 
     def _take_seed(self, text: str) -> None:
         self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
@@ -87,7 +93,7 @@ class PlaceMode(BasicMode):
         if order is None:
             return
         self.menu, self.running, self.finished = None, True, False
-        self.past.episode = -1
+        self.past.episode, self._told = -1, ""
         self.shop.link.moment = None
         self.shop.link.start(order, order["task"])
         self.shop.link.ask("start")
@@ -116,7 +122,7 @@ class PlaceMode(BasicMode):
         """Back to the menu."""
         for message in self.shop.link.end():
             self._hear(message)
-        self.running = False
+        self.running, self.shop.link.status = False, {}
         self.build()
 
     def leave(self) -> None:
@@ -129,6 +135,10 @@ class PlaceMode(BasicMode):
 
     def update(self) -> None:
         super().update()
+        told = str(self.shop.link.status.get("message", ""))
+        if self.running and told != self._told:
+            self._told = told
+            self.shop.say(told)
         if self._rebuild and self.menu is not None:
             self._rebuild = False
             self.build()
@@ -166,9 +176,9 @@ class PlaceMode(BasicMode):
             pygame.K_n: self.again,
             pygame.K_ESCAPE: self.stop,
         }
-        number = event.key - pygame.K_1
-        if 0 <= number < len(NAMED):
-            self.shop.link.ask("disturb", name=NAMED[number])
+        digit = chr(event.key) if 0 < event.key < 128 else ""
+        if digit and digit in DIGITS[: len(NAMED)]:
+            self.shop.link.ask("disturb", name=NAMED[DIGITS.index(digit)])
             return True
         if event.key in acts:
             acts[event.key]()
@@ -197,11 +207,12 @@ class PlaceMode(BasicMode):
         chips += [Chip("N", "next seed", self.again), Chip("Esc", "end, to the menu", self.stop)]
         if not self.finished:
             chips.append(Chip("drag", "pull at the cloth"))
-            chips += [
-                Chip(str(k + 1), name, lambda name=name: self.shop.link.ask("disturb", name=name), look.WORD)  # type: ignore[misc]
-                for k, name in enumerate(NAMED)
-            ]
+            for k, name in enumerate(NAMED):
+                chips.append(Chip(DIGITS[k] if k < len(DIGITS) else "•", name, self._disturber(name), look.WORD))
         return chips
+
+    def _disturber(self, name: str) -> Callable[[], None]:
+        return lambda: self.shop.link.ask("disturb", name=name)
 
     def headline(self) -> tuple[str, look.Colour]:
         if self.finished:
@@ -218,12 +229,17 @@ class PlaceMode(BasicMode):
             Row("time", "" if moment is None else f"{moment.sim_s:.1f} s, {moment.tick} ticks"),
             Row("contact", "" if moment is None else f"{100 * moment.contact:.1f} %", look.CONTACT),
             Row("flat area", "" if moment is None else f"{moment.flat_area:.3f}"),
-            Row("disturbed by", ", ".join(status.get("disturbances", [])) or "nothing so far", look.WORD),
+            Row("disturbed by", ", ".join(self._befell()) or "nothing so far", look.WORD),
         ]
         if moment is not None:
             rows.append(Row("force", f"{sum(f * f for f in moment.force_n) ** 0.5:.2f} N", look.WARNING))
         rows.append(Row("recorded into", self.record or "nowhere"))
         return rows
+
+    def _befell(self) -> list[str]:
+        status = self.shop.link.status
+        pulled = int(status.get("pulled_ticks", 0))
+        return [*status.get("disturbances", []), *([f"your hand ({pulled} ticks)"] if pulled else [])]
 
     def banner(self) -> tuple[str, str]:
         if self.running and not self.shop.link.status and self.shop.link.alive:

@@ -19,6 +19,7 @@ import pytest
 
 from app import cli
 from app.replay import replay
+from data.recorder import SessionRecorder
 from data.store import open_session
 
 PATIENCE_S = 60.0
@@ -182,6 +183,17 @@ def test_a_signal_keeps_what_was_kept_and_what_runs_as_partial(terminal, tmp_pat
     assert [file.name for file in tmp_path.iterdir()] == ["s.h5"]
 
 
+def test_a_session_of_another_task_is_refused_and_the_terminal_is_as_before(terminal, tmp_path, make_episode):
+    path = tmp_path / "s.h5"
+    with SessionRecorder(path, task="hanger", cloth="napkin") as recorder:
+        recorder.keep(make_episode(cloth="napkin", disturbed=False))
+    one = terminal(*record(path))
+    assert one.end() == 2
+    assert one.as_before()
+    assert "holds episodes with task hanger, not pickers" in one.text
+    assert "Traceback" not in one.text
+
+
 @pytest.mark.slow
 def test_killed_in_the_middle_the_next_recording_tells_what_was_left(terminal, tmp_path):
     path = tmp_path / "s.h5"
@@ -251,9 +263,27 @@ def test_what_is_missing_is_said_with_what_works_instead(bare, capsys, source, w
     assert not list(bare.iterdir())
 
 
+def test_no_window_is_no_window_even_where_there_is_a_display(bare, capsys, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    status, out, err = _call(capsys, "record", bare / "s.h5", "--source", "mouse", "--no-window")
+    assert (status, out) == (1, "")
+    assert "--no-window leaves none" in err
+    status, out, err = _call(capsys, "record", bare / "s.h5", "--source", "keyboard", "--no-window")
+    assert (status, out) == (1, "")
+    assert "terminal" in err
+
+
 @pytest.mark.parametrize(
     "arguments",
-    [("--disturb", "hurricane"), ("--cloth", "silk"), ("--descriptor", "sift"), ("--force",), ("--episodes", "0")],
+    [
+        ("--pad", "none.json"),
+        ("--disturb", "hurricane"),
+        ("--cloth", "silk"),
+        ("--descriptor", "sift"),
+        ("--force",),
+        ("--episodes", "0"),
+    ],
     ids=" ".join,
 )
 def test_wrong_calls_come_before_anything_is_opened(bare, capsys, arguments):

@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.workstation.inputs.gamepad import CONTROLS, FINE_SPEED, SPEED, Gamepad, motion, speed
-from app.workstation.inputs.layouts import LAYOUT_A, LAYOUT_B, LAYOUT_C, Binding, Counts, Layout, raw_layout
+from app.workstation.inputs.layouts import (
+    LAYOUT_A,
+    LAYOUT_B,
+    LAYOUT_C,
+    LAYOUT_C_WITHOUT_HAT,
+    Binding,
+    Counts,
+    Layout,
+    raw_layout,
+)
 from app.workstation.inputs.mapping import mapping_file, write_mapping
 from app.workstation.inputs.pad import BUTTONS, DEAD_ZONE, PadState, dead_zone
 from app.workstation.inputs.reading import Control
@@ -32,6 +41,7 @@ WAYS = {
     "A": ((6, 16, 0), False, A_AXES, A_BUTTONS),
     "B": ((6, 13, 1), False, B_AXES, B_BUTTONS),
     "C": ((6, 14, 1), False, C_AXES, C_BUTTONS),
+    "C without a hat": ((6, 13, 0), False, C_AXES, C_BUTTONS),
 }
 """Counts, whether SDL maps it, axes, buttons."""
 
@@ -96,6 +106,17 @@ def test_each_way_of_knowing_a_pad_reads_its_triggers(any_pad):
     assert gamepad.poll().speed == pytest.approx(SPEED, abs=0.001)
 
 
+def test_triggers_at_0_before_their_first_move_are_let_go_of_where_sdl_maps_the_pad_too(plug, source):
+    pad, gamepad = plug(), source()
+    for name in ("l2", "r2"):
+        pad.axis(name, 0.0)
+    assert [gamepad.poll().speed for _ in range(4)] == [SPEED] * 4
+    pad.axis("r2", 0.5)
+    assert gamepad.poll().speed == pytest.approx(SPEED + 0.75 * (1 - SPEED), abs=0.001)
+    pad.axis("r2", 0.0)
+    assert gamepad.poll().speed == pytest.approx(SPEED + 0.5 * (1 - SPEED), abs=0.001)
+
+
 def test_each_way_of_knowing_a_pad_obeys_its_buttons_once(any_pad):
     gamepad, pad, _, buttons = any_pad
     gamepad.poll()
@@ -158,6 +179,7 @@ class _Still:
         (_Still(6, 13, 1, {2: -1.0, 5: -1.0}), LAYOUT_B),
         (_Still(6, 13, 1, {3: -1.0, 4: -1.0}), LAYOUT_C),
         (_Still(6, 14, 1), LAYOUT_C),
+        (_Still(6, 13, 0), LAYOUT_C_WITHOUT_HAT),
         (_Still(4, 12, 1), None),
         (_Still(6, 11, 1), None),
         (_Still(8, 16, 0), None),

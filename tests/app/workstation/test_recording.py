@@ -200,9 +200,11 @@ def test_a_pad_that_goes_pauses_and_says_so_and_comes_back(desk):
     gone = Reading(motion=np.zeros(2), connected=False, problem="the pad is gone; plug it in again")
     one.recording.hear(gone)
     assert one.state == "paused"
-    assert "the pad is gone" in one.recording.message
+    said = one.recording.message
+    assert said == "paused: the pad is gone; plug it in again"
     assert not one.recording.tick()
     one.recording.hear(gone)
+    assert one.recording.message == said
     one.recording.hear(Reading(motion=np.zeros(2), device="Pad"))
     assert one.state == "running"
     assert "Pad is back" in one.recording.message

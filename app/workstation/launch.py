@@ -1,0 +1,98 @@
+"""`layflat app`, and the window of `layflat record`: what must be there, and the window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app import checks
+from app.errors import LayflatError
+from app.workstation.by_hand import has_display
+from app.workstation.inputs import sdl
+from data.types import Task
+
+if TYPE_CHECKING:
+    from app.workstation.window import Window
+
+NO_DISPLAY = (
+    "there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); without one `layflat record --source"
+    " keyboard`, `gamepad` and `scripted`, `train`, `place`, `replay`, `data` and `demo` do the same in this terminal"
+)
+
+
+def app(folder: Path) -> int:
+    """Open the workstation on the sessions and models in ``folder``; returns the exit status."""
+    checks.writable_folder(folder)
+    with opened(folder) as window:
+        return window.run()
+
+
+@contextmanager
+def opened(folder: Path, **options: Any) -> Iterator[Window]:
+    """A window; LayflatError where there can be none. It is closed at the end, whatever happens."""
+    if not has_display():
+        raise LayflatError(NO_DISPLAY)
+    sdl.prepare()
+    try:
+        import pygame
+
+        from app.workstation.window import Window
+        from app.workstation.works import make_work
+    except ImportError as error:
+        raise LayflatError(f"the window needs pygame and pygame-menu ({error}); run `layflat doctor`") from None
+    try:
+        window = Window(folder, make_work, **options)
+    except pygame.error as error:
+        raise LayflatError(f"no window can be opened on this display ({error}); {NO_DISPLAY.split('; ')[1]}") from None
+    try:
+        yield window
+    finally:
+        window.close()
+
+
+def record_in_window(
+    path: Path,
+    *,
+    task: Task,
+    cloth: str,
+    source: str,
+    episodes: int,
+    seed: int,
+    descriptor: str,
+    images: bool,
+    disturb: str,
+    countdown_s: float,
+    mapping: Path | None,
+) -> None:
+    """Record into ``path`` in a window of its own, which closes when ``episodes`` are kept or the person quits.
+
+    One line on stdout for each that is kept or discarded. Nothing but the session is written.
+    """
+    from app.workstation.modes.record import RecordMode
+
+    with opened(path.parent, remember=False) as window:
+        mode = window.mode
+        if not isinstance(mode, RecordMode):
+            raise TypeError(f"the window opens with {mode.name}, not with its recording")
+        window.shop.settings = replace(
+            window.shop.settings,
+            task=task,
+            cloth=cloth,
+            source=source,
+            descriptor=descriptor,
+            images=images,
+            countdown_s=countdown_s,
+            session=path.name,
+        )
+        mode.seed, mode.episodes, mode.disturbance, mode.echo = seed, episodes, disturb, True
+        window.hands.mapping = mapping
+        mode.start()
+        status = window.run(until=lambda: not mode.running)
+        sentence = window.shop.link.sentence
+    if status:
+        raise KeyboardInterrupt
+    if sentence:
+        raise LayflatError(sentence)

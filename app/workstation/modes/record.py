@@ -1,0 +1,250 @@
+"""Record: a person demonstrates, one take after another, into one session."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import pygame
+
+from app.workstation import look, theme
+from app.workstation.hands import Hands
+from app.workstation.inputs.reading import Control
+from app.workstation.modes.mode import ASK_AGAIN_S, BasicMode, Chip, Row
+from app.workstation.settings import SOURCES, with_one
+from data.store import open_session
+from sim.cloth import CLOTHS
+from sim.disturbances import DISTURBANCES
+
+STATES = {
+    "waiting": ("Ready", look.TEXT),
+    "countdown": ("Get ready", look.WORD),
+    "running": ("Recording", look.RECORDING),
+    "paused": ("Paused", look.WORD),
+    "finished": ("Keep it?", look.ACCENT),
+    "over": ("Over", look.QUIET),
+}
+COLOURS = {
+    Control.START: look.ACCENT,
+    Control.KEEP_SUCCESS: look.CONTACT,
+    Control.KEEP_FAILURE: look.WORD,
+    Control.DISCARD: look.WARNING,
+}
+
+
+@dataclass
+class RecordMode(BasicMode):
+    """``disturbance`` is what the device's disturb button begins."""
+
+    name: str = "Record"
+    hands: Hands | None = None
+    seed: int = 0
+    episodes: int | None = None
+    disturbance: str = "push"
+    running: bool = False
+    _escaped_s: float = -ASK_AGAIN_S
+    echo: bool = False
+    """Lines of what was kept go to stdout as well."""
+
+    def build(self) -> None:
+        shop, width = self.shop, self.shop.place.panel.width
+        self.menu = menu = theme.menu(shop.place.panel)
+        theme.heading(menu, "Record")
+        theme.note(menu, "Demonstrations are added to a session; what is in it stays.", width)
+        known = {
+            "source": [source for source in SOURCES if source != "scripted"],
+            "task": ["hanger", "pickers"],
+            "cloth": list(CLOTHS),
+        }
+        for name, values in known.items():
+            chosen = getattr(shop.settings, name)
+            theme.choice(menu, name.capitalize(), values, chosen, self._setter(name), width=width)
+        theme.entry(menu, "Session file", shop.settings.session, self._setter("session"), width=width)
+        theme.entry(menu, "First seed", str(self.seed), self._take_seed, width=width)
+        names = [name for name in DISTURBANCES if name != "none"]
+        theme.choice(menu, "Disturb button", names, self.disturbance, self._take_disturbance, width=width)
+        theme.button(menu, "Begin", self.start, main=True)
+        shop.say(self._about_session())
+
+    def _setter(self, name: str) -> Any:
+        def take(value: str) -> None:
+            self.shop.change(with_one(self.shop.settings, name, value.strip()))
+            self.shop.say(self._about_session())
+
+        return take
+
+    def _take_seed(self, text: str) -> None:
+        self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
+
+    def _take_disturbance(self, name: str) -> None:
+        self.disturbance = name
+
+    def _session(self) -> str:
+        name = self.shop.settings.session or "demos.h5"
+        return name if name.endswith(".h5") else f"{name}.h5"
+
+    def _about_session(self) -> str:
+        """What is in the session that is named."""
+        path = self.shop.folder / self._session()
+        if not path.exists():
+            return f"{path.name} is new"
+        try:
+            with open_session(path) as session:
+                count = "one demonstration" if len(session) == 1 else f"{len(session)} demonstrations"
+                return f"{path.name} has {count}: {session.task}, {session.cloth}"
+        except (ValueError, OSError) as error:
+            return str(error)
+
+    def start(self) -> None:
+        settings = self.shop.settings
+        path = self.shop.folder / self._session()
+        order = {
+            "work": "record",
+            **settings.bench(),
+            "source": settings.source,
+            "record": str(path),
+            "seed": self.seed,
+            "countdown_s": settings.countdown_s,
+            "episodes": self.episodes,
+            "disturbance": self.disturbance,
+        }
+        if self.hands is not None and not self.hands.use(settings.source, order["task"]):
+            self.shop.say(self.hands.problem, look.WARNING)
+            return
+        self.menu, self.running = None, True
+        self.past.episode = -1
+        self.shop.link.moment = None
+        self.shop.say("")
+        self.shop.link.start(order, order["task"])
+
+    def stop(self) -> None:
+        """Back to the menu, with everything kept."""
+        last = self.shop.message
+        for message in self.shop.link.end():
+            last = self._hear(message) or last
+        self._back(last)
+
+    def _back(self, sentence: str, colour: look.Colour = look.QUIET) -> None:
+        self.running, self.shop.link.status = False, {}
+        if self.hands is not None:
+            self.hands.drop()
+        self.build()
+        if sentence:
+            self.shop.say(sentence, colour)
+
+    def leave(self) -> None:
+        for message in self.shop.link.end():
+            self._hear(message)
+        super().leave()
+        self.running = False
+        if self.hands is not None:
+            self.hands.drop()
+
+    def busy(self) -> str:
+        status = self.shop.link.status
+        return "the running demonstration and keep it as partial" if self.running and status.get("ticks") else ""
+
+    def hear(self, messages: list[dict[str, Any]]) -> None:
+        """What the bench said; its end, whoever wanted it."""
+        for message in messages:
+            self._hear(message)
+        if self.running and not self.shop.link.alive:
+            sentence = self.shop.link.sentence
+            self._back(sentence or self.shop.message, look.WARNING if sentence else look.QUIET)
+
+    def _hear(self, message: dict[str, Any]) -> str:
+        line = str(message.get("line", ""))
+        if message["kind"] == "said":
+            if self.echo:
+                print(line, flush=True)
+            self.shop.say(line, look.CONTACT if line.startswith("kept") else look.QUIET)
+        return line
+
+    def control(self, control: Control) -> None:
+        self.shop.link.ask("control", name=control.name)
+
+    def handle(self, event: pygame.event.Event) -> bool:
+        if self.running and event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE:
+            self.escape()
+            return True
+        return False
+
+    def escape(self) -> None:
+        """To the menu; of a demonstration that runs one is asked twice."""
+        now = time.monotonic()
+        if self.busy() and now - self._escaped_s > ASK_AGAIN_S:
+            self._escaped_s = now
+            self.shop.say(f"Esc would end {self.busy()}; once more does", look.WARNING)
+        else:
+            self.stop()
+
+    def pullable(self) -> bool:
+        leads = self.hands is not None and self.hands.leads()
+        return self.running and not leads and self.shop.link.status.get("state") == "running"
+
+    def chips(self) -> list[Chip]:
+        if not self.running or self.hands is None:
+            return [Chip("Enter", "choose and press in the menu"), Chip("mouse", "turn, zoom and shift the view")]
+        does: dict[str, str | None] = self.shop.link.status.get("does", {})
+        chips = []
+        for button in self.hands.help():
+            if button.control is None:
+                chips.append(Chip(button.name, button.does))
+                continue
+            now = does.get(button.control.name)
+            if now:
+                act = self._presser(button.control)
+                chips.append(Chip(button.name, now, act, COLOURS.get(button.control, look.TEXT)))
+        chips.sort(key=lambda chip: chip.act is None)
+        return [*chips, Chip("Esc", "to the menu", self.escape)]
+
+    def _presser(self, control: Control) -> Any:
+        return lambda: self.control(control)
+
+    def headline(self) -> tuple[str, look.Colour]:
+        status = self.shop.link.status
+        if status.get("state") == "waiting" and not status.get("ready"):
+            return "Hanging up…", look.QUIET
+        return STATES.get(str(status.get("state")), ("Starting…", look.QUIET))
+
+    def rows(self) -> list[Row]:
+        status, settings = self.shop.link.status, self.shop.settings
+        counts: dict[str, int] = status.get("counts", {})
+        kept = f"{counts.get('success', 0)} success, {counts.get('failure', 0)} failure"
+        partial = counts.get("partial", 0)
+        return [
+            Row("demonstration", f"seed {status.get('seed', self.seed)}"),
+            Row("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('ticks', 0)} ticks"),
+            Row("contact", f"{100 * status.get('contact', 0.0):.1f} %", look.CONTACT),
+            Row("flat area", f"{status.get('flat_area', 0.0):.3f}"),
+            Row("kept", kept + (f", {partial} partial" if partial else ""), look.CONTACT),
+            Row("discarded", str(counts.get("discarded", 0))),
+            Row("in the session", f"{status.get('stored', 0)} in {self._session()}"),
+            Row("task", f"{settings.task}, {settings.cloth}, by {settings.source}"),
+            Row("", str(status.get("message", "")), look.QUIET),
+        ]
+
+    def banner(self) -> tuple[str, str]:
+        status = self.shop.link.status
+        state = status.get("state")
+        if not self.running:
+            return "", ""
+        if state == "countdown":
+            if not status.get("ready"):
+                return "Hanging up the cloth", f"seed {status.get('seed')}"
+            return f"{max(1, round(0.5 + status.get('countdown', 0.0) - 1e-6))}", "get ready"
+        if state == "running" and status.get("awaits_motion"):
+            return "Go", "time runs with your first motion"
+        if state == "paused":
+            return "Paused", str(status.get("message", ""))
+        if state == "finished":
+            return "Keep it?", str(status.get("message", ""))
+        if state == "waiting":
+            return ("Ready" if status.get("ready") else "Hanging up the cloth"), self._first_press()
+        return ("Starting the bench", "") if not status and self.shop.link.alive else ("", "")
+
+    def _first_press(self) -> str:
+        does = self.shop.link.status.get("does", {}).get("START")
+        names = [button.name for button in self.hands.help() if button.control is Control.START] if self.hands else []
+        return f"{names[0]}: {does}" if names and does else ""

@@ -1,0 +1,53 @@
+"""Work for a bench process that has no bench: counts ticks, and can be told to die in several ways."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import Any
+
+from app.workstation.cadence import Cadence
+from app.workstation.host import Desk, Order
+from sim.world import SimError
+
+TICK_S = 0.05
+
+
+class FakeWork:
+    """Ticks from the start on; of the last ones it says when each began and which input it acted on."""
+
+    def __init__(self, order: Order, desk: Desk) -> None:
+        if order.get("refuse"):
+            raise SimError("this bench cannot be made")
+        self._desk = desk
+        self._cadence = Cadence(TICK_S)
+        self._ends = str(order.get("leaves", ""))
+        self._ticks: list[tuple[float, float]] = []
+        self.over = False
+
+    def obey(self, order: Order) -> None:
+        if order["do"] == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if order["do"] == "fail":
+            raise SimError("the cloth is on fire; put it out")
+        if order["do"] == "over":
+            self.over = True
+
+    def advance(self) -> float:
+        left_s = self._cadence.left_s()
+        if left_s > 0:
+            return left_s
+        self._cadence.begin()
+        letter = self._desk.letter()
+        self._ticks.append((time.monotonic(), 0.0 if letter is None else letter.stamp_s))
+        del self._ticks[:-200]
+        return 0.0
+
+    def status(self) -> dict[str, Any]:
+        return {"ticks": self._ticks}
+
+    def close(self) -> None:
+        if self._ends:
+            with open(self._ends, "w", encoding="utf-8") as file:
+                file.write("kept")

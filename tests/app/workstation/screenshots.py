@@ -1,0 +1,252 @@
+"""`make screenshots`: the pictures of docs/workstation.md, taken of the real window while a person uses it.
+
+    python -m tests.app.workstation.screenshots docs/images runs/screenshots
+
+The pictures are SDL's own, so no display is needed. The second folder keeps what is recorded.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pygame
+from PIL import Image
+
+from app.workstation import look
+from app.workstation.job import Job
+from app.workstation.modes.place import PlaceMode
+from app.workstation.modes.record import RecordMode
+from app.workstation.modes.replay import ReplayMode
+from app.workstation.window import Window
+from app.workstation.works import make_work
+from tests.app.workstation.person import Person, headless, unplug_all
+
+COLOURS = 224
+"""Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
+
+
+class Album:
+    """Takes the pictures."""
+
+    def __init__(self, window: Window, out: Path) -> None:
+        self.window = window
+        self.person = Person(window)
+        self.out = out
+
+    def shoot(self, name: str) -> None:
+        """Write ``workstation-<name>.png``."""
+        self.window._painted.clear()
+        self.window.draw()
+        rgb = np.ascontiguousarray(pygame.surfarray.array3d(self.window.surface).swapaxes(0, 1))
+        path = self.out / f"workstation-{name}.png"
+        palette = Image.fromarray(np.vstack([rgb, swatches(rgb.shape[1])]))
+        palette = palette.quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
+        Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
+        print(f"{path} {path.stat().st_size // 1000} kB", flush=True)
+
+    def settings(self, **changes: object) -> None:
+        shop = self.window.shop
+        shop.change(replace(shop.settings, **changes))  # type: ignore[arg-type]
+        self.window.mode.relaid()
+
+    def wait_for_state(self, state: str) -> None:
+        self.person.wait(lambda: self.person.state() == state, state, 60.0)
+
+
+def swatches(width: int) -> np.ndarray:
+    """(H, W, 3): the window's own colours, so that a palette has them however little of them is seen."""
+    own = [value for value in vars(look).values() if isinstance(value, tuple) and len(value) == 3]
+    return np.repeat(np.repeat(np.array(own, np.uint8)[:, None], 16, axis=0), width, axis=1)
+
+
+def demonstrations(folder: Path) -> None:
+    """Sessions to train from, by the scripted demonstrator, where they are not there yet."""
+    for task in ("hanger", "pickers"):
+        path = folder / f"{task}.h5"
+        if not path.exists():
+            job = Job(["record", str(path), "--task", task, "--episodes", "6", "--workers", "1"])
+            while job.status is None:
+                pygame.time.wait(200)
+            print(*job.lines, sep="\n")
+
+
+def record(album: Album) -> None:
+    person, window = album.person, album.window
+    album.settings(session="demonstrations.h5", speed="as fast as it goes", countdown_s=2.0, task="hanger")
+    album.shoot("record-menu")
+    person.plug_in()
+    for task in ("hanger", "pickers"):
+        album.settings(task=task, session=f"by-hand-{task}.h5")
+        person.menu("Begin")
+        person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+        if task == "hanger":
+            person.pad.tap("cross")
+            album.wait_for_state("countdown")
+            person.watch(0.4)
+            album.shoot("record-countdown")
+            album.wait_for_state("running")
+        else:
+            person.begin()
+        person.demonstrate(0, ticks=34)
+        album.shoot(f"record-{task}")
+        if task == "hanger":
+            person.pad.unplug()
+            album.wait_for_state("paused")
+            album.shoot("record-unplugged")
+            person.plug_in()
+            album.wait_for_state("running")
+        person.demonstrate(0)
+        person.pad.tap("triangle")
+        person.wait(lambda: person.status.get("stored", 0) > 0 and person.state() == "waiting", "it to be kept")
+        assert isinstance(window.mode, RecordMode)
+        window.mode.stop()
+    person.pad.unplug()
+
+
+def lead_by_hand(album: Album) -> None:
+    person, window = album.person, album.window
+    person.tab("Record")
+    album.settings(source="kinesthetic", task="hanger", session="led.h5", speed="real time", countdown_s=0.0)
+    person.menu("Begin")
+    person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+    person.key(pygame.K_RETURN)
+    album.wait_for_state("running")
+    moment, view = person.moment(), window.shop.place.view
+    x, y = window.pane.pixel_of(moment.corners[1], view.size)
+    person.drag_pixel(
+        (x + view.left, y + view.top),
+        (70, 170),
+        frames=60,
+        until=lambda: person.status["ticks"] >= 16,
+        shot=lambda: album.shoot("kinesthetic"),
+    )
+    window.mode.stop()
+    album.settings(source="gamepad")
+
+
+def train(album: Album) -> None:
+    person, window = album.person, album.window
+    person.tab("Train")
+    for session in ("pickers", "hanger"):
+        mode = window.mode
+        mode.session, mode.model = f"{session}.h5", f"{session}-gp-word.npz"
+        mode.replace_model = True
+        mode.build()
+        person.menu("Train")
+        person.wait(lambda mode=mode: mode.job is not None and mode.job.status is not None, "training", 180.0)
+        person.watch(0.3)
+    album.shoot("train")
+
+
+def place(album: Album) -> None:
+    person, window = album.person, album.window
+    album.settings(model="hanger-gp-word.npz", speed="real time")
+    person.tab("Place")
+    assert isinstance(window.mode, PlaceMode)
+    window.mode.seed, window.mode.record = 21, "placed.h5"
+    window.mode.build()
+    person.menu("Place")
+    person.wait(lambda: person.status.get("ticks", 0) >= 42, "42 ticks", 60.0)
+    album.shoot("place")
+    album.wait_for_state("placed")
+    person.key(pygame.K_1)
+    album.wait_for_state("disturbing")
+    person.wait(lambda: np.linalg.norm(window.mode.moment().force_n) > 0.3, "the push")
+    person.watch(0.4)
+    album.shoot("place-disturbed")
+    album.wait_for_state("repairing")
+    album.wait_for_state("placed")
+    person.key(pygame.K_k)
+    person.wait(lambda: window.mode.finished, "it to be kept")
+
+
+def disturb(album: Album) -> None:
+    person, window = album.person, album.window
+    album.settings(model="pickers-gp-word.npz")
+    person.tab("Disturb")
+    assert isinstance(window.mode, PlaceMode)
+    window.mode.seed = 5
+    window.mode.build()
+    person.menu("Lay and disturb")
+    album.wait_for_state("placed")
+    person.drag_node(
+        45,
+        (-90, -120),
+        frames=40,
+        until=lambda: person.status["pulled_ticks"] >= 9,
+        shot=lambda: album.shoot("disturb"),
+    )
+    album.wait_for_state("repairing")
+    window.mode.stop()
+
+
+def look_back(album: Album) -> None:
+    person, window = album.person, album.window
+    person.tab("Replay")
+    mode = window.mode
+    assert isinstance(mode, ReplayMode)
+    mode.session = "placed.h5"
+    mode.build()
+    person.menu("Watch")
+    ticks = [k for k, step in enumerate(mode.playback.episode.steps) if step.phase == "disturb"]
+    mode.to(ticks[min(5, len(ticks) - 1)])
+    album.shoot("replay")
+    person.tab("Data")
+    window.mode.session = "hanger.h5"
+    window.mode.build()
+    person.menu("Info")
+    person.wait(lambda: window.mode.job.status is not None, "info")
+    person.watch(0.3)
+    album.shoot("data")
+    person.tab("Settings")
+    album.shoot("settings")
+
+
+def small(album: Album) -> None:
+    """The least size that is still laid out."""
+    person, window = album.person, album.window
+    pygame.display.set_mode((960, 600), pygame.RESIZABLE)
+    window._resize()
+    album.settings(model="hanger-gp-word.npz")
+    person.tab("Place")
+    window.mode.seed = 21
+    window.mode.build()
+    person.menu("Place")
+    person.wait(lambda: person.status.get("ticks", 0) >= 45, "45 ticks", 60.0)
+    album.shoot("small")
+
+
+PARTS = {
+    "record": record,
+    "lead": lead_by_hand,
+    "train": train,
+    "place": place,
+    "disturb": disturb,
+    "look-back": look_back,
+    "small": small,
+}
+
+
+def main(out: Path, folder: Path, parts: list[str]) -> None:
+    headless()
+    os.environ["LAYFLAT_OPERATOR"] = "somebody"
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in [*folder.glob("by-hand*"), *folder.glob("placed*")] if not parts else []:
+        old.unlink() if old.is_file() else old.rmdir()
+    demonstrations(folder)
+    window = Window(folder, make_work)
+    try:
+        for name, part in PARTS.items():
+            if not parts or name in parts:
+                part(Album(window, out))
+    finally:
+        unplug_all()
+        window.close()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:])

@@ -1,0 +1,120 @@
+"""One person in a process of its own, in the middle of something, until the process is ended from outside.
+
+``python -m tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it is. On
+whatever display there is; ``close`` clicks the window away at that moment. ``FOLDER once`` is `layflat record --source
+keyboard --episodes 1` with a person at its window, on a real display.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pygame
+
+from app import cli
+from app.errors import run_guarded
+from app.workstation import window as window_module
+from app.workstation.modes.place import PlaceMode
+from app.workstation.modes.replay import ReplayMode
+from app.workstation.modes.train import TrainMode
+from app.workstation.window import Window
+from app.workstation.works import make_work
+from tests.app.workstation.person import Person, post
+
+
+def record(person: Person) -> None:
+    pad = person.plug_in()
+    person.menu("Begin")
+    person.begin()
+    pad.axis("left_y", 0.3)
+    person.wait(lambda: person.status.get("ticks", 0) >= 8, "8 ticks")
+
+
+def place(person: Person) -> None:
+    person.tab("Place")
+    mode = person.window.mode
+    assert isinstance(mode, PlaceMode)
+    mode.record = "placed"
+    mode.build()
+    person.menu("Place")
+    person.wait(lambda: person.status.get("ticks", 0) >= 8, "8 ticks")
+
+
+def train(person: Person) -> None:
+    person.tab("Train")
+    mode = person.window.mode
+    assert isinstance(mode, TrainMode)
+    person.menu("Train")
+    person.wait(lambda: mode.job is not None and bool(mode.job.doing), "the training")
+
+
+def replay(person: Person) -> None:
+    person.tab("Replay")
+    mode = person.window.mode
+    assert isinstance(mode, ReplayMode)
+    person.menu("Run the actions again")
+    person.menu("Watch")
+    person.wait(lambda: mode.at > 2, "the replay")
+
+
+def sit(folder: Path, what: str, close: bool) -> int:
+    window = Window(folder, make_work)
+    try:
+        settings = replace(window.shop.settings, task="pickers", session="demos.h5", countdown_s=0.3, model="scripted")
+        window.shop.change(settings)
+        window.mode.relaid()
+        person = Person(window)
+        {"record": record, "place": place, "train": train, "replay": replay}[what](person)
+        print("at work", flush=True)
+        if close:
+            pygame.event.post(pygame.event.Event(pygame.QUIT))
+        return window.run()
+    finally:
+        window.close()
+
+
+class Watched(window_module.Window):
+    """A window that its person knows of."""
+
+    newest: Watched | None = None
+
+    def __init__(self, *arguments: object, **options: object) -> None:
+        super().__init__(*arguments, **options)  # type: ignore[arg-type]
+        Watched.newest = self
+
+
+def demonstrate_once() -> None:
+    """Beside the window's own rounds: Enter, a while downwards, y."""
+
+    def wait(until: Callable[[dict], bool]) -> None:
+        give_up = time.monotonic() + 60
+        while Watched.newest is None or not until(Watched.newest.shop.link.status):
+            if time.monotonic() > give_up:
+                return
+            time.sleep(0.02)
+
+    wait(lambda status: status.get("state") == "waiting" and status["ready"])
+    post(pygame.KEYDOWN, key=pygame.K_RETURN, mod=0, unicode="")
+    wait(lambda status: status.get("state") == "running")
+    post(pygame.KEYDOWN, key=pygame.K_DOWN, mod=0, unicode="")
+    wait(lambda status: status.get("ticks", 0) >= 6)
+    post(pygame.KEYUP, key=pygame.K_DOWN, mod=0)
+    post(pygame.KEYDOWN, key=pygame.K_y, mod=0, unicode="y")
+
+
+def once(folder: Path) -> None:
+    window_module.Window = Watched  # type: ignore[misc]
+    threading.Thread(target=demonstrate_once, daemon=True).start()
+    arguments = ["record", str(folder / "one.h5"), "--source", "keyboard", "--episodes", "1", "--task", "pickers"]
+    cli.main(arguments)
+
+
+if __name__ == "__main__":
+    if sys.argv[2] == "once":
+        once(Path(sys.argv[1]))
+    sys.exit(run_guarded(lambda: sit(Path(sys.argv[1]), sys.argv[2], "close" in sys.argv[3:]), debug=True))

@@ -1,0 +1,157 @@
+"""However the window ends, in the middle of whatever: what was kept is on disk, and no process is left."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from app.workstation.launch import NO_DISPLAY
+from data.recorder import SessionRecorder
+from data.store import open_session
+from data.validate import validate
+
+ROOT = Path(__file__).resolve().parents[3]
+BASE = {**os.environ, "PYTHONPATH": str(ROOT), "SDL_AUDIODRIVER": "dummy", "OMP_NUM_THREADS": "1"}
+DUMMY = {**BASE, "SDL_VIDEODRIVER": "dummy"}
+END_S = 40.0
+
+
+@pytest.fixture
+def folder(tmp_path: Path, make_episode: Callable, lying: Callable) -> Path:
+    """With a session that has two demonstrations already."""
+    with SessionRecorder(tmp_path / "demos.h5", task="pickers", cloth="towel", descriptor="word-axial") as recorder:
+        for seed in range(2):
+            made = make_episode(task="pickers", seed=seed, descriptor="word-axial", disturbed=False)
+            recorder.keep(lying(made, 55))
+    return tmp_path
+
+
+def sit_down(folder: Path, what: str, *more: str, environment: dict[str, str] = DUMMY) -> subprocess.Popen[str]:
+    """The process of a person who is at work."""
+    command = [sys.executable, "-m", "tests.app.workstation.sitting", str(folder), what, *more]
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    for line in process.stdout:
+        if line.startswith("at work"):
+            return process
+    raise AssertionError(process.stderr.read())
+
+
+def end(process: subprocess.Popen[str], how: int | None) -> int:
+    """End it, and see that nothing of it is left; returns its exit status."""
+    family = psutil.Process(process.pid).children(recursive=True) if process.poll() is None else []
+    if how is not None:
+        process.send_signal(how)
+    status = process.wait(END_S)
+    _, left = psutil.wait_procs(family, timeout=15)
+    for one in left:
+        one.kill()
+    assert not left, [one.pid for one in left]
+    process.stdout.close()
+    process.stderr.close()
+    return status
+
+
+def check_kept(folder: Path, what: str) -> None:
+    """What was there is there, and what ran was kept as partial."""
+    path = folder / ("placed.h5" if what == "place" else "demos.h5")
+    assert not validate(path)
+    with open_session(path) as session:
+        infos = list(session.infos().values())
+    if what in ("record", "place"):
+        assert infos[-1].outcome == "partial"
+        assert infos[-1].ticks >= 7
+    assert [info.outcome for info in infos[:2]] == ["success", "success"] or what == "place"
+    assert not list(folder.glob("*.npz")), "a model is whole or not there"
+
+
+@pytest.mark.parametrize(("what", "how"), [("place", signal.SIGINT)])
+def test_the_window_ends_in_the_middle(folder, what, how):
+    process = sit_down(folder, what, *(["close"] if how is None else []))
+    assert end(process, how) == (0 if how is None else 130)
+    check_kept(folder, what)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["record", "place", "train", "replay"])
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, None])
+def test_the_window_ends_in_the_middle_of_everything(folder, what, how):
+    process = sit_down(folder, what, *(["close"] if how is None else []))
+    assert end(process, how) == (0 if how is None else 130)
+    check_kept(folder, what)
+
+
+@pytest.mark.parametrize("what", ["record", pytest.param("place", marks=pytest.mark.slow)])
+def test_a_window_that_is_killed_leaves_no_process_and_no_loss(folder, what):
+    """Nobody is told: the bench notices that the window is gone, and keeps what there is."""
+    process = sit_down(folder, what)
+    assert end(process, signal.SIGKILL) == -signal.SIGKILL
+    path = folder / ("placed.h5" if what == "place" else "demos.h5")
+    SessionRecorder(path, task="pickers", cloth="towel", descriptor="word-axial").close()
+    check_kept(folder, what)
+
+
+def test_without_a_display_it_says_what_works_instead(tmp_path):
+    environment = {key: value for key, value in BASE.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "app.cli", "app", "--folder", str(tmp_path / "runs")]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"layflat: {NO_DISPLAY}\n"
+    assert "--source keyboard" in NO_DISPLAY
+
+
+@pytest.fixture
+def display(tmp_path: Path) -> Iterator[str]:
+    """A real X server."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("Xvfb is not installed, so there is no real display to test on")
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1366x768x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as told:
+        number = told.readline().strip()
+    yield f":{number}"
+    server.terminate()
+    server.wait(10)
+
+
+def test_on_a_real_display(folder, display):
+    """The same person on an X server: the window is there by name, and ends as anywhere."""
+    environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
+    process = sit_down(folder, "record", environment={**environment, "DISPLAY": display})
+    if shutil.which("xwininfo"):
+        seen = subprocess.run(["xwininfo", "-root", "-tree", "-display", display], capture_output=True, text=True)
+        assert "Layflat" in seen.stdout
+    assert end(process, signal.SIGTERM) == 130
+    check_kept(folder, "record")
+
+
+def test_record_in_its_window_ends_with_its_last_episode(tmp_path, display):
+    """`layflat record --source keyboard --episodes 1`: one line, one file, status 0, and the window is gone."""
+    environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "tests.app.workstation.sitting", str(tmp_path), "once"]
+    done = subprocess.run(
+        command, cwd=ROOT, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=90
+    )
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith(("kept", "discarded"))]
+    with open_session(tmp_path / "one.h5") as session:
+        (episode,) = [session.episode(name) for name in session.names]
+    assert line.startswith(f"kept demo_0 success {len(episode.steps)} ticks contact ")
+    assert line.endswith(str(tmp_path / "one.h5"))
+    assert episode.source == "keyboard"
+    # Both pickers went down.
+    assert all(step.action[[2, 5]].max() <= 0 for step in episode.steps)
+    assert min(step.action[2] for step in episode.steps) < 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names - {"one.h5.parts"} == {"one.h5"}, "record writes its session and nothing else"

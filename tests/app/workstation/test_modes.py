@@ -1,0 +1,128 @@
+"""What the window offers: every command of the data sets, settings that last, commands in the background."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+
+from app.cli_data import data_cli
+from app.workstation import settings
+from app.workstation.job import Job
+from app.workstation.layout import layout
+from app.workstation.modes.data import OPERATIONS, DataMode
+from app.workstation.modes.mode import Shop
+from app.workstation.settings import Settings
+from data.recorder import SessionRecorder
+from data.store import open_session
+
+GENERAL = {"--json", "--force", "--debug", "--help"}
+"""What a person at the window sees anyway, or has a switch of its own for."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, make_episode: Callable) -> Path:
+    """With a session of three episodes, one of them a failure."""
+    with SessionRecorder(tmp_path / "demos.h5", task="hanger", cloth="towel") as recorder:
+        for seed, outcome in enumerate(["success", "failure", "success"]):
+            recorder.keep(make_episode(seed=seed, outcome=outcome))
+    return tmp_path
+
+
+def shop_of(folder: Path) -> Shop:
+    return Shop(folder=folder, settings=Settings(), remember=True, link=None, place=layout((1280, 720)))
+
+
+def ended(job: Job, seconds: float = 30.0) -> Job:
+    give_up = time.monotonic() + seconds
+    while job.status is None:
+        assert time.monotonic() < give_up, list(job.lines)
+        time.sleep(0.02)
+    return job
+
+
+def test_nothing_that_the_command_line_does_to_data_is_missing():
+    commands = typer.main.get_command(data_cli).commands
+    assert set(OPERATIONS) == set(commands)
+    for name, command in commands.items():
+        known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+        known = {option for option in known if option.startswith("--")}
+        here = {item.option for item in OPERATIONS[name] if item.option}
+        assert here <= known, name
+        if name in ("video", "trim", "split", "filter", "merge", "repair", "import"):
+            assert known - here <= GENERAL, name
+
+
+@pytest.mark.parametrize(
+    ("operation", "values", "made"),
+    [
+        ("validate", {}, None),
+        ("filter", {"outcome": "success", "out": "good.h5"}, "good.h5"),
+        ("trim", {"episode": "demo_2", "stop": "3", "out": "short.h5"}, "short.h5"),
+        ("split", {"out": "parts", "share": "a=0.5 b=0.5"}, "parts/a.h5"),
+        ("plot", {"out": "page.png"}, "page.png"),
+    ],
+)
+def test_a_choice_in_the_menu_is_the_command_that_does_it(folder, operation, values, made):
+    mode = DataMode(shop_of(folder), session="demos.h5", operation=operation, values=values)
+    job = ended(Job(mode.arguments()))
+    assert job.status == 0, list(job.lines)
+    assert job.outcome() == "done"
+    if made:
+        assert (folder / made).exists()
+    if operation == "filter":
+        with open_session(folder / "good.h5") as session:
+            assert len(session) == 2
+
+
+def test_an_existing_file_is_only_replaced_where_one_says_so(folder):
+    (folder / "page.png").write_bytes(b"mine")
+    mode = DataMode(shop_of(folder), session="demos.h5", operation="plot", values={"out": "page.png"})
+    job = ended(Job(mode.arguments()))
+    assert (job.status, job.outcome()) == (2, "failed, exit status 2")
+    assert "exists" in job.lines[-1]
+    mode.force = True
+    assert ended(Job(mode.arguments())).status == 0
+
+
+def test_a_command_that_is_cancelled_ends_at_once(folder):
+    job = Job(["record", str(folder / "more.h5"), "--task", "pickers", "--episodes", "50", "--workers", "1"])
+    give_up = time.monotonic() + 30
+    while not job.doing and time.monotonic() < give_up:
+        time.sleep(0.02)
+    job.cancel()
+    assert ended(job, 12.0).outcome() == "cancelled"
+    job.close()
+
+
+def test_settings_last(tmp_path):
+    wanted = Settings(task="pickers", cloth="napkin", source="keyboard", speed="double", images=True, countdown_s=1.0)
+    settings.save(tmp_path, wanted)
+    assert settings.load(tmp_path) == wanted
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "no json",
+        "[]",
+        json.dumps({"task": "juggling", "noise": "loud", "unknown": 3}),
+        json.dumps({"tick_s": None}),
+    ],
+)
+def test_settings_of_another_world_are_the_usual_ones(tmp_path, text):
+    (tmp_path / settings.FILE).write_text(text)
+    assert settings.load(tmp_path) == Settings()
+
+
+def test_a_window_that_is_to_remember_nothing_writes_nothing(tmp_path):
+    shop = replace(shop_of(tmp_path), remember=False)
+    shop.change(Settings(task="pickers"))
+    assert shop.settings.task == "pickers"
+    assert not list(tmp_path.iterdir())

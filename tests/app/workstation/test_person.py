@@ -1,0 +1,44 @@
+"""A person is a policy like any other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.workstation.inputs import PersonPolicy, Reading
+from app.workstation.inputs.reading import at_rest
+from data.types import ACTION_LIMIT_M, TASKS, Observation, action_size
+from policy.base import Policy
+
+SEEN = Observation(
+    time_s=0.0,
+    corner_positions=np.zeros((2, 3)),
+    holder_position=np.zeros(3),
+    word=np.zeros(2),
+    word_strength=0.0,
+    contact_portion=0.0,
+)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_decides_what_the_newest_reading_says(task):
+    newest = [at_rest(task)]
+    person = PersonPolicy(task, "gamepad", lambda: newest[0])
+    assert isinstance(person, Policy)
+    assert (person.name, person.task) == ("gamepad", task)
+    person.reset(3)
+    assert not person.act(SEEN).action.any()
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        newest[0] = Reading(motion=rng.uniform(-1, 1, action_size(task)), speed=rng.uniform())
+        decision = person.act(SEEN)
+        assert decision.action == pytest.approx(newest[0].motion * newest[0].speed * ACTION_LIMIT_M)
+        assert (decision.stop, decision.hand) == (None, None)
+        assert decision.reason
+        person.resume()
+
+
+def test_a_hand_that_leads_is_passed_on():
+    for task, hand in (("hanger", np.zeros(3)), ("pickers", np.ones((2, 3)))):
+        person = PersonPolicy(task, "kinesthetic", lambda t=task, h=hand: Reading(motion=at_rest(t).motion, hand=h))
+        assert (person.act(SEEN).hand == hand).all()

@@ -1,0 +1,125 @@
+"""Usable demonstrations by somebody who sees no more than the status line, with a pad, in the terminal's loop."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from app.workstation.inputs.gamepad import Gamepad
+from app.workstation.recording import Recording
+from app.workstation.take_process import begin_takes
+from app.workstation.terminal import Screen, run_recording
+from data.recorder import SessionRecorder
+from data.store import open_session
+from data.types import FLAT_AREA, TASKS
+from sim.placing import BenchSettings
+from tests.virtual_pad import VirtualPad, plugged
+
+TRAIL_M = 0.075
+COVERS = 0.96
+"""Share of the cloth's length between where its free edge lands and where the held one does."""
+HOLD_TICKS = 12
+
+
+class Layer:
+    """Lowers the cloth until its free edge lands, goes forth so that it trails, lays the rest down, drags, holds still.
+
+    What it knows: where the holder is, the contact portion, how long the cloth is.
+    """
+
+    def __init__(self, recording: Recording, pad: VirtualPad, sides: tuple[str, ...], length_m: float) -> None:
+        self._recording = recording
+        self._pad = pad
+        self._sides = sides
+        self._length_m = length_m
+
+    def acts(self) -> Iterator[None]:
+        """One look at the status line after the other, for ever."""
+        while True:
+            while self._recording.state != "waiting" or not self._recording.ready:
+                yield
+            self._stick(0, 0)
+            self._pad.axis("r2", -1)
+            self._pad.tap("cross")
+            while self._recording.state != "running":
+                yield
+            for step in (self._lower, self._trail, self._lay, self._drag, self._hold):
+                yield from step()
+            self._pad.tap("triangle")
+            while self._recording.state == "running":
+                yield
+
+    def _lower(self) -> Iterator[None]:
+        while self._recording.glance.holder_m[2] > self._length_m + 0.03:
+            self._stick(0, -1)
+            yield
+
+    def _trail(self) -> Iterator[None]:
+        self._edge_m = self._recording.glance.holder_m[0]
+        while self._recording.glance.holder_m[0] < self._edge_m + TRAIL_M:
+            self._stick(0.9, -0.35)
+            yield
+
+    def _lay(self) -> Iterator[None]:
+        self._pad.axis("r2", -0.6)
+        while True:
+            x, _, z = self._recording.glance.holder_m
+            if z < 0.009:
+                return
+            way = np.array([self._edge_m + COVERS * self._length_m - x, 0.005 - z])
+            far = float(np.linalg.norm(way))
+            self._stick(*way / far * min(1.0, max(far / 0.05, 0.3)))
+            yield
+
+    def _drag(self) -> Iterator[None]:
+        self._pad.axis("r2", -1)
+        best, since, began = 0.0, self._recording.glance.ticks, self._recording.glance.ticks
+        while True:
+            contact, ticks = self._recording.glance.contact_portion, self._recording.glance.ticks
+            if contact > best + 0.003:
+                best, since = contact, ticks
+            if contact > 0.975 or ticks - since > 12 or ticks - began > 40:
+                return
+            self._stick(0.35 if contact < 0.93 else 0.2, 0)
+            yield
+
+    def _hold(self) -> Iterator[None]:
+        self._stick(0, 0)
+        until = self._recording.glance.ticks + HOLD_TICKS
+        while self._recording.glance.ticks < until:
+            yield
+
+    def _stick(self, right: float, up: float) -> None:
+        for side in self._sides:
+            self._pad.axis(f"{side}_x", right)
+            self._pad.axis(f"{side}_y", -up)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("task", TASKS)
+def test_a_towel_is_laid_flat_with_the_sticks(task, tmp_path):
+    settings, path = BenchSettings(task=task), tmp_path / "s.h5"
+    sides = ("left",) if task == "hanger" else ("left", "right")
+    with plugged() as pad, SessionRecorder(path, task=task, cloth="towel", descriptor=settings.descriptor) as recorder:
+        gamepad = Gamepad(task)
+        recording = Recording(recorder, begin_takes(recorder, settings, "gamepad"), episodes=2, countdown_s=0.5)
+        acts = Layer(recording, pad, sides, settings.spec.length_m).acts()
+
+        def sleep(seconds: float) -> None:
+            time.sleep(seconds)
+            next(acts)
+
+        screen = Screen(io.StringIO())
+        run_recording(recording, gamepad, screen, tick_s=settings.tick_s, stopped=lambda: False, sleep=sleep)
+        recording.close()
+        gamepad.close()
+    with open_session(path) as session:
+        infos = list(session.infos().values())
+        assert all(np.ptp([step.action[-1] for step in episode.steps]) > 0.005 for episode in session)
+    assert [(info.outcome, info.source) for info in infos] == [("success", "gamepad")] * 2
+    assert min(info.flat_area_final for info in infos) > FLAT_AREA

@@ -1,0 +1,151 @@
+"""Takes with the real simulation, each in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from app.workstation.inputs.reading import Reading
+from app.workstation.take import TakeLost
+from app.workstation.take_process import TakeProcess, begin_takes
+from data import validate
+from data.recorder import SessionRecorder
+from data.store import open_session
+from data.types import ACTION_LIMIT_M, Pull
+from sim.placing import BenchSettings
+
+PATIENCE_S = 60.0
+DOWN = Reading(motion=np.array([0.0, -1.0]), speed=0.5)
+
+
+@pytest.fixture
+def session(tmp_path) -> Path:
+    return tmp_path / "s.h5"
+
+
+@pytest.fixture
+def begin(session) -> Iterator[Callable[..., TakeProcess]]:
+    """``begin(images=False, **bench settings)``: a take of seed 3 whose cloth hangs."""
+    made: list[tuple[TakeProcess, SessionRecorder]] = []
+
+    def start(*, images: bool = False, source: str = "gamepad", **options) -> TakeProcess:
+        settings = BenchSettings(**({"task": "hanger", "cloth": "napkin"} | options))
+        recorder = SessionRecorder(session, task=settings.task, cloth="napkin", keep_images=images)
+        take = begin_takes(recorder, settings, source)(3)
+        made.append((take, recorder))
+        give_up = time.monotonic() + PATIENCE_S
+        while not take.ready():
+            assert time.monotonic() < give_up
+            time.sleep(0.02)
+        return take
+
+    start.recorder = lambda: made[-1][1]
+    yield start
+    for take, recorder in made:
+        take.discard()
+        recorder.close()
+
+
+def pid_of(take: TakeProcess) -> int:
+    return int(take._process.pid)
+
+
+def test_what_the_hands_ask_for_is_what_is_done_and_kept(begin, session):
+    take = begin(images=True)
+    assert take.glance().ticks == 0
+    height = take.glance().holder_m[2]
+    for ticks in (1, 2, 3):
+        glance = take.tick(DOWN)
+        assert (glance.ticks, glance.stopped_by) == (ticks, None)
+        assert glance.time_s == pytest.approx(0.1 * ticks)
+    assert glance.holder_m[2] < height - 0.01
+    kept = take.keep("failure", "converged")
+    assert (kept.name, kept.ticks, kept.outcome) == ("demo_0", 3, "failure")
+    assert not psutil.pid_exists(pid_of(take)) or psutil.Process(pid_of(take)).status() == psutil.STATUS_ZOMBIE
+    begin.recorder().close()
+    with open_session(session) as found:
+        episode = found[0]
+    assert [step.action.tolist() for step in episode.steps] == [DOWN.action.tolist()] * 3
+    assert (episode.source, episode.seed, episode.stopped_by) == ("gamepad", 3, "converged")
+    assert episode.final_observation.contact_portion == pytest.approx(glance.contact_portion)
+    assert episode.steps[0].observation.rgb is not None
+    assert validate(session) == ()
+
+
+def test_a_take_without_ticks_is_not_kept(begin, session):
+    take = begin()
+    assert take.keep("success", "converged") is None
+    begin.recorder().close()
+    assert not list(session.parent.iterdir())
+
+
+def test_discarding_leaves_nothing(begin, session):
+    take = begin()
+    take.tick(DOWN)
+    take.discard()
+    take.discard()
+    begin.recorder().close()
+    assert not list(session.parent.iterdir())
+
+
+def test_led_by_hand_the_hanger_follows_and_what_it_did_is_the_action(begin, session):
+    take = begin(source="kinesthetic")
+    start = np.array(take.glance().holder_m)
+    hand = start + np.array([0.06, 0.0, -0.04])
+    for _ in range(12):
+        glance = take.tick(Reading(motion=np.zeros(2), hand=hand))
+    went = np.array(glance.holder_m) - start
+    assert np.linalg.norm(hand - glance.holder_m) < 0.5 * np.linalg.norm(hand - start)
+    take.keep("success", "converged")
+    begin.recorder().close()
+    with open_session(session) as found:
+        episode = found[0]
+    done = np.array([step.action for step in episode.steps])
+    assert np.abs(done).max() <= ACTION_LIMIT_M
+    assert done.sum(axis=0) == pytest.approx(went[[0, 2]], abs=0.01)
+    assert all((step.hand_m == hand).all() for step in episode.steps)
+
+
+def test_disturbances_and_pulls_are_kept_with_the_episode(begin, session):
+    take = begin()
+    take.tick(DOWN)
+    take.disturb("push")
+    assert take.tick(DOWN).disturbed
+    target = np.array([0.1, 0.0, 0.1])
+    take.tick(DOWN, Pull(node=0, target_m=target))
+    take.keep("success", "converged")
+    begin.recorder().close()
+    with open_session(session) as found:
+        episode = found[0]
+    assert [(record.name, record.first_tick) for record in episode.disturbances] == [("push", 1)]
+    assert [step.pull is not None for step in episode.steps] == [False, False, True]
+    assert episode.steps[2].pull.target_m == pytest.approx(target)
+
+
+def test_a_simulation_that_dies_is_said_and_its_journal_kept(begin, session):
+    take = begin()
+    for _ in range(5):
+        take.tick(DOWN)
+    time.sleep(1.0)  # The journal is flushed twice a second.
+    os.kill(pid_of(take), signal.SIGSEGV)
+    with pytest.raises(TakeLost, match=f"status -{signal.SIGSEGV.value}"):
+        take.tick(DOWN)
+    kept = take.keep("partial", "crashed")
+    assert kept.outcome == "partial"
+    assert 3 <= kept.ticks <= 5
+    begin.recorder().close()
+    with open_session(session) as found:
+        assert found[0].stopped_by == "crashed"
+
+
+def test_a_disturbance_that_nobody_knows_is_one_sentence(begin):
+    take = begin()
+    with pytest.raises(TakeLost, match="hurricane"):
+        take.disturb("hurricane")

@@ -1,0 +1,131 @@
+"""Looking at the bench: the orbiting camera, the drawn picture, and where everything is in the window."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.workstation.layout import layout
+from app.workstation.orbit import Orbit
+from app.workstation.view3d import Scene, View3d
+from sim.armshape import arm_shape
+from sim.cloth import cloth_spec
+from sim.panda import inverse_kinematics
+
+SIZE = (640, 480)
+orbits = st.builds(
+    Orbit,
+    azimuth=st.floats(-3.1, 3.1),
+    elevation=st.floats(0.1, 1.5),
+    distance=st.floats(0.5, 3.5),
+)
+pixels = st.tuples(st.floats(0, SIZE[0]), st.floats(0, SIZE[1]))
+
+
+@given(orbit=orbits, pixel=pixels, far=st.floats(0.2, 3.0))
+def test_what_lies_behind_a_pixel_is_seen_there(orbit, pixel, far):
+    origin, direction = orbit.ray(pixel, SIZE)
+    assert np.linalg.norm(direction) == pytest.approx(1.0)
+    seen, depth = orbit.project(origin + far * direction, SIZE)
+    np.testing.assert_allclose(seen[0], pixel, atol=1e-6)
+    assert 0 < depth[0] <= far + 1e-9
+
+
+@given(orbit=orbits, pixel=pixels, by=st.tuples(st.floats(-80, 80), st.floats(-80, 80)))
+def test_a_dragged_point_follows_the_mouse(orbit, pixel, by):
+    origin, direction = orbit.ray(pixel, SIZE)
+    point = origin + 0.8 * direction
+    moved = orbit.dragged(point, *by, SIZE[1])
+    seen, depth = orbit.project([point, moved], SIZE)
+    np.testing.assert_allclose(seen[1] - seen[0], by, atol=1e-6)
+    assert depth[1] == pytest.approx(depth[0])
+
+
+@given(orbit=orbits, by=st.tuples(st.floats(-20, 20), st.floats(-20, 20)))
+def test_the_target_stays_in_the_middle_and_pans_with_the_mouse(orbit, by):
+    where, _ = orbit.project(orbit.target, SIZE)
+    np.testing.assert_allclose(where[0], [SIZE[0] / 2, SIZE[1] / 2], atol=1e-6)
+    panned = orbit.panned(*by, SIZE[1])
+    if np.all(np.array(panned.target) > [-0.39, -0.69, 0.01]) and np.all(np.array(panned.target) < [0.99, 0.69, 0.69]):
+        where, _ = panned.project(orbit.target, SIZE)
+        np.testing.assert_allclose(where[0] - [SIZE[0] / 2, SIZE[1] / 2], by, atol=0.5)
+
+
+def test_zooming_comes_nearer_up_to_a_limit_and_turning_never_goes_below_the_table():
+    orbit = Orbit()
+    assert orbit.zoomed(1).distance < orbit.distance < orbit.zoomed(-1).distance
+    assert orbit.zoomed(1000).distance > 0.2
+    assert orbit.turned(0, 10_000).eye()[2] > 0
+    assert orbit.turned(0, -10_000).eye()[2] > 0
+    assert orbit.turned(50, 0).turned(-50, 0) == orbit
+
+
+def cloth_share(picture: np.ndarray) -> np.ndarray:
+    """(H, W) where the picture is of the cloth's blue."""
+    red, _, blue = (picture[..., k].astype(int) for k in range(3))
+    return (blue - red > 60) & (blue > 90)
+
+
+@pytest.mark.parametrize("name", ["towel", "napkin"])
+def test_the_cloth_is_drawn_where_it_is(name):
+    spec = cloth_spec(name)
+    nodes = spec.flat_nodes()
+    view = View3d(spec, None)
+    orbit = Orbit(elevation=1.2)
+    cloth = cloth_share(view.draw(Scene(nodes=nodes), orbit, SIZE))
+    inner = nodes.reshape(spec.rows, spec.columns, 3)[1:-1, 1:-1].reshape(-1, 3)
+    for x, y in np.rint(orbit.project(inner, SIZE)[0]).astype(int):
+        assert cloth[y, x]
+    # As large as it looks: the outline's area by the shoelace formula.
+    corners = nodes.reshape(spec.rows, spec.columns, 3)[[0, -1, -1, 0], [0, 0, -1, -1]]
+    x, y = orbit.project(corners, SIZE)[0].T
+    area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2
+    assert cloth.sum() == pytest.approx(area, rel=0.03)
+
+
+def test_what_is_nearer_hides_what_is_behind():
+    """The arm stands before a cloth that hangs behind it, and a cloth in front hides the arm."""
+    spec = cloth_spec("towel")
+    view = View3d(spec, arm_shape(spec))
+    joints = inverse_kinematics(np.array([0.2, 0.0, 0.3]))
+    nodes = spec.flat_nodes() + np.array([0.1, 0.25, 0.4])
+    shares = [
+        cloth_share(view.draw(Scene(nodes=nodes, joints=joints), Orbit(elevation=elevation, azimuth=-1.2), SIZE)).sum()
+        for elevation in (0.1, 1.3)
+    ]
+    alone = [
+        cloth_share(view.draw(Scene(nodes=nodes), Orbit(elevation=elevation, azimuth=-1.2), SIZE)).sum()
+        for elevation in (0.1, 1.3)
+    ]
+    assert shares[0] < alone[0]
+    assert shares[1] < alone[1]
+    above = spec.flat_nodes() + np.array([0.1, 0.25, 1.3])
+    from_above = Orbit(elevation=1.5, target=(0.25, 0.25, 0.4), distance=2.5)
+    hidden = [
+        cloth_share(view.draw(s, from_above, SIZE)).sum()
+        for s in (Scene(nodes=above, joints=joints), Scene(nodes=above))
+    ]
+    # But for a pixel of the arm's foot that looks out at a corner.
+    assert hidden[0] == pytest.approx(hidden[1], abs=5)
+
+
+@pytest.mark.parametrize("size", [(960, 600), (1280, 720), (1366, 768), (1920, 1080), (3840, 2160), (400, 300)])
+def test_nothing_in_the_window_overlaps(size):
+    place = layout(size)
+    areas = {
+        name: getattr(place, name) for name in ("top", "panel", "view", "status", "camera", "contact", "word", "strip")
+    }
+    for name, area in areas.items():
+        assert place.window.contains(area), name
+        assert area.width >= 200, name
+        assert area.height >= 24, name
+    for (one, a), (other, b) in itertools.combinations(areas.items(), 2):
+        assert not a.colliderect(b), f"{one} and {other}"
+    assert place.text.contains(place.view)
+    assert place.text.contains(place.word)
+    # The camera's picture is 4 to 3, and is seen as that.
+    assert place.camera.width / place.camera.height == pytest.approx(4 / 3, abs=0.35)

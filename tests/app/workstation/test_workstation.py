@@ -1,0 +1,376 @@
+"""A person uses the window from beginning to end: a pad that SDL takes for real, the mouse, and what is on disk."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pygame
+import pytest
+from pygame_menu.widgets import ToggleSwitch
+
+from app.workstation.layout import LEAST
+from app.workstation.modes.data import OPERATIONS, DataMode
+from app.workstation.modes.place import PlaceMode
+from app.workstation.modes.record import RecordMode
+from app.workstation.modes.replay import ReplayMode
+from app.workstation.modes.train import TrainMode
+from app.workstation.window import Window
+from app.workstation.works import make_work
+from data.recorder import SessionRecorder
+from data.store import open_session
+from data.types import ACTION_LIMIT_M, Episode, Task, action_size
+from data.validate import validate
+from tests.app.workstation.person import Person, headless, unplug_all
+
+
+@pytest.fixture
+def window(tmp_path: Path) -> Iterator[Window]:
+    headless()
+    made = Window(tmp_path, make_work)
+    made.shop.change(replace(made.shop.settings, speed="as fast as it goes", countdown_s=0.3))
+    made.mode.relaid()
+    yield made
+    # A pad that outlives its SDL is a crash.
+    unplug_all()
+    made.close()
+    assert leftovers() == []
+
+
+def leftovers() -> list[str]:
+    """Processes of ours that are still there, but for Python's own fork server and tracker."""
+    found = []
+    for process in psutil.Process().children(recursive=True):
+        try:
+            line = " ".join(process.cmdline())
+        except psutil.Error:
+            continue
+        # The fork server's children carry its command line; itself, it is this process's own child.
+        server = "multiprocessing" in line and process.ppid() == os.getpid()
+        if not server and process.status() != psutil.STATUS_ZOMBIE:
+            found.append(line)
+    return found
+
+
+def set_up(window: Window, task: Task) -> None:
+    window.shop.change(replace(window.shop.settings, task=task, session=f"{task}.h5"))
+    window.mode.relaid()
+
+
+def stored_episodes(path: Path) -> list[Episode]:
+    assert not validate(path)
+    with open_session(path) as session:
+        return [session.episode(name) for name in session.names]
+
+
+def record_three(person: Person, ticks: int | None) -> list[int]:
+    """One kept as success, one discarded, one with the pad unplugged in its middle; returns ticks of those kept."""
+    pad, lengths = person.plug_in(), []
+    person.menu("Begin")
+
+    def keep() -> None:
+        before = person.status["stored"]
+        lengths.append(int(person.status["ticks"]))
+        person.pad.tap("triangle")
+        person.wait(lambda: person.status.get("stored") == before + 1, "it to be kept")
+        assert "kept demo_" in person.window.shop.message
+
+    person.begin()
+    person.demonstrate(0, ticks=ticks)
+    keep()
+    person.begin()
+    person.demonstrate(1, ticks=8)
+    pad.tap("circle")
+    person.wait(lambda: person.status["counts"]["discarded"] == 1, "it to be discarded")
+    person.begin()
+    person.demonstrate(2, ticks=8)
+    pad.unplug()
+    person.wait(lambda: person.state() == "paused", "the pause")
+    assert "is gone" in person.window.hands.told()
+    at = person.status["ticks"]
+    person.watch(0.5)
+    assert person.status["ticks"] == at, "time stands without a device"
+    person.plug_in()
+    person.wait(lambda: person.state() == "running", "it to go on")
+    person.demonstrate(2, ticks=ticks)
+    keep()
+    person.pad.tap("ps")
+    person.wait(lambda: not person.window.mode.running, "the end of the recording")
+    return lengths
+
+
+def check_recorded(path: Path, task: Task, lengths: list[int]) -> None:
+    """The file holds exactly what was kept."""
+    episodes = stored_episodes(path)
+    assert [(e.outcome, e.source, e.task, e.seed) for e in episodes] == [
+        ("success", "gamepad", task, 0),
+        ("success", "gamepad", task, 2),
+    ]
+    # Between the last look and the button a tick or two went by.
+    assert all(length <= len(e.steps) <= length + 4 for e, length in zip(episodes, lengths, strict=True))
+    for episode in episodes:
+        actions = np.array([step.action for step in episode.steps])
+        assert actions.shape[1] == action_size(task)
+        assert 0 < np.abs(actions).max() <= ACTION_LIMIT_M
+        times = [seen.time_s for seen in episode.observations()]
+        np.testing.assert_allclose(np.diff(times), episode.tick_s, atol=1e-9)
+        assert not any(step.pull for step in episode.steps)
+
+
+def train(person: Person, session: str) -> str:
+    person.tab("Train")
+    mode = person.window.mode
+    assert isinstance(mode, TrainMode)
+    mode.session, mode.model = session, "learned.npz"
+    mode.replace_model = True
+    mode.build()
+    person.menu("Train")
+    person.wait(lambda: mode.job is not None and mode.job.status is not None, "training", 120.0)
+    assert mode.job.status == 0, list(mode.job.lines)
+    person.look()
+    return mode.model
+
+
+def place_and_pull(person: Person, ticks: int | None) -> None:
+    """Place with what was learned into a session of its own, and pull at the cloth with the mouse meanwhile."""
+    person.tab("Place")
+    mode = person.window.mode
+    assert isinstance(mode, PlaceMode)
+    assert person.window.shop.settings.model == "learned.npz"
+    mode.seed, mode.record = 9, "placed"
+    mode.build()
+    person.menu("Place")
+    person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
+    if ticks is None:
+        person.wait(lambda: person.state() == "placed", "it to be placed", 90.0)
+    person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
+    if ticks is None:
+        person.wait(lambda: person.state() == "repairing", "the repair")
+        person.wait(lambda: person.state() == "placed", "the repair's end", 60.0)
+    person.key(pygame.K_2)
+    person.wait(lambda: person.status["disturbances"] == ["pull"], "the disturbance")
+    person.wait(lambda at=person.status["ticks"]: person.status["ticks"] > at + 3, "it to act")
+    person.press("keep")
+    person.wait(lambda: mode.finished, "it to be kept")
+    mode.stop()
+
+
+def check_placed(path: Path) -> None:
+    (episode,) = stored_episodes(path)
+    assert (episode.source, episode.seed) == ("gp-word", 9)
+    pulled = [step for step in episode.steps if step.pull is not None]
+    assert pulled, "the mouse's pull is in the file"
+    assert {step.pull.node for step in pulled} == {45}
+    assert max(float(np.linalg.norm(step.force_n)) for step in pulled) > 0.01
+    assert [record.name for record in episode.disturbances] == ["pull"]
+
+
+def replay(person: Person, session: str) -> None:
+    person.tab("Replay")
+    mode = person.window.mode
+    assert isinstance(mode, ReplayMode)
+    mode.session = session
+    mode.build()
+    person.menu("Watch")
+    assert mode.playback is not None
+    last = mode.playback.last
+    person.wait(lambda: mode.at > 0, "it to play")
+    bar = mode.bar()
+    person.click((bar.left + 16 + (bar.width - 32) // 2, bar.centery))
+    assert mode.at == pytest.approx(last / 2, abs=1)
+    np.testing.assert_array_equal(mode.moment().nodes, mode.playback.episode.truths()[mode.at].nodes)
+    person.key(pygame.K_END)
+    assert mode.at == last
+
+
+def use_it_all(window: Window, task: Task, ticks: int | None) -> None:
+    person = Person(window)
+    set_up(window, task)
+    folder = window.shop.folder
+    lengths = record_three(person, ticks)
+    check_recorded(folder / f"{task}.h5", task, lengths)
+    train(person, f"{task}.h5")
+    place_and_pull(person, ticks)
+    check_placed(folder / "placed.h5")
+    replay(person, "placed.h5")
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    person.look()
+    assert not window.open
+    window.close()
+    names = {path.name for path in folder.iterdir() if not path.name.endswith(".parts")}
+    assert names == {f"{task}.h5", "learned.npz", "placed.h5", "workstation.json"}
+    assert not [path for path in folder.rglob("*") if path.suffix in (".journal", ".part")]
+
+
+def test_a_short_afternoon_at_the_workstation(window):
+    use_it_all(window, "hanger", ticks=14)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("task", ["hanger", "pickers"])
+def test_an_afternoon_at_the_workstation(window, task):
+    use_it_all(window, task, ticks=None)
+    episodes = stored_episodes(window.shop.folder / f"{task}.h5")
+    # The person laid it: the demonstrations are what their verdict says.
+    assert all(episode.final_truth.flat_area > 0.9 for episode in episodes)
+
+
+def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(window):
+    person = Person(window)
+    set_up(window, "pickers")
+    person.plug_in()
+    person.menu("Begin")
+    person.begin()
+    person.demonstrate(0, ticks=10)
+    (take,) = psutil.Process(window.shop.link.pid).children()
+    take.kill()
+    person.pad.axis("left_y", 0.5)
+    person.wait(lambda: person.status["counts"]["partial"] == 1, "the news")
+    assert "ended by itself" in person.status["message"]
+    # The same start again, and the device is still in the hands.
+    person.pad.axis("left_y", 0.0)
+    person.begin()
+    person.demonstrate(0, ticks=6)
+    person.pad.tap("triangle")
+    person.wait(lambda: person.status["stored"] == 2, "it to be kept")
+    person.key(pygame.K_ESCAPE)
+    assert not window.mode.running
+    partial, whole = stored_episodes(window.shop.folder / "pickers.h5")
+    assert (partial.outcome, partial.stopped_by, whole.outcome) == ("partial", "crashed", "success")
+    assert len(partial.steps) >= 8
+
+
+def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
+    person = Person(window)
+    set_up(window, "pickers")
+    person.plug_in()
+    person.menu("Begin")
+    person.begin()
+    person.demonstrate(0, ticks=10)
+    bench = psutil.Process(window.shop.link.pid)
+    family = [bench, *bench.children(recursive=True)]
+    bench.kill()
+    person.wait(lambda: isinstance(window.mode, RecordMode) and not window.mode.running, "the menu")
+    assert "ended by itself (signal 9)" in window.shop.message
+    psutil.wait_procs(family, timeout=10)
+    assert leftovers() == []
+    # What there was of it is back with the next recording.
+    person.menu("Begin")
+    person.wait(lambda: person.status.get("stored") == 1, "the recovered ticks")
+    window.mode.stop()
+    (partial,) = stored_episodes(window.shop.folder / "pickers.h5")
+    assert partial.outcome == "partial"
+
+
+def test_the_hanger_is_led_by_hand(window):
+    """Kinesthetic teaching: the mouse takes hold of the hanger, which gives way; what it did is the action."""
+    person = Person(window)
+    set_up(window, "hanger")
+    window.shop.change(replace(window.shop.settings, source="kinesthetic"))
+    window.mode.relaid()
+    person.menu("Begin")
+    person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
+    person.key(pygame.K_RETURN)
+    person.wait(lambda: person.state() == "running", "the countdown")
+    before, view = person.moment(), window.shop.place.view
+    x, y = window.pane.pixel_of(before.corners[1], view.size)
+    person.drag_pixel((x + view.left, y + view.top), (30, 90), frames=30, until=lambda: person.status["ticks"] >= 8)
+    after = person.moment()
+    person.press("keep as success")
+    person.wait(lambda: person.status.get("stored") == 1, "it to be kept")
+    person.press("end the recording")
+    (episode,) = stored_episodes(window.shop.folder / "hanger.h5")
+    assert episode.source == "kinesthetic"
+    # Down and forth, as it was led.
+    moved = after.holder - before.holder
+    assert moved[0] > 0.005
+    assert moved[2] < -0.02
+    made = np.array([step.action for step in episode.steps]).sum(axis=0)
+    went = episode.final_observation.holder_position - episode.steps[0].observation.holder_position
+    np.testing.assert_allclose(made, went[[0, 2]], atol=0.002)
+
+
+def test_what_is_chosen_with_the_mouse_is_chosen(window):
+    person = Person(window)
+    person.choose(0, "keyboard")
+    person.choose(1, "pickers")
+    person.choose(2, "napkin")
+    now = window.shop.settings
+    assert (now.source, now.task, now.cloth) == ("keyboard", "pickers", "napkin")
+    person.write(1, "7")
+    assert window.mode.seed in (7, 70)
+    person.tab("Settings")
+    person.choose(3, "double")
+    noise = window.shop.settings.noise
+    person.widget(ToggleSwitch)
+    assert (window.shop.settings.speed, window.shop.settings.noise) == ("double", not noise)
+    person.tab("Place")
+    person.choose(0, "drag-rule")
+    assert window.shop.settings.model == "drag-rule"
+    (folder_file,) = window.shop.folder.iterdir()
+    assert folder_file.name == "workstation.json"
+
+
+def test_every_operation_on_data_has_its_menu(window, make_episode):
+    with SessionRecorder(window.shop.folder / "demos.h5", task="hanger", cloth="towel") as recorder:
+        recorder.keep(make_episode())
+    person = Person(window)
+    person.tab("Data")
+    mode = window.mode
+    assert isinstance(mode, DataMode)
+    for name in list(OPERATIONS)[:6]:
+        person.choose(1, name)
+        person.look()
+        assert mode.operation == name
+    for name in OPERATIONS:
+        mode.operation, mode.values = name, {}
+        mode.build()
+        person.look()
+        assert mode.arguments()[:3] == ["data", name, str(window.shop.folder / "demos.h5")]
+
+
+def test_leaving_a_running_demonstration_is_asked_twice(window):
+    person = Person(window)
+    set_up(window, "pickers")
+    person.plug_in()
+    person.menu("Begin")
+    person.begin()
+    person.demonstrate(0, ticks=6)
+    area = next(area for area, mode in window.tabs if mode.name == "Data")
+    person.click(area.center)
+    assert window.mode.name == "Record"
+    assert "click again" in window.shop.message
+    person.click(area.center)
+    assert window.mode.name == "Data"
+    (partial,) = stored_episodes(window.shop.folder / "pickers.h5")
+    assert (partial.outcome, partial.stopped_by) == ("partial", "interrupted")
+
+
+def test_a_window_of_any_size_is_drawn_and_a_smaller_one_than_the_least_is_not_made(window):
+    person = Person(window)
+    for size in ((960, 600), (1600, 900), (700, 400)):
+        pygame.display.set_mode(size, pygame.RESIZABLE)
+        window._resize()
+        for mode in window.modes:
+            person.tab(mode.name)
+            person.look()
+        assert window.surface.get_width() >= LEAST[0]
+        assert window.surface.get_height() >= LEAST[1]
+        assert window.shop.place.window.size == window.surface.get_size()
+
+
+def test_only_what_has_changed_is_drawn_again(window, monkeypatch):
+    person = Person(window)
+    person.tab("Place")
+    person.watch(0.3)
+    drawn: list[int] = []
+    monkeypatch.setattr(pygame.display, "update", lambda areas: drawn.append(len(areas)))
+    for _ in range(10):
+        person.look()
+    # A menu's cursor may blink; the bench, the camera and the curves stay as they are.
+    assert sum(drawn) <= 2
