@@ -8,7 +8,7 @@ EPISODES ?= 5
 PYTHON ?=
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test check lint slow word-study screenshots clean
+.PHONY: help demo test check lint slow word-study reproduce screenshots clean
 
 help:
 	@echo "make demo    the whole story once, into $(OUT)/report.html (OUT=dir, EPISODES=5)"
@@ -16,6 +16,7 @@ help:
 	@echo "make check   format, lint, types, the import rule, fast tests"
 	@echo "make slow    the long simulation tests"
 	@echo "make word-study  the tables and plots of docs/word.md, into runs/word-study"
+	@echo "make reproduce   the thesis's experiments, into runs/reproduction; over an hour, goes on where it stopped"
 	@echo "make screenshots  the pictures of docs/workstation.md, of the real window"
 	@echo "make clean   removes the virtual environment and caches; runs/ stays"
 
@@ -33,6 +34,9 @@ screenshots: $(VENV)/.installed-dev
 
 word-study: $(VENV)/.installed
 	$(BIN)/python -m app.wordstudy --out runs/word-study
+
+reproduce: $(VENV)/.installed
+	$(BIN)/layflat reproduce --out runs/reproduction
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
