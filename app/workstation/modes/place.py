@@ -78,7 +78,7 @@ class PlaceMode(BasicMode):
             self._rebuild = True
 
     _rebuild: bool = False
-    _told: str = ""
+    _told: str | None = None
     """What the bench said last."""
 
     def _take_seed(self, text: str) -> None:
@@ -93,7 +93,7 @@ class PlaceMode(BasicMode):
         if order is None:
             return
         self.menu, self.running, self.finished = None, True, False
-        self.past.episode, self._told = -1, ""
+        self.past.episode, self._told = -1, None
         self.shop.link.moment = None
         self.shop.link.start(order, order["task"])
         self.shop.link.ask("start")
@@ -135,8 +135,8 @@ class PlaceMode(BasicMode):
 
     def update(self) -> None:
         super().update()
-        told = str(self.shop.link.status.get("message", ""))
-        if self.running and told != self._told:
+        told = self.shop.link.status.get("message")
+        if self.running and not self.finished and told is not None and told != self._told:
             self._told = told
             self.shop.say(told)
         if self._rebuild and self.menu is not None:

@@ -131,7 +131,7 @@ def train(person: Person, session: str) -> str:
     mode.replace_model = True
     mode.build()
     person.menu("Train")
-    person.wait(lambda: mode.job is not None and mode.job.status is not None, "training", 120.0)
+    person.wait(lambda: mode.job is not None and mode.job.status is not None, "training", 300.0)
     assert mode.job.status == 0, list(mode.job.lines)
     person.look()
     return mode.model
