@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import sys
 import time
@@ -44,10 +45,11 @@ def test_a_warm_server_runs_group_after_group_and_ends_with_its_owner():
 @pytest.fixture(scope="module")
 def cluster():
     """Address of a Ray cluster of two nodes of one core each, as on two machines: each has workers of its own."""
+    # From 2.61 on every Ray cluster wants a token, and before it some do.
+    os.environ.update(RAY_USAGE_STATS_ENABLED="0", RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
     pytest.importorskip("ray", reason="Ray is an optional extra")
     from ray.cluster_utils import Cluster
 
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     two = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
     two.add_node(num_cpus=1)
     yield two.address
