@@ -38,12 +38,12 @@ def test_folding_turns_a_triangle_over(along: float, across: float, left: bool) 
     lengths = [np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1) for nodes in (flat, folded)]
     stretch = lengths[1] / lengths[0]
     # A cell is longer than the way around the fold, so that edges across it are chords; the others keep their lengths.
-    assert 0.3 < stretch.min()
+    assert 0.2 < stretch.min()
     assert stretch.max() < 1 + 1e-9
-    turned = folded[:, 2] > flat[:, 2] + 0.0119
+    turned = folded[:, 2] > flat[:, 2] + 0.012 - 1e-9
     assert turned.any()
     whole = turned[edges].all(axis=1)
-    np.testing.assert_allclose(stretch[whole], 1.0, atol=1e-9)
+    np.testing.assert_allclose(stretch[whole], 1.0, atol=1e-6)
     assert (folded[moved, 0] > -1e-9).all()
     assert (np.abs(folded[moved, 1]) < TOWEL.width_m / 2 + 1e-9).all()
 
