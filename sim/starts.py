@@ -31,6 +31,8 @@ LAID_STRETCH = 1.01
 """Of a cloth that was dragged taut."""
 FOLD_LEG = (0.40, 0.60)
 """Legs of the corner that is folded over / width of the cloth, drawn for each edge."""
+FOLD_RADIUS_MARGINS = 1.5
+"""Of the fold / margin of the cloth: two layers are kept two margins apart."""
 FOLD_TICKS = 10
 """The corner settles."""
 
@@ -117,10 +119,13 @@ def fold_corner(nodes: FloatArray, spec: ClothSpec, legs_m: tuple[float, float],
     normal = -np.array([1.0 / along, 1.0 / across])
     normal /= np.linalg.norm(normal)
     beyond = (nodes[:, :2] - corner - np.array([along, 0.0])) @ normal
-    turned = beyond > 0
+    # Around a cylinder that leaves room for both layers: a sharp crease would press springs together, and burst.
+    radius = FOLD_RADIUS_MARGINS * spec.margin_m
+    turn = np.clip(beyond / radius, 0.0, np.pi)
+    ahead = radius * np.sin(turn) - np.maximum(beyond - np.pi * radius, 0.0)
     folded = nodes.copy()
-    folded[turned, :2] -= 2.0 * beyond[turned, None] * normal
-    folded[turned, 2] += 2.0 * spec.margin_m + np.minimum(beyond[turned], spec.margin_m)
+    folded[:, :2] += np.where(beyond > 0, ahead - beyond, 0.0)[:, None] * normal
+    folded[:, 2] += radius * (1.0 - np.cos(turn))
     return folded
 
 
