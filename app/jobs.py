@@ -9,17 +9,18 @@ from __future__ import annotations
 import ctypes
 import signal
 import sys
-import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
+from typing import Any
 
 import cv2
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
+from app.interrupts import interrupts_wait
 from data.journal import JournalTicket, JournalWriter
 from data.types import Episode, Task
 from perception.descriptors import DEFAULT
@@ -157,28 +158,20 @@ def run_numbered(
                 number, (job, future) = waiting[0]
                 result = _result(job, future)
                 waiting.pop(0)
-                with _interrupts_wait():
+                with interrupts_wait():
                     yield number, result
         except KeyboardInterrupt:
-            with _interrupts_wait():
+            with interrupts_wait():
                 yield from [(number, _result(job, future)) for number, (job, future) in waiting if future.done()]
             raise
 
 
-@contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """Ctrl-C while the caller keeps a result comes when that is done; the result would be lost otherwise."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Ctrl-C never comes here.
-        return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt
+class _Pool(ProcessPool):
+    """Its first task forks in the caller's thread, which is the one that Ctrl-C comes to."""
+
+    def schedule(self, *args: Any, **kwargs: Any) -> ProcessFuture:
+        with interrupts_wait():
+            return super().schedule(*args, **kwargs)
 
 
 @contextmanager
@@ -186,7 +179,7 @@ def fresh_processes(workers: int) -> Iterator[ProcessPool]:
     """A pool that gives every task a process of its own; left with an error (or Ctrl-C), it ends them at once."""
     # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
     cv2.setNumThreads(1)
-    pool = ProcessPool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=_prepare_worker)
+    pool = _Pool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=_prepare_worker)
     finished = False
     try:
         yield pool

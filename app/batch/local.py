@@ -22,6 +22,7 @@ import cv2
 from app.batch.group import WHOLE_GROUP, Play, Said, run_file, run_group
 from app.batch.isolate import end_with_parent, why_it_ended
 from app.batch.plan import Group
+from app.interrupts import interrupts_wait
 
 GRACE_S = 20.0
 """A process that has outlived all alarms for that long is stopped, or sleeps where no signal ends it."""
@@ -127,7 +128,8 @@ def local_engine(workers: int) -> Engine:
         try:
             while True:
                 while len(running) < workers and (group := next_group()) is not None:
-                    running.append(Isolated(group, folder, play))
+                    with interrupts_wait():
+                        running.append(Isolated(group, folder, play))
                 if not running:
                     return
                 ready = wait([item.sentinel for item in running], timeout=LOOK_S)

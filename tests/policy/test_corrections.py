@@ -12,7 +12,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from policy import gp, registry
 from policy.base import PolicyError
 from policy.features import input_set
-from policy.gp_model import JITTER
+from policy.gp_kernel import JITTER
 
 
 @pytest.fixture(scope="module")

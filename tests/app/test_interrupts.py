@@ -1,0 +1,66 @@
+"""Ctrl-C waits for what must not be cut in two, and is never lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import pytest
+
+from app.interrupts import interrupts_wait
+
+
+def test_ctrl_c_comes_when_the_body_is_over():
+    done = []
+
+    def body() -> None:
+        with interrupts_wait():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append("all of it")
+
+    with pytest.raises(KeyboardInterrupt):
+        body()
+    assert done == ["all of it"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_in_a_callback_of_a_fork_is_not_lost():
+    armed = True
+
+    def press() -> None:
+        if armed:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def body() -> None:
+        with interrupts_wait():
+            child = os.fork()
+            if child == 0:
+                os._exit(0)
+            os.waitpid(child, 0)
+
+    os.register_at_fork(before=press)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            body()
+    finally:
+        armed = False
+
+
+def test_an_error_of_the_body_comes_through():
+    with pytest.raises(ZeroDivisionError), interrupts_wait():
+        _ = 1 / 0
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_in_other_threads_nothing_is_touched():
+    seen = []
+
+    def body() -> None:
+        with interrupts_wait():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=body)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]
