@@ -33,8 +33,8 @@ FOLD_LEG = (0.40, 0.60)
 """Legs of the corner that is folded over / width of the cloth, drawn for each edge."""
 FOLD_RADIUS_MARGINS = 1.5
 """Of the fold / margin of the cloth: two layers are kept two margins apart."""
-FOLD_TICKS = 10
-"""The corner settles."""
+FOLD_TICKS = 25
+"""The corner settles: after ten the crease still gave by millimetres."""
 
 SWING_STEP_M = (0.016, 0.020)
 """Forth and back in one tick, drawn: 0.2 m/s is what nobody should move a hanging cloth with."""

@@ -159,7 +159,10 @@ def _whole(plan: Plan, folder: Path) -> pd.DataFrame:
 def test_kill_9_of_the_batch_leaves_no_process_and_the_same_command_goes_on(start, tmp_path):
     child = start()
     _until(child.stderr, "4/36")
-    assert len(_left(child.pid)) > 2
+    # Between two groups there may be none for a moment; killed are those that are at work.
+    give_up = time.monotonic() + 10
+    while len(_left(child.pid)) <= 2:
+        assert time.monotonic() < give_up, "no worker was ever seen"
     child.kill()
     child.wait()
     assert _none_left(child.pid)

@@ -5,10 +5,19 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Iterator
 
 import pytest
 
 from app.interrupts import interrupts_wait
+
+
+@pytest.fixture(autouse=True)
+def usual() -> Iterator[None]:
+    """A program that was begun in the background hears no Ctrl-C at all."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def test_ctrl_c_comes_when_the_body_is_over():

@@ -44,10 +44,10 @@ def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool 
         mode = window.mode
         assert isinstance(mode, PlaceMode)
         mode.seed = seed
-        person, last, began = Person(window), -1, time.perf_counter()
+        person, last = Person(window), -1
         mode.start()
         person.wait(lambda: person.status.get("ticks", 0) >= AIR[0], "the first ticks", 60.0)
-        cpu, first = time.process_time(), person.status["ticks"]
+        cpu, first, began = time.process_time(), person.status["ticks"], time.perf_counter()
         while person.state() != "placed":
             if redraw:
                 window.pane.orbit = window.pane.orbit.turned(1, 0)
