@@ -18,7 +18,7 @@ from app.jobs import EpisodeJob, JobFailure, run_jobs
 from app.progress import Progress
 from app.provenance import provenance_now
 from app.record import kept_line, run_kept
-from app.rows import COLUMNS, row_of, write_json
+from app.rows import crashed_row, row_of, write_json
 from app.strips import film_frames
 from app.video import write_video
 from data.recorder import KeptEpisode, SessionRecorder
@@ -89,16 +89,15 @@ def place(
 
 def _content(done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
     """The rows in the order of their seeds, those of crashed episodes with the reason beside."""
-    crashed = [crashed_row(f.job) | {"reason": f.reason} for f in lost]
+    crashed = [_crashed_row(f.job, f.reason) for f in lost]
     rows = sorted([*map(row_of, done), *crashed], key=lambda row: int(row["seed"]))
     return {"episodes": rows, "provenance": vars(provenance_now()), "lost": len(lost)}
 
 
-def crashed_row(job: EpisodeJob) -> dict[str, Any]:
-    """The row of an episode that did not come back."""
-    known = {"policy": job.source, "task": job.task, "cloth": job.cloth, "seed": job.seed}
-    came = {"ticks": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
-    return dict.fromkeys(COLUMNS) | known | {"disturbance": job.disturbance} | came
+def _crashed_row(job: EpisodeJob, reason: str) -> dict[str, Any]:
+    return crashed_row(
+        policy=job.source, task=job.task, cloth=job.cloth, seed=job.seed, disturbance=job.disturbance, reason=reason
+    )
 
 
 def _run(

@@ -117,6 +117,13 @@ def row_of(episode: Episode) -> dict[str, Any]:
     }
 
 
+def crashed_row(*, policy: str, task: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
+    """The row of an episode that did not come back, with the reason beside."""
+    known = {"policy": policy, "task": task, "cloth": cloth, "seed": seed, "disturbance": disturbance}
+    came = {"ticks": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
+    return dict.fromkeys(COLUMNS) | known | came | {"reason": reason}
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write one JSON object with the schema number first; whole or not at all; numpy numbers and arrays are fine."""
     text = json.dumps({"schema": JSON_SCHEMA, **content}, indent=1, allow_nan=False, default=_plain)

@@ -16,7 +16,7 @@ from app import checks
 from app.batch import asked
 from app.batch.bench import BenchPlay
 from app.batch.group import Play, run_file
-from app.batch.ledger import EXTRA, Ledger
+from app.batch.ledger import Ledger
 from app.batch.local import Engine, GroupEnd, local_engine
 from app.batch.plan import Group, Plan
 from app.batch.results import BATCH, EPISODES, RUNS, SUMMARY, Results, as_rows, read_rows, read_run
@@ -24,7 +24,7 @@ from app.batch.summary import summary_of
 from app.errors import LayflatError, WrongCall
 from app.progress import Progress
 from app.provenance import git_revision, provenance_now
-from app.rows import COLUMNS, row_of, write_json
+from app.rows import crashed_row, row_of, write_json
 from data.durable import PART_SUFFIX, WriterLock, os_reason
 from data.types import DataError
 
@@ -176,22 +176,15 @@ class Batch:
 
 def _crashed_row(group: Group, run: str, reason: str) -> dict[str, Any]:
     case = next(case for case in group.cases if group.run_id(case) == run)
-    known = {
-        "policy": group.entrant.name,
-        "task": group.entrant.task,
-        "cloth": group.cloth,
-        "seed": group.seed,
-        "disturbance": case.name,
-        "ticks": 0,
-        "stopped_by": "crashed",
-        "unstable": False,
-        "crashed": True,
-        "run": run,
-        "start": group.start,
-        "attempts": group.attempt,
-        "reason": reason,
-    }
-    return {**dict.fromkeys((*COLUMNS, *EXTRA)), **known}
+    row = crashed_row(
+        policy=group.entrant.name,
+        task=group.entrant.task,
+        cloth=group.cloth,
+        seed=group.seed,
+        disturbance=case.name,
+        reason=reason,
+    )
+    return row | {"run": run, "start": group.start, "attempts": group.attempt}
 
 
 @dataclass
