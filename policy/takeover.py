@@ -69,6 +69,10 @@ class Grip:
         self._rest_ticks = rest_ticks
         self._rested = 0
 
+    def let_go(self) -> None:
+        """As if the hands had rested long enough."""
+        self._rested = self._rest_ticks
+
     def __call__(self) -> Wish | None:
         if self._moving():
             self._rested = 0

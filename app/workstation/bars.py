@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pygame
 
 from app.workstation import look
+from app.workstation.corrector import YOU
 from app.workstation.modes.mode import Chip, Row
 
 if TYPE_CHECKING:
@@ -48,20 +49,25 @@ def paint_top(window: Window, surface: pygame.Surface) -> None:
 
 
 def status_key(window: Window) -> Hashable:
-    return (window.shop.message, window.shop.message_colour, window.shop.link.status.get("rhythm"))
+    status = window.shop.link.status
+    return (window.shop.message, window.shop.message_colour, status.get("rhythm"), status.get("leads"))
 
 
 def paint_status(window: Window, surface: pygame.Surface) -> None:
-    """The newest sentence at the left, the cadence at the right."""
+    """Who leads, where two may, and the newest sentence at the left; the cadence at the right."""
     surface.fill(look.GROUND)
-    rhythm = str(window.shop.link.status.get("rhythm", ""))
-    room = surface.get_width()
+    status = window.shop.link.status
+    rhythm, leads = str(status.get("rhythm", "")), str(status.get("leads", ""))
+    x, room = 4, surface.get_width()
+    if leads:
+        told, colour = ("you lead", look.LED) if leads == YOU else (f"{leads} leads", look.TEXT)
+        x = look.write(surface, told, (x, 4), 13, colour, face=look.BOLD).right + 14
     if rhythm and not window.shop.message:
-        look.write(surface, rhythm, (4, 5), 12, look.FAINT, width=room - 8)
+        look.write(surface, rhythm, (x, 5), 12, look.FAINT, width=room - x - 4)
         return
     width = look.text_width(window.shop.message, 13)
-    look.write(surface, window.shop.message, (4, 4), 13, window.shop.message_colour, width=room - 8)
-    left = room - width - 28
+    look.write(surface, window.shop.message, (x, 4), 13, window.shop.message_colour, width=room - x - 4)
+    left = room - x - width - 24
     if rhythm and look.text_width(rhythm, 12) < left:
         look.write(surface, rhythm, (room - 4, 5), 12, look.FAINT, align="right")
 

@@ -42,13 +42,13 @@ def record_by_hand(
 ) -> None:
     """Record until ``episodes`` are kept or the person quits; one line on stdout for each that is kept or discarded.
 
-    ``correct``: the model in that file places, and the person takes over where their hands move; in the terminal.
+    ``correct``: the model in that file places, and the person takes over where their hands move.
     """
     checks.known_name("disturbance", disturb, DISTURBANCES)
     if mapping is not None:
         checks.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
     model = None if correct is None else model_to_correct(correct, task, descriptor)
-    in_window = window and model is None and has_display()
+    in_window = window and has_display()
     if not in_window and not SOURCES[source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
         raise LayflatError(
@@ -59,7 +59,7 @@ def record_by_hand(
     if in_window:
         from app.workstation.launch import record_in_window  # Here, since it loads all of the window.
 
-        record = record_in_window
+        record = partial(record_in_window, correct=correct)
     record(
         path,
         task=task,

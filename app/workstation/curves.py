@@ -18,6 +18,8 @@ LEAST_S = 10.0
 """The time axis is never shorter."""
 _PHASE_TINT = {"disturb": (74, 40, 44), "repair": (34, 50, 66)}
 """Ground of a phase; placing has that of the card."""
+LED_PX = 6
+"""Height of the band below the curves where a person had the lead."""
 _SHIFT = 4
 
 
@@ -31,6 +33,8 @@ class History:
     angle_deg: list[float] = field(default_factory=list)
     """Of WORD, -90..90; NaN where there is no direction."""
     phase: list[str] = field(default_factory=list)
+    led: list[bool] = field(default_factory=list)
+    """Whether a person had the lead over a policy in the tick before."""
 
     def add(self, moment: Moment) -> None:
         """Take note of a moment; another episode, or going back in time, begins anew."""
@@ -42,6 +46,7 @@ class History:
         self.contact.append(moment.contact)
         self.angle_deg.append(_angle(moment.word))
         self.phase.append(moment.phase)
+        self.led.append(moment.led)
 
     @staticmethod
     def of(episode: Episode, number: int) -> History:
@@ -54,6 +59,7 @@ class History:
             contact=[one.contact_portion for one in seen],
             angle_deg=[_angle(one.word) for one in seen],
             phase=[*phases, phases[-1] if phases else "place"],
+            led=[False, *(step.intervention for step in episode.steps)],
         )
 
 
@@ -124,6 +130,9 @@ def _canvas(plot: pygame.Rect, history: History) -> NDArray[np.uint8]:
         if phase in _PHASE_TINT:
             left = int(x[k - 1]) if k else 0
             canvas[:, left : int(x[k]) + 1] = _PHASE_TINT[phase]
+    for k, led in enumerate(history.led):
+        if led and k:
+            canvas[-LED_PX:, int(x[k - 1]) : int(x[k]) + 1] = look.LED
     return canvas
 
 

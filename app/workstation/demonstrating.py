@@ -8,23 +8,29 @@ from pathlib import Path
 from typing import Any
 
 from app.workstation.cadence import Cadence
+from app.workstation.corrector import YOU
 from app.workstation.host import IDLE_S, Desk, Order
 from app.workstation.inputs.reading import Control
-from app.workstation.placing import recorder_of, settings_of
+from app.workstation.orders import recorder_of, settings_of
 from app.workstation.recording import Recording
 from app.workstation.sofar import recorded_seeds
 from app.workstation.take_process import begin_takes
 from app.workstation.telling import Telling
+from policy import model as model_files
 
 
 class DemonstratingWork:
     """The order: ``task, cloth, descriptor, noise, tick_s, speed, images, source, record, seed, countdown_s``,
-    ``episodes`` (None: until told to end) and ``disturbance``."""
+    ``episodes`` (None: until told to end), ``disturbance`` and ``correct`` (the path of a model that places, and that
+    the person takes over from; or empty)."""
 
     def __init__(self, order: Order, desk: Desk) -> None:
         self._desk = desk
         self._tick_s = float(order["tick_s"])
         settings, source = settings_of(order, descriptor=None), str(order["source"])
+        correct = str(order.get("correct", ""))
+        model = model_files.load(Path(correct)) if correct else None
+        self._helped = "" if model is None else model.policy
         recorder = recorder_of(order, settings)
         if recorder is None:
             raise ValueError("a recording needs a session file")
@@ -39,12 +45,14 @@ class DemonstratingWork:
             source,
             attend=Telling(desk.channels.moments),
             context=multiprocessing.get_context("fork"),
+            model=model,
         )
         self._recording = Recording(
             recorder,
             takes,
             seed=int(order["seed"]),
-            skip=recorded_seeds(self._path, source),
+            skip=recorded_seeds(self._path, f"{self._helped}+{source}" if self._helped else source),
+            led=model is not None,
             episodes=order.get("episodes"),
             disturbance=str(order.get("disturbance", "none")),
             countdown_s=float(order["countdown_s"]),
@@ -79,12 +87,20 @@ class DemonstratingWork:
         self._cadence.end()
         return 0.0
 
+    def _leads(self) -> str:
+        """Who decides, where a policy may; empty where nobody does."""
+        if not self._helped or self._recording.state != "running" or self._recording.awaits_motion:
+            return ""
+        return YOU if self._recording.glance.led else self._helped
+
     def status(self) -> dict[str, Any]:
         recording, rhythm = self._recording, self._cadence.rhythm()
         return {
             "state": recording.state,
             "ready": recording.state != "over" and recording.ready,
             "awaits_motion": recording.awaits_motion,
+            "helped": self._helped,
+            "leads": self._leads(),
             "countdown": recording.countdown_left_s(),
             "seed": recording.seed,
             "ticks": recording.glance.ticks,

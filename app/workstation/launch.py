@@ -73,10 +73,12 @@ def record_in_window(
     disturb: str,
     countdown_s: float,
     mapping: Path | None,
+    correct: Path | None = None,
 ) -> None:
     """Record into ``path`` in a window of its own, which closes when ``episodes`` are kept or the person quits.
 
-    One line on stdout for each that is kept or discarded. Nothing but the session is written.
+    One line on stdout for each that is kept or discarded. Nothing but the session is written. ``correct``: the model
+    in that file places, and the person takes over where their hands move.
     """
     from app.workstation.modes.record import RecordMode
 
@@ -95,6 +97,7 @@ def record_in_window(
             session=path.name,
         )
         mode.seed, mode.episodes, mode.disturbance, mode.echo = seed, episodes, disturb, True
+        mode.correct = "" if correct is None else str(correct)
         window.hands.mapping = mapping
         mode.start()
         status = window.run(until=lambda: not mode.running)

@@ -24,6 +24,8 @@ CONTACT: Colour = (70, 225, 150)
 WORD: Colour = (255, 196, 0)
 WARNING: Colour = (255, 122, 96)
 RECORDING: Colour = (255, 84, 84)
+LED: Colour = (198, 146, 255)
+"""A person has the lead over a policy."""
 """CONTACT and WORD are the colours of perception.overlay, so that a curve and what it counts look alike."""
 
 RADIUS = 8

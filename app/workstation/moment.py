@@ -31,7 +31,7 @@ _DTYPE = np.dtype(
         ("pull_target", "f8", 3), ("word", "f8", 2), ("strength", "f8"), ("contact", "f8"), ("contact_true", "f8"),
         ("flat_area", "f8"), ("has_image", "?"), ("rgb", "u1", (_PINHOLE.height, _PINHOLE.width, 3)),
         ("cloth_mask", "?", (_GRID.height, _GRID.width)), ("contact_mask", "?", (_GRID.height, _GRID.width)),
-        ("coherence", "f8"), ("out_of_view", "?"),
+        ("coherence", "f8"), ("out_of_view", "?"), ("led", "?"),
     ]
 )  # fmt: skip
 
@@ -77,6 +77,8 @@ class Moment:
     """(H, W, 3) of the bench's camera."""
     percept: Percept | None
     """What perception made of it."""
+    led: bool = False
+    """A person had the lead over a policy in the tick that led here."""
 
 
 class MomentBuffer:
@@ -96,6 +98,7 @@ class MomentBuffer:
         phase: str,
         input_s: float = 0.0,
         work_s: float = 0.0,
+        led: bool = False,
     ) -> None:
         """Called by the bench after each tick."""
         fields = _holding(bench) | _seeing(bench, seen)
@@ -121,6 +124,7 @@ class MomentBuffer:
             contact=seen.contact_portion,
             contact_true=truth.contact_portion_true,
             flat_area=truth.flat_area,
+            led=led,
             **fields,
         )
 
@@ -188,6 +192,7 @@ def _moment(value: np.void) -> Moment:
         flat_area=float(value["flat_area"]),
         rgb=value["rgb"] if value["has_image"] else None,
         percept=_percept(value) if value["has_image"] else None,
+        led=bool(value["led"]),
     )
 
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from app.jobs import EpisodeJob, policy_of
 from app.record import kept_line
 from app.run import Run
 from app.workstation.cadence import Cadence
+from app.workstation.corrector import YOU, Corrector
 from app.workstation.host import IDLE_S, Desk, Order
-from data.recorder import SessionRecorder
+from app.workstation.inputs.reading import Control, Reading
+from app.workstation.mailbox import Letter
+from app.workstation.orders import model_of, recorder_of, settings_of
+from app.workstation.recording import JUDGED
 from data.running import Running
-from data.types import Episode, Phase, Pull, StoppedBy
-from policy import model as model_files
-from policy.learned import Learned
-from sim.placing import BenchSettings, Placing
+from data.types import Episode, Outcome, Phase, Pull, StoppedBy
+from sim.placing import Placing
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
 PHASES: dict[State, Phase] = {"placing": "place", "disturbing": "disturb", "repairing": "repair"}
@@ -25,6 +26,10 @@ LIMIT_TICKS: dict[State, int] = {"placing": 160, "disturbing": 600, "repairing":
 """Ticks after which a phase is over although nobody has ended it; a person may pull for a minute."""
 SETTLE_TICKS = 10
 """Ticks that the cloth is given after the mouse has let go, as after any disturbance."""
+DISTURBANCE = "push"
+"""What a device's button for it begins; the others have keys."""
+NOT_RECORDED = "nothing is recorded: give a session file before placing"
+_OUTCOMES: dict[Control, Outcome] = {Control.KEEP_SUCCESS: "success", Control.KEEP_FAILURE: "failure"}
 
 
 class PlacingWork:
@@ -32,7 +37,7 @@ class PlacingWork:
 
     The order: ``task, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
     ``descriptor, noise, tick_s, speed, hurry`` (as fast as it goes until the cloth is placed), ``record`` (a session's
-    path, or empty) and ``images``.
+    path, or empty), ``images`` and ``source`` (the device of a person who may take over, or empty).
     """
 
     def __init__(self, order: Order, desk: Desk) -> None:
@@ -58,9 +63,14 @@ class PlacingWork:
         made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
         job = EpisodeJob(task=settings.task, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made)
         begin = None if self._recorder is None else self._begin
+        policy, source = policy_of(job, self.bench), str(order.get("source", ""))
+        self._person = Corrector(policy, source) if source else None
+        self._name = policy.name
+        self._decides: State = "placing"
+        self._without_device = False
         self.run = Run(
             self.bench,
-            policy_of(job, self.bench),
+            policy if self._person is None else self._person.policy,
             seed=job.seed,
             images=bool(order.get("images")),
             begin=begin,
@@ -73,25 +83,94 @@ class PlacingWork:
         return self._running
 
     def obey(self, order: Order) -> None:
-        """``start``, ``pause``, ``disturb`` (with a ``name``), ``keep``, ``discard``."""
+        """``start``, ``pause``, ``disturb`` (with a ``name``), ``keep``, ``discard``, ``control`` (by its ``name``)."""
         do = order["do"]
         if do == "start" and self.state == "ready":
             self._turn("placing")
         elif do in ("pause", "start"):
-            self.paused = do == "pause" and not self.paused
+            if self._without_device:
+                self.message = f"{self._name} goes on alone"
+            self.paused, self._without_device = do == "pause" and not self.paused, False
         elif do == "disturb" and self.state not in ("ready", "over"):
             self._disturb(str(order["name"]))
         elif do == "keep":
             self._keep()
         elif do == "discard":
             self._discard()
+        elif do == "control":
+            self._press(Control[str(order["name"])])
 
-    def advance(self) -> float:
+    def _press(self, control: Control) -> None:
+        """A button of the person's device."""
+        if self.does(control) is None:
+            unrecorded = self._recorder is None and control in (*_OUTCOMES, Control.DISCARD)
+            self.message = NOT_RECORDED if unrecorded else f"there is nothing to {control.value} now"
+        elif control is Control.START and not self.paused and self._person is not None:
+            self._person.hand_back()
+        elif control in (Control.START, Control.PAUSE):
+            self.obey({"do": "pause"})
+        elif control in _OUTCOMES:
+            self._keep(_OUTCOMES[control])
+        elif control is Control.DISCARD:
+            self._discard()
+        elif control is Control.DISTURB:
+            self._disturb(DISTURBANCE)
+        else:
+            self.over = True
+
+    def does(self, control: Control) -> str | None:
+        """What a button of the person's device would do now, for a person; None where it would do nothing."""
+        if control is Control.QUIT:
+            return "end, to the menu"
+        if control is Control.START:
+            return "go on" if self.paused else f"hand back to {self._name}" if self._leads() == YOU else None
+        if control is Control.PAUSE:
+            return "go on" if self.paused else "pause"
+        if control is Control.DISTURB:
+            return None if self.state in ("ready", "over") else f"disturb the cloth ({DISTURBANCE})"
+        if control is Control.REDO or self._running is None or not self.run.ticks:
+            return None
+        if control is Control.DISCARD:
+            return "forget this one"
+        unstable = self._stopped_by == "unstable" and control is Control.KEEP_SUCCESS
+        return None if unstable else f"keep as {_OUTCOMES[control]}"
+
+    def _leads(self) -> str:
+        """Who decides, where a person may; empty where nobody does."""
+        if self._person is None or self.paused or self.state not in ("placing", "repairing"):
+            return ""
+        return YOU if self._person.leads else self._name
+
+    def _look(self) -> Letter | None:
+        """What the window put in last."""
         letter = self._desk.letter()
-        pull = None if letter is None else letter.pull
-        if self.state == "placed" and pull is not None and not self.paused:
+        if letter is not None and self._person is not None:
+            self._hear(self._person, letter.reading)
+        return letter
+
+    def _hear(self, person: Corrector, reading: Reading) -> None:
+        """Without its device time stands, as in a recording; it goes on with the device, or when one says so."""
+        change = person.hear(reading)
+        if change == "gone" and not self.paused:
+            self.paused = self._without_device = True
+            self.message = f"paused: {reading.problem}"
+        elif change == "back" and self._without_device:
+            self.paused = self._without_device = False
+            self.message = f"{reading.device} is back; {self._name} goes on, move to take over"
+
+    def _wake(self, pull: Pull | None) -> None:
+        """What lies is moved again: by hands that take the lead, or by a pull at the cloth."""
+        if self._person is not None and self._person.reading.moving and self.state in ("placed", "disturbing"):
+            self._stopped_by = "interrupted"
+            self._turn(self._decides)
+        elif self.state == "placed" and pull is not None:
             self._turn("disturbing")
             self.message = "a hand pulls at the cloth"
+
+    def advance(self) -> float:
+        letter = self._look()
+        if not self.paused:
+            self._wake(None if letter is None else letter.pull)
         if self.paused or self.state not in PHASES:
             self._cadence.pause()
             return IDLE_S
@@ -101,19 +180,21 @@ class PlacingWork:
         self._cadence.begin()
         began = time.monotonic()
         # Looked at again: what came while the tick was waited for counts already.
-        letter = self._desk.letter()
+        letter, led = self._look(), self._leads()
         pull = None if letter is None else letter.pull
         stop = self._tick(pull)
         self._last = {"input_s": 0.0 if letter is None else letter.stamp_s, "work_s": time.monotonic() - began}
         self._cadence.end()
         self._tell()
+        if self._person is not None and self._leads() != led:
+            self.message = self._person.told()
         self._follow(stop, pull)
         return 0.0
 
     def _tick(self, pull: Pull | None) -> StoppedBy | None:
         self._phase_ticks += 1
         self._pulled += pull is not None
-        if self._phase_ticks > LIMIT_TICKS[self.state]:
+        if self._phase_ticks > LIMIT_TICKS[self.state] and self._leads() != YOU:
             return "tick_limit"
         return self.run.tick(PHASES[self.state], pull=pull)
 
@@ -127,11 +208,12 @@ class PlacingWork:
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
                 self.run.policy.resume()
                 self._turn("repairing")
-                self.message = f"{self.run.policy.name} goes on"
+                self.message = f"{self._name} goes on"
         elif stop is not None and pull is None and not self.run.disturbed:
             self._stopped_by = stop
             contact = 100 * self.run.seen.contact_portion
-            self.message = f"stopped by {stop.replace('_', ' ')}, contact {contact:.0f} %"
+            more = "" if self._person is None else "; move to go on yourself"
+            self.message = f"stopped by {stop.replace('_', ' ')}, contact {contact:.0f} %{more}"
             self._turn("placed")
         elif stop is not None:
             # It has stopped while something still moves the cloth: waited for, and then it goes on.
@@ -139,6 +221,8 @@ class PlacingWork:
 
     def _turn(self, state: State) -> None:
         self.state, self._phase_ticks, self._settle = state, 0, SETTLE_TICKS if state == "disturbing" else 0
+        if state == "disturbing":
+            self._decides = "repairing"
         if state == "placed" and self._order.get("hurry"):
             self._order = {**self._order, "hurry": False}
             self._cadence = self._paced()
@@ -155,13 +239,16 @@ class PlacingWork:
             self._turn("disturbing")
             self._settle = 0
 
-    def _keep(self) -> None:
+    def _keep(self, outcome: Outcome | None = None) -> None:
+        """``outcome`` as the person judged, who also said that it is over; None: by how flat the cloth lies."""
         if self._running is None:
-            self.message = "nothing is recorded: give a session file before placing"
+            self.message = NOT_RECORDED
             return
-        episode = self.run.episode(self._stopped_by)
+        judged = outcome is not None and self._stopped_by == "interrupted"
+        episode = self.run.episode(JUDGED if judged else self._stopped_by, outcome)
         kept = self._running.keep(episode)
         self._running, self.over = None, True
+        self._turn("over")
         self._desk.tell("kept", line=kept_line(kept), outcome=kept.outcome)
 
     def _discard(self) -> None:
@@ -169,6 +256,7 @@ class PlacingWork:
             self._running.discard()
             self._running = None
         self.over = True
+        self._turn("over")
         self._desk.tell("discarded", line=f"discarded seed {self.run.seed}")
 
     def _tell(self) -> None:
@@ -179,6 +267,7 @@ class PlacingWork:
             episode=1,
             tick=self.run.ticks,
             phase=PHASES.get(self.state, "place"),
+            led=bool(self.run.steps) and self.run.steps[-1].intervention,
             **self._last,
         )
 
@@ -188,6 +277,10 @@ class PlacingWork:
             "state": self.state,
             "paused": self.paused,
             "policy": self.run.policy.name,
+            "leads": self._leads(),
+            "led_ticks": sum(step.intervention for step in self.run.steps),
+            "does": {control.name: self.does(control) for control in Control} if self._person else {},
+            "contact": self.run.seen.contact_portion,
             "seed": self.run.seed,
             "ticks": self.run.ticks,
             "message": self.message,
@@ -207,33 +300,3 @@ class PlacingWork:
                 self._running.discard()
             recorder.close()
         self.bench.close()
-
-
-def model_of(policy: str) -> Learned | None:
-    """The model of a path; None for a policy that has none."""
-    return model_files.load(Path(policy)) if policy.endswith(".npz") else None
-
-
-def settings_of(order: Order, *, descriptor: str | None) -> BenchSettings:
-    return BenchSettings(
-        task=order["task"],
-        cloth=str(order["cloth"]),
-        descriptor=descriptor or str(order["descriptor"]),
-        noise=bool(order["noise"]),
-        tick_s=float(order["tick_s"]),
-    )
-
-
-def recorder_of(order: Order, settings: BenchSettings) -> SessionRecorder | None:
-    """Where the order records; DataError where that session holds something else."""
-    path = str(order.get("record") or "")
-    if not path:
-        return None
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    return SessionRecorder(
-        path,
-        task=settings.task,
-        cloth=settings.cloth,
-        keep_images=bool(order.get("images")),
-        descriptor=settings.descriptor,
-    )

@@ -49,7 +49,7 @@ class Playback:
         return self._made(min(max(number, 0), self.last))
 
     def befalls(self, number: int) -> str:
-        """What disturbs the cloth in this tick, for a person; empty where nothing does."""
+        """What disturbs the cloth in this tick, and whether a person leads; empty where neither is so."""
         if number >= self.last:
             return ""
         names = [
@@ -57,8 +57,9 @@ class Playback:
             for record in self.episode.disturbances
             if record.first_tick <= number and (record.last_tick is None or number <= record.last_tick)
         ]
-        pulled = self.episode.steps[number].pull is not None
-        return ", ".join([*names, *(["pulled by hand"] if pulled else [])])
+        step = self.episode.steps[number]
+        by_hand = ["pulled by hand"] if step.pull is not None else []
+        return ", ".join([*names, *by_hand, *(["a person leads"] if step.intervention else [])])
 
     def _make(self, number: int) -> Moment:
         seen, truth = self._seen[number], self._truths[number]
@@ -89,6 +90,7 @@ class Playback:
             flat_area=truth.flat_area,
             rgb=rgb,
             percept=percept,
+            led=self.history.led[number],
         )
 
     def _joints(self, seen: Observation) -> FloatArray:
@@ -118,6 +120,8 @@ def facts(episode: Episode) -> Mapping[str, str]:
     contact = episode.contact()
     befell = [record.name for record in episode.disturbances]
     pulls = sum(step.pull is not None for step in episode.steps)
+    led = sum(step.intervention for step in episode.steps)
+    corrected = {"corrected": f"a person led in {led} ticks"} if led else {}
     return {
         "source": f"{episode.source}, seed {episode.seed}",
         "bench": f"{episode.task}, {episode.cloth}, tick {episode.tick_s:g} s",
@@ -125,6 +129,7 @@ def facts(episode: Episode) -> Mapping[str, str]:
         "ticks": str(len(episode.steps)),
         "contact": f"{100 * contact[0]:.0f} to {100 * contact[-1]:.0f} %",
         "disturbed by": ", ".join([*befell, *([f"pulls in {pulls} ticks"] if pulls else [])]) or "nothing",
+        **corrected,
         "recorded": episode.provenance.created_utc.replace("T", " ")[:16] or "not told",
     }
 

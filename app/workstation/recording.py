@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection
 from typing import Literal, TypeAlias
 
 from app.record import kept_line
+from app.workstation.corrector import led_sentence
 from app.workstation.inputs.reading import Control, Reading
 from app.workstation.sofar import discarded_line, stored
 from app.workstation.take import Begin, Glance, Take, TakeLost
@@ -130,6 +131,8 @@ class Recording:
             self._count_down()
         elif self.state == "countdown":
             self._wait()
+        elif control is Control.START and self.state == "running":
+            self._hand_back()
         elif self.state == "running":
             self._pause("paused")
         else:
@@ -143,7 +146,8 @@ class Recording:
         if control is Control.QUIT:
             return "end; what there is of this one is kept as partial" if self.glance.ticks else "end the recording"
         if control is Control.START:
-            return {"waiting": f"begin demonstration of seed {self.seed}", "paused": "go on"}.get(state)
+            begins = {"waiting": f"begin demonstration of seed {self.seed}", "paused": "go on"}
+            return "hand back to the policy" if state == "running" and self.glance.led else begins.get(state)
         if control is Control.PAUSE:
             return {"running": "pause", "paused": "go on", "countdown": "not yet"}.get(state)
         if control is Control.DISCARD:
@@ -174,13 +178,15 @@ class Recording:
         if self._still and pull is None and not self._reading.moving:
             return False
         if self._still and self._led:
-            self.message = "you have the lead; rest, and the policy has it again"
-        self._still = False
+            self.message = led_sentence(True, "the policy")
+        self._still, led = False, self.glance.led
         try:
             self.glance = self._take.tick(self._reading, pull)
         except TakeLost as lost:
             self._lose(lost)
             return False
+        if self.glance.led != led:
+            self.message = led_sentence(self.glance.led, "the policy")
         self._look_for_the_end()
         return True
 
@@ -267,6 +273,14 @@ class Recording:
             self._take.disturb(self._disturbance)
             self.glance = self._take.glance()
             self.message = f"disturbing: {self._disturbance}"
+        except TakeLost as lost:
+            self._lose(lost)
+
+    def _hand_back(self) -> None:
+        if self._take is None:
+            return
+        try:
+            self._take.hand_back()
         except TakeLost as lost:
             self._lose(lost)
 

@@ -26,6 +26,8 @@ class Glance:
     stopped_by: StoppedBy | None = None
     """Not None: the bench takes no further ticks."""
     disturbed: bool = False
+    led: bool = False
+    """The person has the lead over a policy."""
 
 
 class Take(Protocol):
@@ -44,6 +46,9 @@ class Take(Protocol):
 
     def disturb(self, name: str) -> None:
         """Begin a named disturbance with the next tick."""
+
+    def hand_back(self) -> None:
+        """The person has done, and the policy that they corrected leads with the next tick."""
 
     def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
         """End it and keep it, durable on return; None where not even one tick was over."""

@@ -92,6 +92,10 @@ class TakeProcess:
         self._ask("disturb", name)
         self._glance = self._answer()
 
+    def hand_back(self) -> None:
+        self._ask("hand back")
+        self._glance = self._answer()
+
     def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
         with contextlib.suppress(TakeLost):  # Then the journal has what there is, as partial.
             self._ask("end", outcome, stopped_by)
@@ -169,8 +173,9 @@ class LiveTake:
         self._bench = Placing(job.settings)
         self._bench.reset(job.seed)
         policy: Policy = PersonPolicy(job.settings.task, job.source, lambda: self._reading)
+        self._grip = Grip(lambda: self._reading.moving)
         if job.model is not None:
-            policy = Takeover(registry.from_model(job.model), policy, Grip(lambda: self._reading.moving))
+            policy = Takeover(registry.from_model(job.model), policy, self._grip)
 
         def journal(beginning: Episode) -> JournalWriter:
             self._journal = job.ticket.begin(beginning)
@@ -196,11 +201,17 @@ class LiveTake:
             flat_area=run.truth.flat_area,
             stopped_by=stopped_by,
             disturbed=run.disturbed,
+            led=isinstance(run.policy, Takeover) and run.policy.led,
         )
 
     def obey(self, command: str, *details: Any) -> object:
-        """Carry out ``tick``, ``disturb`` or ``end``; returns what the parent is to be told."""
-        commands: dict[str, Callable[..., object]] = {"tick": self.tick, "disturb": self.disturb, "end": self.end}
+        """Carry out ``tick``, ``disturb``, ``hand back`` or ``end``; returns what the parent is to be told."""
+        commands: dict[str, Callable[..., object]] = {
+            "tick": self.tick,
+            "disturb": self.disturb,
+            "hand back": self.hand_back,
+            "end": self.end,
+        }
         return commands[command](*details)
 
     def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
@@ -211,6 +222,10 @@ class LiveTake:
 
     def disturb(self, name: str) -> Glance:
         self._run.disturb(name)
+        return self.glance()
+
+    def hand_back(self) -> Glance:
+        self._grip.let_go()
         return self.glance()
 
     def end(self, outcome: Outcome, stopped_by: StoppedBy) -> str:

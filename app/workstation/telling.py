@@ -28,4 +28,5 @@ class Telling:
             phase=run.steps[-1].phase if run.steps else "place",
             input_s=reading.stamp_s if run.steps else 0.0,
             work_s=now - reading.stamp_s if reading.stamp_s else 0.0,
+            led=bool(run.steps) and run.steps[-1].intervention,
         )

@@ -23,7 +23,7 @@ def all_modes(shop: Shop, hands: Hands) -> list[Mode]:
     return [
         RecordMode(shop, hands=hands),
         TrainMode(shop),
-        PlaceMode(shop),
+        PlaceMode(shop, hands=hands),
         PlaceMode(shop, name="Disturb", hurry=True),
         ReplayMode(shop),
         DataMode(shop),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 
@@ -12,6 +13,7 @@ import pygame_menu
 
 from app.workstation import look, settings
 from app.workstation.curves import History
+from app.workstation.inputs import Button, Control
 from app.workstation.layout import Layout
 from app.workstation.link import BenchLink
 from app.workstation.moment import Moment
@@ -30,6 +32,28 @@ class Chip(NamedTuple):
     does: str
     act: Callable[[], None] | None = None
     colour: look.Colour = look.TEXT
+
+
+CONTROL_COLOURS = {
+    Control.START: look.ACCENT,
+    Control.KEEP_SUCCESS: look.CONTACT,
+    Control.KEEP_FAILURE: look.WORD,
+    Control.DISCARD: look.WARNING,
+}
+
+
+def device_chips(
+    buttons: Iterable[Button], does: Mapping[str, str | None], press: Callable[[Control], None]
+) -> list[Chip]:
+    """A device's buttons that do something now (``does``, by the control's name), and then what moves."""
+    acting, moving = [], []
+    for button in buttons:
+        if button.control is None:
+            moving.append(Chip(button.name, button.does))
+        elif now := does.get(button.control.name):
+            colour = CONTROL_COLOURS.get(button.control, look.TEXT)
+            acting.append(Chip(button.name, now, partial(press, button.control), colour))
+    return acting + moving
 
 
 class Row(NamedTuple):

@@ -10,7 +10,11 @@ from typing import Any
 import pygame
 
 from app.workstation import look, theme
-from app.workstation.modes.mode import BasicMode, Chip, Row
+from app.workstation.corrector import YOU
+from app.workstation.hands import Hands
+from app.workstation.inputs import Control
+from app.workstation.inputs.registry import SOURCES
+from app.workstation.modes.mode import BasicMode, Chip, Row, device_chips
 from app.workstation.placing import SCRIPTED
 from app.workstation.settings import with_one
 from policy import model as model_files
@@ -22,6 +26,7 @@ NAMED = tuple(name for name in DISTURBANCES if name != "none")
 """Disturbances in the order of the keys."""
 DIGITS = "1234567890-="
 """Keys that begin them; more of them than keys can be clicked at."""
+NOBODY = "nobody"
 STATES = {
     "ready": ("Ready", look.TEXT),
     "placing": ("Placing", look.ACCENT),
@@ -34,9 +39,14 @@ STATES = {
 
 @dataclass
 class PlaceMode(BasicMode):
-    """``hurry``: the cloth is laid as fast as it goes, and then waits to be disturbed (the Disturb tab)."""
+    """``hurry``: the cloth is laid as fast as it goes, and then waits to be disturbed (the Disturb tab).
+
+    With ``hands`` a person may take over, by the device ``source``.
+    """
 
     name: str = "Place"
+    hands: Hands | None = None
+    source: str = NOBODY
     hurry: bool = False
     seed: int = 0
     record: str = ""
@@ -57,6 +67,9 @@ class PlaceMode(BasicMode):
         self._choose(chosen)
         if not chosen.endswith(".npz"):
             self._bench_choices(menu, width)
+        if self.hands is not None:
+            sources = [NOBODY, *SOURCES]
+            theme.choice(menu, "Who may take over", sources, self.source, self._take_source, width=width)
         theme.entry(menu, "Seed of the start", str(self.seed), self._take_seed, width=width)
         theme.entry(menu, "Record into (empty: nowhere)", self.record, self._take_record, width=width)
         theme.button(menu, "Lay and disturb" if self.hurry else "Place", self.start, main=True)
@@ -81,6 +94,9 @@ class PlaceMode(BasicMode):
     _told: str | None = None
     """What the bench said last."""
 
+    def _take_source(self, name: str) -> None:
+        self.source = name
+
     def _take_seed(self, text: str) -> None:
         self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
 
@@ -90,7 +106,7 @@ class PlaceMode(BasicMode):
     def start(self) -> None:
         """Begin a bench process for this seed."""
         order = self._order()
-        if order is None:
+        if order is None or not self._take_hands(order):
             return
         self.menu, self.running, self.finished = None, True, False
         self.past.episode, self._told = -1, None
@@ -98,6 +114,20 @@ class PlaceMode(BasicMode):
         self.shop.link.start(order, order["task"])
         self.shop.link.ask("start")
         self.shop.say(f"hanging up the cloth of seed {self.seed}")
+
+    def _take_hands(self, order: dict[str, Any]) -> bool:
+        """Take the device into the hands, and into the order; False where it cannot be had (which is said)."""
+        if self.hands is None or self.source == NOBODY:
+            return True
+        order["source"] = self.source
+        if not self.hands.use(self.source, order["task"]):
+            self.shop.say(self.hands.problem, look.WARNING)
+            return False
+        return True
+
+    def _drop_hands(self) -> None:
+        if self.hands is not None:
+            self.hands.drop()
 
     def _order(self) -> dict[str, Any] | None:
         """What the bench is told, or None where the model cannot be read (which is said)."""
@@ -122,12 +152,17 @@ class PlaceMode(BasicMode):
         """Back to the menu."""
         for message in self.shop.link.end():
             self._hear(message)
+        self._back()
+
+    def _back(self) -> None:
         self.running, self.shop.link.status = False, {}
+        self._drop_hands()
         self.build()
 
     def leave(self) -> None:
         super().leave()
         self.running = False
+        self._drop_hands()
 
     def busy(self) -> str:
         recording = self.running and self.record and self.shop.link.status.get("ticks")
@@ -148,15 +183,14 @@ class PlaceMode(BasicMode):
         for message in messages:
             self._hear(message)
         if self.running and not self.shop.link.alive and not self.finished:
-            sentence = self.shop.link.sentence
-            self.running = False
-            if sentence:
-                self.shop.say(sentence, look.WARNING)
-            self.build()
+            if self.shop.link.sentence:
+                self.shop.say(self.shop.link.sentence, look.WARNING)
+            self._back()
 
     def _hear(self, message: dict[str, Any]) -> None:
         if message["kind"] in ("kept", "discarded"):
             self.finished = True
+            self._drop_hands()
             self.shop.say(message["line"], look.CONTACT if message["kind"] == "kept" else look.QUIET)
 
     def again(self) -> None:
@@ -189,7 +223,8 @@ class PlaceMode(BasicMode):
         self.shop.link.ask("pause")
 
     def pullable(self) -> bool:
-        return self.running and not self.finished and self._state() not in ("ready", "over", "")
+        leads = self.hands is not None and self.hands.leads()
+        return self.running and not leads and not self.finished and self._state() not in ("ready", "over", "")
 
     def _state(self) -> str:
         return str(self.shop.link.status.get("state", ""))
@@ -197,19 +232,31 @@ class PlaceMode(BasicMode):
     def chips(self) -> list[Chip]:
         if not self.running:
             return [Chip("Enter", "choose and press in the menu"), Chip("mouse", "turn, zoom and shift the view")]
-        status = self.shop.link.status
-        chips = []
+        # Where keys are a person's device they go to that, and what they do else is clicked at.
+        keyed = self.source in (NOBODY, "gamepad") or self.finished
+        chips = [] if self.finished else self._acting_chips()
+        chips += [Chip("N" if keyed else "•", "next seed", self.again), Chip("Esc", "end, to the menu", self.stop)]
         if not self.finished:
-            chips.append(Chip("Space", "go on" if status.get("paused") else "pause", self._pause))
-            if status.get("recording"):
-                chips.append(Chip("K", "keep", lambda: self.shop.link.ask("keep"), look.CONTACT))
-                chips.append(Chip("X", "discard", lambda: self.shop.link.ask("discard"), look.WARNING))
-        chips += [Chip("N", "next seed", self.again), Chip("Esc", "end, to the menu", self.stop)]
-        if not self.finished:
-            chips.append(Chip("drag", "pull at the cloth"))
+            if self.hands is None or not self.hands.leads():
+                chips.append(Chip("drag", "pull at the cloth"))
             for k, name in enumerate(NAMED):
-                chips.append(Chip(DIGITS[k] if k < len(DIGITS) else "•", name, self._disturber(name), look.WORD))
+                key = DIGITS[k] if keyed and k < len(DIGITS) else "•"
+                chips.append(Chip(key, name, self._disturber(name), look.WORD))
         return chips
+
+    def _acting_chips(self) -> list[Chip]:
+        """What becomes of the episode, by keys or by the buttons of the person's device."""
+        status, ask = self.shop.link.status, self.shop.link.ask
+        if self.hands is not None and self.source != NOBODY:
+            return device_chips(self.hands.help(), status.get("does", {}), self._control)
+        chips = [Chip("Space", "go on" if status.get("paused") else "pause", self._pause)]
+        if status.get("recording"):
+            chips.append(Chip("K", "keep", lambda: ask("keep"), look.CONTACT))
+            chips.append(Chip("X", "discard", lambda: ask("discard"), look.WARNING))
+        return chips
+
+    def _control(self, control: Control) -> None:
+        self.shop.link.ask("control", name=control.name)
 
     def _disturber(self, name: str) -> Callable[[], None]:
         return lambda: self.shop.link.ask("disturb", name=name)
@@ -219,6 +266,8 @@ class PlaceMode(BasicMode):
             return "Finished", look.CONTACT
         if self.shop.link.status.get("paused"):
             return "Paused", look.WORD
+        if self.shop.link.status.get("leads") == YOU:
+            return "You lead", look.LED
         return STATES.get(self._state(), ("Hanging up…", look.QUIET))
 
     def rows(self) -> list[Row]:
@@ -233,6 +282,8 @@ class PlaceMode(BasicMode):
         ]
         if moment is not None:
             rows.append(Row("force", f"{sum(f * f for f in moment.force_n) ** 0.5:.2f} N", look.WARNING))
+        if status.get("does"):
+            rows.append(Row("you led in", f"{status.get('led_ticks', 0)} ticks", look.LED))
         rows.append(Row("recorded into", self.record or "nowhere"))
         return rows
 
@@ -245,5 +296,6 @@ class PlaceMode(BasicMode):
         if self.running and not self.shop.link.status and self.shop.link.alive:
             return "Hanging up the cloth", f"seed {self.seed}"
         if self.running and self.shop.link.status.get("paused"):
-            return "Paused", "Space goes on"
+            message = str(self.shop.link.status.get("message", ""))
+            return "Paused", message if message.startswith("paused") else "Space goes on"
         return "", ""

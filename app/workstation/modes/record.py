@@ -9,9 +9,10 @@ from typing import Any
 import pygame
 
 from app.workstation import look, theme
+from app.workstation.corrector import YOU
 from app.workstation.hands import Hands
 from app.workstation.inputs.reading import Control
-from app.workstation.modes.mode import ASK_AGAIN_S, BasicMode, Chip, Row
+from app.workstation.modes.mode import ASK_AGAIN_S, BasicMode, Chip, Row, device_chips
 from app.workstation.settings import SOURCES, with_one
 from data.store import open_session
 from sim.cloth import CLOTHS
@@ -25,12 +26,6 @@ STATES = {
     "finished": ("Keep it?", look.ACCENT),
     "over": ("Over", look.QUIET),
 }
-COLOURS = {
-    Control.START: look.ACCENT,
-    Control.KEEP_SUCCESS: look.CONTACT,
-    Control.KEEP_FAILURE: look.WORD,
-    Control.DISCARD: look.WARNING,
-}
 
 
 @dataclass
@@ -42,6 +37,8 @@ class RecordMode(BasicMode):
     seed: int = 0
     episodes: int | None = None
     disturbance: str = "push"
+    correct: str = ""
+    """Path of a model that places, and that the person takes over from; empty: they demonstrate."""
     running: bool = False
     _escaped_s: float = -ASK_AGAIN_S
     echo: bool = False
@@ -108,6 +105,7 @@ class RecordMode(BasicMode):
             "countdown_s": settings.countdown_s,
             "episodes": self.episodes,
             "disturbance": self.disturbance,
+            "correct": self.correct,
         }
         if self.hands is not None and not self.hands.use(settings.source, order["task"]):
             self.shop.say(self.hands.problem, look.WARNING)
@@ -187,25 +185,14 @@ class RecordMode(BasicMode):
         if not self.running or self.hands is None:
             return [Chip("Enter", "choose and press in the menu"), Chip("mouse", "turn, zoom and shift the view")]
         does: dict[str, str | None] = self.shop.link.status.get("does", {})
-        chips = []
-        for button in self.hands.help():
-            if button.control is None:
-                chips.append(Chip(button.name, button.does))
-                continue
-            now = does.get(button.control.name)
-            if now:
-                act = self._presser(button.control)
-                chips.append(Chip(button.name, now, act, COLOURS.get(button.control, look.TEXT)))
-        chips.sort(key=lambda chip: chip.act is None)
-        return [*chips, Chip("Esc", "to the menu", self.escape)]
-
-    def _presser(self, control: Control) -> Any:
-        return lambda: self.control(control)
+        return [*device_chips(self.hands.help(), does, self.control), Chip("Esc", "to the menu", self.escape)]
 
     def headline(self) -> tuple[str, look.Colour]:
         status = self.shop.link.status
         if status.get("state") == "waiting" and not status.get("ready"):
             return "Hanging up…", look.QUIET
+        if status.get("leads") == YOU:
+            return "You lead", look.LED
         return STATES.get(str(status.get("state")), ("Starting…", look.QUIET))
 
     def rows(self) -> list[Row]:
@@ -221,9 +208,14 @@ class RecordMode(BasicMode):
             Row("kept", kept + (f", {partial} partial" if partial else ""), look.CONTACT),
             Row("discarded", str(counts.get("discarded", 0))),
             Row("in the session", f"{status.get('stored', 0)} in {self._session()}"),
-            Row("task", f"{settings.task}, {settings.cloth}, by {settings.source}"),
+            Row("task", f"{settings.task}, {settings.cloth}, by {self._who()}"),
             Row("", str(status.get("message", "")), look.QUIET),
         ]
+
+    def _who(self) -> str:
+        """Whose demonstrations these are."""
+        helped, source = self.shop.link.status.get("helped"), self.shop.settings.source
+        return f"{helped}, corrected by {source}" if helped else source
 
     def banner(self) -> tuple[str, str]:
         status = self.shop.link.status
@@ -235,6 +227,8 @@ class RecordMode(BasicMode):
                 return "Hanging up the cloth", f"seed {status.get('seed')}"
             return f"{max(1, round(0.5 + status.get('countdown', 0.0) - 1e-6))}", "get ready"
         if state == "running" and status.get("awaits_motion"):
+            if status.get("helped"):
+                return "Stopped", str(status.get("message", ""))
             return "Go", "time runs with your first motion"
         if state == "paused":
             return "Paused", str(status.get("message", ""))
