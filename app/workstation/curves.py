@@ -130,15 +130,16 @@ def _canvas(plot: pygame.Rect, history: History) -> NDArray[np.uint8]:
         if phase in _PHASE_TINT:
             left = int(x[k - 1]) if k else 0
             canvas[:, left : int(x[k]) + 1] = _PHASE_TINT[phase]
-    for k, led in enumerate(history.led):
-        if led and k:
-            canvas[-LED_PX:, int(x[k - 1]) : int(x[k]) + 1] = look.LED
     return canvas
 
 
 def _finish(
     surface: pygame.Surface, canvas: NDArray[np.uint8], plot: pygame.Rect, history: History, now_s: float | None
 ) -> None:
+    places = _x(history, plot.width)
+    for k, led in enumerate(history.led):
+        if led and k:
+            canvas[-LED_PX:, int(places[k - 1]) : int(places[k]) + 1] = look.LED
     if now_s is not None:
         x = int(now_s / _span_s(history) * (plot.width - 1))
         cv2.line(canvas, (x, 0), (x, plot.height), look.TEXT, 1)

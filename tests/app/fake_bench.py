@@ -22,9 +22,14 @@ class FakeDisturbance:
     plan: Plan
     left: int = ACTING_TICKS
 
+    def hand_positions(self) -> FloatArray:
+        return np.zeros((0, 3))
+
 
 class FakeBench:
     """The cloth is as flat as the holder is far forward; pulls and disturbances wrinkle it, for good."""
+
+    percept = None
 
     def __init__(self, settings: BenchSettings) -> None:
         self.settings = settings
@@ -86,6 +91,12 @@ class FakeBench:
 
     def let_go(self) -> None:
         self._pull = None
+
+    @property
+    def pulling(self) -> tuple[int, FloatArray] | None:
+        return self._pull
+
+    def close(self) -> None: ...
 
     def force_n(self) -> FloatArray:
         return self._force_n.copy()

@@ -23,6 +23,8 @@ class DrawnTake:
         self.hangs = True
         self.dies_at: int | None = None
         self.unstable_at: int | None = None
+        self.corrects = False
+        """Whether the person takes over from a policy: they hand back by a button alone."""
         self.work: Callable[[], None] = lambda: None
         """What happens during a tick."""
         self.readings: list[Reading] = []
@@ -45,12 +47,21 @@ class DrawnTake:
         self.work()
         ticks = len(self.readings)
         stop: StoppedBy | None = "unstable" if ticks == self.unstable_at else None
-        self._glance = Glance(ticks=ticks, time_s=0.1 * ticks, contact_portion=min(0.01 * ticks, 1.0), stopped_by=stop)
+        self._glance = Glance(
+            ticks=ticks,
+            time_s=0.1 * ticks,
+            contact_portion=min(0.01 * ticks, 1.0),
+            stopped_by=stop,
+            led=self.corrects and (reading.moving or self._glance.led),
+        )
         return self._glance
 
     def disturb(self, name: str) -> None:
         self.disturbed.append(name)
         self._glance = replace(self._glance, disturbed=True)
+
+    def hand_back(self) -> None:
+        self._glance = replace(self._glance, led=False)
 
     def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
         if not self.readings:

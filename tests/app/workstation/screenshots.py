@@ -164,6 +164,31 @@ def place(album: Album) -> None:
     person.wait(lambda: window.mode.finished, "it to be kept")
 
 
+def take_over(album: Album) -> None:
+    """A person takes the lead twice while a model places."""
+    person, window = album.person, album.window
+    album.settings(model="hanger-gp-word.npz", speed="real time")
+    person.plug_in()
+    person.tab("Place")
+    assert isinstance(window.mode, PlaceMode)
+    window.mode.seed, window.mode.record, window.mode.source = 21, "placed-corrected.h5", "gamepad"
+    window.mode.build()
+    album.shoot("take-over-menu")
+    person.menu("Place")
+    for ticks, led in ((22, 5), (42, 16)):
+        person.wait(lambda ticks=ticks: person.status.get("ticks", 0) >= ticks, f"{ticks} ticks", 60.0)
+        person.pad.axis("left_x", 0.5)
+        person.wait(lambda led=led: person.status["led_ticks"] >= led, f"{led} ticks of the person", 60.0)
+        if led == 5:
+            person.rest()
+            person.wait(lambda: person.status["leads"] == "gp-word", "the model's lead", 60.0)
+    album.shoot("take-over")
+    person.rest()
+    window.mode.stop()
+    window.mode.source = "nobody"
+    person.pad.unplug()
+
+
 def disturb(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(model="pickers-gp-word.npz")
@@ -225,6 +250,7 @@ PARTS = {
     "lead": lead_by_hand,
     "train": train,
     "place": place,
+    "take-over": take_over,
     "disturb": disturb,
     "look-back": look_back,
     "small": small,

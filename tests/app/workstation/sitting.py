@@ -2,7 +2,7 @@
 
 ``python -m tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it is. On
 whatever display there is; ``close`` clicks the window away at that moment. ``FOLDER once`` is `layflat record --source
-keyboard --episodes 1` with a person at its window, on a real display.
+keyboard --episodes 1` with a person at its window, on a real display; more options may follow.
 """
 
 from __future__ import annotations
@@ -107,14 +107,14 @@ def demonstrate_once() -> None:
     post(pygame.KEYDOWN, key=pygame.K_y, mod=0, unicode="y")
 
 
-def once(folder: Path) -> None:
+def once(folder: Path, more: list[str]) -> None:
     window_module.Window = Watched  # type: ignore[misc]
     threading.Thread(target=demonstrate_once, daemon=True).start()
     arguments = ["record", str(folder / "one.h5"), "--source", "keyboard", "--episodes", "1", "--task", "pickers"]
-    cli.main(arguments)
+    cli.main([*arguments, *more])
 
 
 if __name__ == "__main__":
     if sys.argv[2] == "once":
-        once(Path(sys.argv[1]))
+        once(Path(sys.argv[1]), sys.argv[3:])
     sys.exit(run_guarded(lambda: sit(Path(sys.argv[1]), sys.argv[2], "close" in sys.argv[3:]), debug=True))

@@ -59,6 +59,35 @@ def test_after_its_stop_time_stands_until_the_hands_move(desk):
     assert _rest(desk, 1) == 1
 
 
+def test_who_leads_is_said_and_a_button_hands_back(desk):
+    desk.press(Control.START)
+    desk.now += 10.0
+    desk.recording.tick()
+    desk.takes[0].corrects = True
+    assert _rest(desk, 2) == 2
+    assert desk.recording.does(Control.START) is None
+    assert desk.move(1) == 1
+    assert desk.recording.message == "you have the lead; rest, and the policy has it again"
+    assert desk.recording.does(Control.START) == "hand back to the policy"
+    desk.press(Control.START)
+    assert desk.state == "running"
+    assert _rest(desk, 1) == 1
+    assert not desk.recording.glance.led
+    assert desk.recording.message == "the policy has the lead again"
+
+
+def test_a_pad_unplugged_in_a_correction_pauses_and_goes_on(desk):
+    desk.press(Control.START)
+    desk.now += 10.0
+    desk.recording.tick()
+    assert desk.move(2) == 2
+    desk.recording.hear(Reading(motion=np.zeros(2), connected=False, problem="the pad is gone"))
+    assert (desk.state, desk.recording.message) == ("paused", "paused: the pad is gone")
+    assert not desk.recording.tick()
+    assert _rest(desk, 2) == 2
+    assert "is back; the policy places; move to take over" in desk.recording.message
+
+
 WRONG: list[tuple[tuple[str, ...], str]] = [
     (("--source", "scripted", "--correct", "m.npz"), "--correct needs a person"),
     (("--source", "keyboard", "--correct", "missing.npz"), "missing.npz"),
