@@ -57,9 +57,7 @@ class PlaceMode(BasicMode):
         shop, width = self.shop, self.shop.place.panel.width
         self.menu = menu = theme.menu(shop.place.panel)
         theme.heading(menu, self.name)
-        about = (
-            "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth alone."
-        )
+        about = "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth."
         theme.note(menu, about, width)
         known = [*shop.models(), SCRIPTED, *MADE]
         chosen = shop.settings.model if shop.settings.model in known else known[0]

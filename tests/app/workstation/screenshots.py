@@ -173,7 +173,6 @@ def take_over(album: Album) -> None:
     assert isinstance(window.mode, PlaceMode)
     window.mode.seed, window.mode.record, window.mode.source = 21, "placed-corrected.h5", "gamepad"
     window.mode.build()
-    album.shoot("take-over-menu")
     person.menu("Place")
     for ticks, led in ((22, 5), (42, 16)):
         person.wait(lambda ticks=ticks: person.status.get("ticks", 0) >= ticks, f"{ticks} ticks", 60.0)

@@ -232,7 +232,7 @@ def test_a_correction_at_the_window_is_learned_from(window, tmp_path, capsys):
     assert (actions[marked][:20, [2, 5]] < 0).all(), "both went down"
     assert not actions[~marked].any(), "the model stood still"
     layflat("train", path, tmp_path / "better.npz", "--intervention-weight", "3")
-    assert f"{marked.sum()} ticks in which a person corrected a policy count 3 times each" in capsys.readouterr().err
+    assert f"{marked.sum()} ticks in which a person corrected a policy count 3 times each" in capsys.readouterr().out
     layflat("replay", path, "--episode", "0", "--mode", "action", "--json", tmp_path / "r.json")
     assert '"identical": true' in (tmp_path / "r.json").read_text()
 
