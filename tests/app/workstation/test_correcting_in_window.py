@@ -176,6 +176,30 @@ def test_keys_take_over_and_are_no_shortcuts_meanwhile(window):
     assert one.hands.told() == ""
 
 
+def test_a_hand_that_takes_hold_of_the_hanger_leads_it(window):
+    one = window()
+    person = Person(one)
+    mode = begin(person, "kinesthetic", "led")
+    assert not mode.pullable(), "the mouse is the hand, and pulls at nothing else"
+    person.key(pygame.K_SPACE, " ")
+    person.wait(lambda: person.status["paused"], "the pause", 5.0)
+    view, corner = one.shop.place.view, person.moment().corners[0]
+    x, y = one.pane.pixel_of(corner, view.size)
+    post(pygame.MOUSEBUTTONDOWN, pos=(x + view.left, y + view.top), button=1)
+    person.key(pygame.K_SPACE, " ")
+    person.wait(lambda: leads(person) == "you", "the lead", 5.0)
+    post(pygame.MOUSEBUTTONUP, pos=(x + view.left, y + view.top), button=1)
+    person.wait(lambda: leads(person) == "forward", "it to be handed back", 5.0)
+    person.press("keep as failure")
+    person.wait(lambda: mode.finished, "it to be kept")
+    mode.stop()
+    episode = the_episode(one.shop.folder / "led.h5")
+    assert (episode.source, episode.outcome) == ("forward+kinesthetic", "failure")
+    held = [step.hand_m is not None for step in episode.steps]
+    assert any(held)
+    assert all(step.intervention for step, hand in zip(episode.steps, held, strict=True) if hand)
+
+
 def test_no_pad_is_said_and_the_policy_can_go_on_alone(window):
     one = window()
     person = Person(one)

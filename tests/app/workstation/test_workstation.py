@@ -314,6 +314,8 @@ def test_what_is_chosen_with_the_mouse_is_chosen(window):
     person.tab("Place")
     person.choose(0, "drag-rule")
     assert window.shop.settings.model == "drag-rule"
+    person.choose(3, "keyboard")
+    assert window.mode.source == "keyboard"
     (folder_file,) = window.shop.folder.iterdir()
     assert folder_file.name == "workstation.json"
 
