@@ -223,6 +223,18 @@ def test_what_is_kept_says_which_ticks_were_the_person_s(table, tmp_path, contro
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ".parts"] == ["s.h5"]
 
 
+def test_what_is_kept_in_the_midst_of_a_correction_was_not_ended_by_the_policy(table, tmp_path):
+    path = tmp_path / "s.h5"
+    one = table(path, enough=0.1)
+    one.go(REST, 30)
+    assert "stopped by converged" in one.status["message"]
+    one.go(PUSH, 2)
+    one.work.obey({"do": "keep"})
+    one.work.close()
+    with open_session(path) as session:
+        assert session[0].stopped_by == "interrupted"
+
+
 def test_what_nobody_judges_is_kept_as_partial_with_its_marks(table, tmp_path):
     path = tmp_path / "s.h5"
     one = table(path)
