@@ -10,7 +10,7 @@ from app.provenance import provenance_now
 from app.run import Hook, Run
 from app.schedule import ScheduledDisturbance, Watch
 from data.types import Episode, StoppedBy
-from policy.base import Policy
+from policy.base import Policy, extra_ticks
 from policy.recorded import Recorded
 from sim.disturbances import disturbance_spec
 from sim.placing import Placing
@@ -54,7 +54,7 @@ def place(run: Run, watch: Watch | None = None, *, max_ticks: int = PLACE_TICKS)
     Each disturbance gives it REPAIR_TICKS more. One that is not over when the policy stops is waited for, and the
     policy goes on.
     """
-    watch = watch or Watch()
+    watch, max_ticks = watch or Watch(), max_ticks + extra_ticks(run.policy)
     while run.ticks < max_ticks + REPAIR_TICKS * len(run.disturbances):
         due = None if run.disturbed else watch.now(run.ticks, run.seen.contact_portion)
         if due is not None:
@@ -85,7 +85,7 @@ def _wait_and_repair(run: Run) -> StoppedBy:
     stopped_by = run.phase("disturb", DISTURB_TICKS)
     if stopped_by != "unstable":
         run.policy.resume()
-        stopped_by = run.phase("repair", REPAIR_TICKS)
+        stopped_by = run.phase("repair", REPAIR_TICKS + extra_ticks(run.policy))
     return stopped_by
 
 

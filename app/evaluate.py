@@ -15,17 +15,18 @@ from rich.table import Table
 from app import checks
 from app.batch.cluster import ray_engine
 from app.batch.local import Engine, local_engine
-from app.batch.plan import SCRIPTED, Entrant, Plan
+from app.batch.plan import Entrant, Plan
 from app.batch.results import Results
 from app.batch.run import run_batch
 from app.batch.suites import cases_of
 from app.errors import LayflatError, WrongCall
+from app.player import SCRIPTED
 from app.progress import Progress
 from app.report.evaluation import write_evaluation
 from data.types import TASKS
 from policy import model as model_files
 from policy.learned import Learned
-from policy.registry import MADE
+from policy.registry import DECORATORS, MADE
 from sim.starts import Start
 
 EPISODE_S = 12.0
@@ -33,7 +34,7 @@ CASE_S = 6.0
 REPORT_S = 15.0
 """Core-seconds of a placing, of what follows in each case, and of the page, for the first estimate of the time left."""
 DEFAULT_CLOTH = "towel"
-_SPEC = re.compile(r"(?:(?P<name>[^=/]+)=)?(?P<who>.+?)(?:\+(?P<rule>[a-z-]+))?")
+_SPEC = re.compile(r"(?:(?P<name>[^=/]+)=)?(?P<who>.+)")
 
 
 def evaluate(
@@ -55,7 +56,7 @@ def evaluate(
 ) -> Results:
     """Run ``policies`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, all else in ``out``.
 
-    A policy is ``[NAME=]MODEL.npz[+RULE]`` or the name of one that needs no training.
+    A policy is ``[NAME=]MODEL.npz[+RULE][+DECORATOR...]``; the name of one that needs no training may be the model.
     """
     entrants = entrants_of(policies, tasks)
     taught = dict.fromkeys(entrant.model.cloth for entrant in entrants if entrant.model is not None)
@@ -101,11 +102,12 @@ class _Given:
     model: Learned | None
     made: str | None
 
+    decorators: tuple[str, ...] = ()
+
     @property
     def usual_name(self) -> str:
-        if self.model is None:
-            return str(self.made)
-        return self.model.policy if self.made is None else f"{self.model.policy}+{self.made}"
+        who = [None if self.model is None else self.model.policy, self.made, *self.decorators]
+        return "+".join(name for name in who if name is not None)
 
 
 def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant, ...]:
@@ -128,26 +130,37 @@ def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant,
             task=task,
             model=one.model,
             made=one.made,
+            decorators=one.decorators,
         )
         for (task, one), (_, name) in zip(found, usual, strict=True)
     )
 
 
 def _given(text: str) -> _Given:
-    if text in (*MADE, SCRIPTED):
-        return _Given(None, text, None, text)
-    parts = _SPEC.fullmatch(text)
-    if parts is None or Path(text).exists():
+    if Path(text).exists():
         return _Given(None, Path(text).stem, _load(Path(text)), None)
-    name, who, rule = parts["name"], parts["who"], parts["rule"]
-    if rule is not None and rule not in MADE:
-        who, rule = f"{who}+{rule}", None
+    parts = _SPEC.fullmatch(text)
+    name, (who, *around) = (None, [text]) if parts is None else (parts["name"], _taken_apart(parts["who"]))
+    decorators = tuple(word for word in around if word in DECORATORS)
+    rule = next((word for word in around if word in MADE), None)
+    if around != [*([rule] if rule else ()), *decorators]:
+        raise WrongCall(f"policy {text!r}: after the model one rule may come, and then what is around both")
     if who in (*MADE, SCRIPTED) and rule is None:
-        return _Given(name, who, None, who)
+        return _Given(name, who, None, who, decorators)
     if Path(who).suffix != ".npz":
         known = ", ".join((*MADE, SCRIPTED))
         raise WrongCall(f"policy {text!r} is neither a model's file (MODEL.npz) nor one of {known}")
-    return _Given(name, Path(who).stem, _load(Path(who)), rule)
+    return _Given(name, Path(who).stem, _load(Path(who)), rule, decorators)
+
+
+def _taken_apart(text: str) -> list[str]:
+    """Who decides, and the known words behind it: of a file's name only its end can be one."""
+    words: list[str] = []
+    while True:
+        who, plus, word = text.rpartition("+")
+        if not plus or word not in (*MADE, *DECORATORS):
+            return [text, *words]
+        text, words = who, [word, *words]
 
 
 def _load(path: Path) -> Learned:

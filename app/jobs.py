@@ -21,15 +21,13 @@ import cv2
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from app.interrupts import interrupts_wait
+from app.player import SCRIPTED, player
 from data.journal import JournalTicket, JournalWriter
 from data.types import Episode, Task
 from perception.descriptors import DEFAULT
-from policy import flatten, registry
+from policy import flatten
 from policy.base import Policy
-from policy.expert import ScriptedExpert
-from policy.handover import Handover
 from policy.learned import Learned
-from sim.cloth import HELD_STRETCH
 from sim.placing import BenchSettings, Placing
 from sim.starts import Start
 from sim.world import SimError
@@ -49,6 +47,8 @@ class EpisodeJob:
     """None: the scripted demonstrator, or the policy named by ``made``."""
     made: str | None = None
     """With a model: who takes over after the disturbance."""
+    decorators: tuple[str, ...] = ()
+    """Of policy.registry.DECORATORS, what is around the policy."""
     disturbance: str = "none"
     images: bool = False
     flatten: str | None = None
@@ -60,11 +60,11 @@ class EpisodeJob:
 
     @property
     def source(self) -> str:
+        """Who decides, as in tables and files."""
         if self.flatten is not None:
             return self.flatten
-        if self.model is not None and self.made is not None:
-            return f"{self.model.policy}+{self.made}"
-        return self.model.policy if self.model is not None else self.made or ScriptedExpert.name
+        who = [self.made or SCRIPTED] if self.model is None else [self.model.policy, self.made]
+        return "+".join(name for name in (*who, *self.decorators) if name is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,20 +117,8 @@ def _with_journal(run: Callable[..., Episode], ticket: JournalTicket) -> Episode
 
 def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
     """Who decides in this job."""
-    if job.flatten is not None:
-        return flatten.controller(job.flatten)
-    if job.model is not None:
-        placer = registry.from_model(job.model)
-        return placer if job.made is None else Handover(placer, registry.make(job.made, job.task), name=job.source)
-    if job.made is not None:
-        return registry.make(job.made, job.task)
-    spec = bench.settings.spec
-    return ScriptedExpert(
-        job.task,
-        length_m=spec.length_m,
-        columns=spec.columns,
-        held_width_m=HELD_STRETCH * spec.width_m,
-        look=bench.truth,
+    return player(
+        bench, name=job.source, model=job.model, made=job.made, controller=job.flatten, decorators=job.decorators
     )
 
 

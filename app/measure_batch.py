@@ -10,9 +10,10 @@ import numpy as np
 
 from app.batch.bench import BenchPlay
 from app.batch.group import Play
-from app.batch.plan import SCRIPTED, Entrant, Plan
+from app.batch.plan import Entrant, Plan
 from app.batch.run import run_batch
 from app.errors import LayflatError
+from app.player import SCRIPTED
 from data.types import FloatArray, Task
 
 WORKERS = (1, 2)

@@ -193,7 +193,9 @@ class Run:
         )
 
     def _kept(self, observation: Observation) -> Observation:
-        return observation if self._images else replace(observation, rgb=None, depth=None)
+        if self._images:
+            return replace(observation, lowest_m=None)
+        return replace(observation, lowest_m=None, rgb=None, depth=None)
 
     def _pull(self, pull: Pull | None) -> None:
         if pull is not None:

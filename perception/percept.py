@@ -12,6 +12,7 @@ from perception.contact import contact_mask, contact_portion, covered_pixels, sm
 from perception.descriptor import Descriptor, Direction
 from perception.descriptors import DEFAULT, descriptor
 from perception.errors import PerceptionError
+from perception.lowest import lowest_part
 from perception.pinhole import FloatArray, Pinhole
 from perception.segmentation import HsvRange, segment
 from perception.tableview import BoolArray, ClothView, TableGrid, TableView, bounding_window, touches_border
@@ -74,6 +75,10 @@ class Percept:
     """True if cloth near the table touches the border of the image or of the grid, so that contact may go uncounted,
     or if no cloth is seen at all. A lifted part that leaves the image does not count."""
 
+    lowest_m: NDArray[np.float64] | None = None
+    """(3,) m, world: mean place of the cloth's lowest twentieth, of a hanging cloth its free edge; None without cloth,
+    or where nobody has measured it."""
+
     def __post_init__(self) -> None:
         shape = (self.grid.height, self.grid.width)
         for name, dtype, wanted in (
@@ -82,6 +87,8 @@ class Percept:
             ("word", np.float64, (2,)),
         ):
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype, wanted, name))
+        if self.lowest_m is not None:
+            object.__setattr__(self, "lowest_m", _frozen(self.lowest_m, np.float64, (3,), "lowest_m"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +98,7 @@ class _Seen:
     cloth: BoolArray
     contact: BoolArray
     view: ClothView | None
+    lowest_m: NDArray[np.float64] | None
     out_of_view: bool
 
 
@@ -125,6 +133,7 @@ class Perceiver:
             word=direction.vector,
             coherence=direction.coherence,
             strength=direction.strength,
+            lowest_m=seen.lowest_m,
             out_of_view=seen.out_of_view,
         )
 
@@ -146,13 +155,15 @@ class Perceiver:
         contact = np.zeros((grid.height, grid.width), dtype=np.bool_)
         cloth_seen = segment(rgb, self.config.colour, self.config.min_area_px)
         height_seen, cut_by_image = self._cloth_height(cloth_seen, depth)
+        lowest = lowest_part(self.camera, cloth_seen, depth)
         cloth = np.zeros_like(contact)
         part = self.view.window_of(cloth_seen)
         if part is not None:
             cloth[part] = self.view.rectify_mask(cloth_seen, part)
         window = bounding_window(cloth, margin=math.ceil(VIEW_MARGIN_MM / grid.mm_per_px))
         if window is None:
-            return _Seen(cloth=cloth, contact=contact, view=None, out_of_view=cut_by_image or not cloth_seen.any())
+            out_of_view = cut_by_image or not cloth_seen.any()
+            return _Seen(cloth=cloth, contact=contact, view=None, lowest_m=lowest, out_of_view=out_of_view)
         height = self.view.rectify(height_seen, window)
         contact[window] = contact_mask(cloth[window], height, self.config.contact_height_m)
         near = np.zeros_like(cloth)
@@ -164,7 +175,8 @@ class Perceiver:
             height=height,
             mm_per_px=grid.mm_per_px,
         )
-        return _Seen(cloth=cloth, contact=contact, view=view, out_of_view=cut_by_image or touches_border(near))
+        out_of_view = cut_by_image or touches_border(near)
+        return _Seen(cloth=cloth, contact=contact, view=view, lowest_m=lowest, out_of_view=out_of_view)
 
     def _cloth_height(self, cloth: BoolArray, depth: FloatArray) -> tuple[NDArray[np.float32], bool]:
         """(H, W) m smoothed height of the cloth in the camera's image; and whether low cloth touches its border."""

@@ -54,3 +54,8 @@ class Policy(Protocol):
 
     def act(self, observation: Observation) -> Decision:
         """Decide one tick."""
+
+
+def extra_ticks(policy: Policy) -> int:
+    """How many ticks more than usual it may need until it stops: the attribute of that name where it has one."""
+    return int(getattr(policy, "extra_ticks", 0))

@@ -15,7 +15,9 @@ from policy.features import input_set
 from policy.field_policy import FieldPolicy
 from policy.gp_model import GpModel
 from policy.learned import Field, Learned
+from policy.recovery import Recovery
 from policy.simple import Hold, RandomMoves, drag_rule, stretch_right
+from policy.steady import Steady
 
 
 class Trainer(Protocol):
@@ -39,6 +41,9 @@ MADE: Mapping[str, Callable[[Task], Policy]] = {
     "drag-rule": drag_rule,
 }
 """Policies that need no training."""
+
+DECORATORS: Mapping[str, Callable[[Policy], Policy]] = {"steady": Steady, "recovery": Recovery}
+"""What any policy can have around it."""
 
 
 def _learner(module: str, name: str, inputs: str) -> Trainer:
@@ -126,3 +131,12 @@ def from_model(model: Learned) -> Policy:
     if isinstance(model, Field):
         return FieldPolicy(model)
     raise PolicyError(f"there is no policy for a {type(model).__name__}")
+
+
+def decorated(policy: Policy, names: Sequence[str]) -> Policy:
+    """``policy`` within each of DECORATORS, the last one outermost."""
+    for name in names:
+        if name not in DECORATORS:
+            raise PolicyError(f"there is no {name!r} to put around a policy; it must be one of {', '.join(DECORATORS)}")
+        policy = DECORATORS[name](policy)
+    return policy

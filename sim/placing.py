@@ -140,12 +140,13 @@ class Placing:
     def observe(self, *, images: bool = True) -> Observation:
         """What the camera and the holder tell now."""
         rgb = depth = None
-        word, strength, contact = np.zeros(2), 0.0, 0.0
+        word, strength, contact, lowest = np.zeros(2), 0.0, 0.0, None
         if self.settings.camera:
             rgb, depth = self.camera.capture(self._nodes)
             percept = self.percept = self._calibrated.perceive(rgb, depth)
             word, strength = percept.word, percept.strength
             contact = min(1.0, percept.contact_portion)
+            lowest = percept.lowest_m
         return Observation(
             time_s=self.time_s,
             corner_positions=self.holder.corner_positions(),
@@ -155,6 +156,7 @@ class Placing:
             contact_portion=contact,
             rgb=rgb if images else None,
             depth=depth if images else None,
+            lowest_m=lowest,
         )
 
     def truth(self) -> Truth:

@@ -89,6 +89,8 @@ def _described(plan: Plan) -> dict[str, Any]:
 
 def _of_entrant(entrant: Entrant) -> dict[str, Any]:
     described: dict[str, Any] = {"made": entrant.made, "controller": entrant.controller, "model": None}
+    if entrant.decorators:
+        described["decorators"] = list(entrant.decorators)
     if entrant.model is not None:
         described["model"] = {
             "policy": entrant.model.policy,

@@ -5,16 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from app.batch.plan import SCRIPTED, Case, Entrant, Group
+from app.batch.plan import Case, Entrant, Group
 from app.episode import PLACE_TICKS, disturb_and_repair, place
+from app.player import player
 from app.run import Run
 from app.schedule import Watch
 from data.types import Episode, StoppedBy
-from policy import flatten, registry
+from policy import flatten
 from policy.base import Policy
-from policy.expert import ScriptedExpert
-from policy.handover import Handover
-from sim.cloth import HELD_STRETCH
 from sim.placing import BenchSettings, Placing
 
 
@@ -52,22 +50,12 @@ class BenchPlay:
 
 
 def policy_of(entrant: Entrant, bench: Placing) -> Policy:
-    """Who decides; the demonstrator, who alone sees the mesh, is shown that of ``bench``."""
-    if entrant.controller is not None:
-        return flatten.controller(entrant.controller)
-    if entrant.made == SCRIPTED:
-        spec = bench.settings.spec
-        return ScriptedExpert(
-            entrant.task,
-            length_m=spec.length_m,
-            columns=spec.columns,
-            held_width_m=HELD_STRETCH * spec.width_m,
-            look=bench.truth,
-        )
-    made = None if entrant.made is None else registry.make(entrant.made, entrant.task)
-    if entrant.model is None:
-        if made is None:
-            raise ValueError(f"{entrant.name} is nobody")
-        return made
-    placer = registry.from_model(entrant.model)
-    return placer if made is None else Handover(placer, made, name=entrant.name)
+    """Who decides for ``entrant``."""
+    return player(
+        bench,
+        name=entrant.name,
+        model=entrant.model,
+        made=entrant.made,
+        controller=entrant.controller,
+        decorators=entrant.decorators,
+    )

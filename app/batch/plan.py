@@ -13,12 +13,13 @@ from functools import cached_property
 
 from app.checks import known_name
 from app.errors import WrongCall
+from app.player import SCRIPTED
 from app.schedule import ScheduledDisturbance
 from data.types import TASKS, Task
 from perception.descriptors import DEFAULT
 from policy.flatten import CONTROLLERS
 from policy.learned import Learned
-from policy.registry import MADE
+from policy.registry import DECORATORS, MADE
 from sim.cloth import CLOTHS
 from sim.placing import BenchSettings
 from sim.starts import STARTS, Start
@@ -28,7 +29,6 @@ LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
 SEPARATOR = "--"
 """Between the parts of a run's name; no part holds it."""
-SCRIPTED = "scripted"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+@]*(-[A-Za-z0-9._+@]+)*")
 _CASE = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*(/[a-z0-9]+([-_][a-z0-9]+)*)?")
 
@@ -45,6 +45,8 @@ class Entrant:
     """A name of policy.registry.MADE, or "scripted"; with a model: who takes over after a disturbance."""
     controller: str | None = None
     """A name of policy.flatten.CONTROLLERS; it begins from a crumpled cloth."""
+    decorators: tuple[str, ...] = ()
+    """Of policy.registry.DECORATORS, what is around the policy."""
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
@@ -54,6 +56,8 @@ class Entrant:
             known_name("policy", self.made, (*MADE, *(() if self.model else (SCRIPTED,))))
         if self.controller is not None:
             known_name("controller", self.controller, CONTROLLERS)
+        for name in self.decorators:
+            known_name("decorator", name, DECORATORS)
         if self.model is not None and self.model.layout.task != self.task:
             raise WrongCall(f"{self.name} was taught the {self.model.layout.task} task, not {self.task}")
         if (self.controller is not None) == (self.model is not None or self.made is not None):

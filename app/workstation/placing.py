@@ -6,6 +6,7 @@ import time
 from typing import Any, Literal, TypeAlias
 
 from app.jobs import EpisodeJob, policy_of
+from app.player import SCRIPTED
 from app.record import kept_line
 from app.run import Run
 from app.workstation.cadence import Cadence
@@ -21,7 +22,6 @@ from sim.placing import Placing
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
 PHASES: dict[State, Phase] = {"placing": "place", "disturbing": "disturb", "repairing": "repair"}
-SCRIPTED = "scripted"
 LIMIT_TICKS: dict[State, int] = {"placing": 160, "disturbing": 600, "repairing": 80}
 """Ticks after which a phase is over although nobody has ended it; a person may pull for a minute."""
 SETTLE_TICKS = 10

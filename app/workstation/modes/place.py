@@ -9,13 +9,13 @@ from typing import Any
 
 import pygame
 
+from app.player import SCRIPTED
 from app.workstation import look, theme
 from app.workstation.corrector import YOU
 from app.workstation.hands import Hands
 from app.workstation.inputs import Control
 from app.workstation.inputs.registry import SOURCES
 from app.workstation.modes.mode import BasicMode, Chip, Row, device_chips
-from app.workstation.placing import SCRIPTED
 from app.workstation.settings import with_one
 from policy import model as model_files
 from policy.registry import MADE

@@ -1,0 +1,145 @@
+"""Recovery: what a policy has left folded is turned over at the held edge, or lifted into the air and laid again.
+
+A fold hides cloth, and no pull at the held edge brings it out: contact stays where it is while nothing is left to be
+pulled out (section 5-1). Section 5-3 proposes to lift the cloth and to lay it down again. Any policy can be decorated.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+
+from data.types import ACTION_LIMIT_M, FloatArray, Observation, Task
+from policy.base import Decision, Policy, extra_ticks
+
+TRIES = 3
+"""Times that the cloth is turned or lifted before the policy's stop is accepted."""
+FLAT_CONTACT = 0.97
+PLATEAU_TICKS = 24
+"""Contact is compared between the two halves of so many ticks; in a single tick its noise is 0.01."""
+PLATEAU_GAIN = 0.005
+PLATEAU_FROM = 0.3
+STUCK_TICKS = 25
+STUCK_M = 0.02
+"""A holder that has stayed within this while most of the cloth is in the air is stuck."""
+PLACE_TICKS = 160
+TURN_CONTACT = 0.85
+"""Above, so little is hidden that it may be the strip beside the held edge, laid over backwards."""
+TURN_M = ((0.0, 0.010),) * 5 + ((0.012, 0.004),) * 2 + ((0.012, -0.004),) * 2 + ((0.006, -0.010),) * 5
+"""x and z of the holder in each tick: over the strip, as one turns a page."""
+HOME_X_M = 0.0
+"""Where a placing begins."""
+CLEAR_M = 0.11
+"""Height of the lowest part of a cloth that hangs in the air."""
+TOP_M = 0.53
+LIFT_M = 0.012
+BACK_M = 0.010
+GATHER_M = 0.001
+"""By how much a move may grow in one tick: 0.1 m/s^2 hardly make a cloth swing."""
+NEAR_M = 0.01
+LIFT_TICKS = 90
+SETTLE_TICKS = 40
+STILL_TICKS = 8
+STILL_M = 0.012
+"""Range of the lowest part's place beside the holder, x."""
+
+
+class Recovery:
+    """Acts as ``policy``; where that ends over a fold, undoes the fold and lets it go on, at most ``tries`` times."""
+
+    def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
+        self.name = f"{policy.name}+recovery"
+        self.task: Task = policy.task
+        self.extra_ticks = extra_ticks(policy) + tries * (LIFT_TICKS + SETTLE_TICKS + PLACE_TICKS)
+        self._policy = policy
+        self._tries = tries
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        self._seed = seed
+        self._corners: FloatArray | None = None
+        self._policy.reset(seed)
+        self._begin()
+
+    def resume(self) -> None:
+        self._policy.resume()
+        self._begin()
+
+    def _begin(self) -> None:
+        self.tried: list[str] = []
+        self._watch()
+
+    def _watch(self) -> None:
+        """Nothing is known of how the policy gets on from here."""
+        self._undoing: Iterator[Decision] | None = None
+        self._ticks = 0
+        self._contacts: deque[float] = deque(maxlen=PLATEAU_TICKS)
+        self._places: deque[FloatArray] = deque(maxlen=STUCK_TICKS)
+
+    def act(self, observation: Observation) -> Decision:
+        if self._corners is None:
+            self._corners = observation.corner_positions - observation.holder_position
+        self._seen = observation
+        if self._undoing is None:
+            decision = self._policy.act(observation)
+            if len(self.tried) == self._tries or not self._folded(decision):
+                return decision
+            turn = observation.contact_portion >= TURN_CONTACT and self.tried[-1:] != ["turn"]
+            self.tried.append("turn" if turn else "lift")
+            self._undoing = self._turn() if turn else self._lift()
+        undone = next(self._undoing, None)
+        if undone is not None:
+            return undone
+        self._watch()
+        return self._policy.act(observation)
+
+    def _folded(self, decision: Decision) -> bool:
+        """Whether the policy has come to its end, or nowhere, with cloth hidden; takes note of this tick."""
+        seen = self._seen
+        self._ticks += 1
+        self._contacts.append(seen.contact_portion)
+        self._places.append(seen.holder_position)
+        ended = decision.stop is not None or self._ticks > PLACE_TICKS
+        if len(self._contacts) == PLATEAU_TICKS and min(self._contacts) > PLATEAU_FROM:
+            before, after = np.array(self._contacts).reshape(2, -1).mean(axis=1)
+            ended = ended or after - before < PLATEAU_GAIN
+        if len(self._places) == STUCK_TICKS and seen.contact_portion < PLATEAU_FROM:
+            ended = ended or bool(np.ptp(np.array(self._places), axis=0).max() < STUCK_M)
+        return ended and seen.contact_portion < FLAT_CONTACT
+
+    def _turn(self) -> Iterator[Decision]:
+        for dx, dz in TURN_M:
+            yield self._move(dx, dz, "turning the held edge over")
+        self._policy.resume()
+
+    def _lift(self) -> Iterator[Decision]:
+        """Up and back to where a placing begins, without a jerk; then wait until the cloth hangs still."""
+        speed = np.zeros(2)
+        for _ in range(LIFT_TICKS):
+            place, low = self._seen.holder_position, self._seen.lowest_m
+            rise = min(CLEAR_M - (CLEAR_M if low is None else float(low[2])), TOP_M - float(place[2]))
+            back = HOME_X_M - float(place[0])
+            if max(rise, abs(back)) < NEAR_M:
+                break
+            wanted = np.clip([0.2 * back, 0.2 * rise], [-BACK_M, -LIFT_M], [BACK_M, LIFT_M])
+            speed = speed + np.clip(wanted - speed, -GATHER_M, GATHER_M)
+            yield self._move(float(speed[0]), float(speed[1]), "lifting the cloth off a fold")
+        offsets: deque[float] = deque(maxlen=STILL_TICKS)
+        for _ in range(SETTLE_TICKS):
+            if self._seen.lowest_m is not None:
+                offsets.append(float(self._seen.lowest_m[0] - self._seen.holder_position[0]))
+            if len(offsets) == STILL_TICKS and np.ptp(offsets) < STILL_M:
+                break
+            yield self._move(0.0, 0.0, "letting the cloth hang still")
+        self._policy.reset(self._seed)
+
+    def _move(self, dx: float, dz: float, reason: str) -> Decision:
+        """The whole holder; two pickers return to their places beside each other as well."""
+        if self.task == "hanger":
+            return Decision(action=np.array([dx, dz]), reason=reason)
+        assert self._corners is not None
+        apart = self._seen.corner_positions - self._seen.holder_position
+        step = np.array([dx, -self._seen.holder_position[1], dz]) + self._corners - apart
+        return Decision(action=np.clip(step, -ACTION_LIMIT_M, ACTION_LIMIT_M).ravel(), reason=reason)
