@@ -19,24 +19,10 @@ from app import checks
 from app.cli_batch import disturb, evaluate
 from app.cli_data import data_cli, replay
 from app.cli_gamepad import gamepad_cli
-from app.cli_options import (
-    Cloth,
-    DataFile,
-    Debug,
-    Descriptor,
-    Episodes,
-    Force,
-    Json,
-    ModelFile,
-    Seed,
-    Workers,
-    maybe_count,
-)
+from app.cli_learning import place, record, train
+from app.cli_options import Cloth, Debug, Descriptor, Episodes, Force, Json, Seed, TaskName, Workers, maybe_count
 from app.errors import INTERRUPTED, WRONG_CALL, run_guarded
 
-TaskName = Literal["hanger", "pickers"]
-SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
-PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gp-finish", "gmr", "dmp", "nearest"]
 ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
@@ -62,7 +48,6 @@ def _main(
     """Teaches a simulated robot to lay cloth flat, and to repair what a disturbance undoes."""
 
 
-@cli.command()
 def demo(
     workers: Workers,
     out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
@@ -84,58 +69,6 @@ def demo(
     run_demo(out, episodes=episodes, seed=seed, tasks=tasks, cloth=cloth, workers=workers, force=force)
 
 
-@cli.command()
-def record(
-    path: DataFile,
-    workers: Workers,
-    task: Annotated[TaskName, typer.Option(help="What holds the cloth.")] = "hanger",
-    cloth: Cloth = "towel",
-    source: Annotated[SourceName, typer.Option(help="Who demonstrates.")] = "scripted",
-    episodes: Episodes = 1,
-    seed: Seed = 0,
-    descriptor: Descriptor = "word-axial",
-    images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
-    disturb: Annotated[str, typer.Option(metavar="NAME", help="What the disturb button does to the cloth.")] = "push",
-    window: Annotated[
-        bool, typer.Option("--window/--no-window", help="Open the window where there is a display, or stay here.")
-    ] = True,
-    pad: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
-    ] = None,
-    correct: Annotated[
-        Path | None,
-        typer.Option(metavar="MODEL.npz", help="This model places; who moves the source takes over until they rest."),
-    ] = None,
-    force: Force = False,
-    debug: Debug = False,
-) -> None:
-    """Record demonstrations.
-
-    FILE.h5 is appended to if it exists, and each episode is durable once it is printed. With a person as the source it
-    ends when --episodes are kept, or when the person quits; what was not to be kept is asked again.
-    """
-    checks.require_simulator()
-    from app.record import record as run
-
-    run(
-        path,
-        task=task,
-        cloth=cloth,
-        source=source,
-        episodes=episodes,
-        seed=seed,
-        descriptor=descriptor,
-        images=images,
-        force=force,
-        workers=workers,
-        disturb=disturb,
-        window=window,
-        mapping=pad,
-        correct=correct,
-    )
-
-
-@cli.command(name="app")
 def app_(
     folder: Annotated[Path, typer.Option(metavar="DIR", help="Where sessions and models are, and go.")] = Path("runs"),
     debug: Debug = False,
@@ -150,62 +83,6 @@ def app_(
     raise typer.Exit(run(folder))
 
 
-@cli.command()
-def train(
-    data: DataFile,
-    model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
-    policy: Annotated[
-        PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
-    ] = "gp-word",
-    intervention_weight: Annotated[
-        int, typer.Option(min=1, metavar="W", help="How often each tick counts in which a person corrected a policy.")
-    ] = 1,
-    seed: Seed = 0,
-    force: Force = False,
-    debug: Debug = False,
-) -> None:
-    """Learn a policy from demonstrations.
-
-    Prints points, hyperparameters and held-out error.
-    """
-    from app.train import train as run
-
-    run(data, model, policy=policy, force=force, seed=seed, intervention_weight=intervention_weight)
-
-
-@cli.command()
-def place(
-    model: ModelFile,
-    workers: Workers,
-    episodes: Episodes = 1,
-    seed: Seed = 0,
-    disturb: Annotated[str | None, typer.Option(metavar="NAME", help="Disturb the cloth after the stop.")] = None,
-    record: Annotated[Path | None, typer.Option(metavar="FILE.h5", help="Record the episodes there.")] = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
-    json: Json = None,
-    cloth: Annotated[str | None, typer.Option(help="Another cloth than the model was taught with.")] = None,
-    force: Force = False,
-    debug: Debug = False,
-) -> None:
-    """Place a cloth with a trained model."""
-    checks.require_simulator()
-    from app.place import place as run
-
-    run(
-        model,
-        episodes=episodes,
-        seed=seed,
-        disturb=disturb,
-        record=record,
-        video=video,
-        json=json,
-        cloth=cloth,
-        workers=workers,
-        force=force,
-    )
-
-
-@cli.command()
 def word(
     rgb: Annotated[Path, typer.Argument(metavar="RGB.png", show_default=False, help="The colour picture.")],
     depth: Annotated[Path, typer.Argument(metavar="DEPTH.png", show_default=False, help="Aligned depth, 16 bits.")],
@@ -253,7 +130,6 @@ def word(
     )
 
 
-@cli.command()
 def flatten(
     workers: Workers,
     controller: Annotated[ControllerName, typer.Option(help="Who moves the pickers.")] = "word",
@@ -288,7 +164,6 @@ def flatten(
     )
 
 
-@cli.command()
 def reproduce(
     workers: Workers,
     out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
@@ -313,7 +188,6 @@ def reproduce(
     run(out, quick=quick, seeds=seeds, seed=seed, only=only or [], workers=workers, report_only=report_only)
 
 
-@cli.command()
 def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
     """Measure how fast this machine simulates.
 
@@ -325,7 +199,6 @@ def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None
     run(json, force=force)
 
 
-@cli.command()
 def doctor(debug: Debug = False) -> None:
     """Check this machine, and say what to do.
 
@@ -336,9 +209,12 @@ def doctor(debug: Debug = False) -> None:
     run()
 
 
-cli.command()(evaluate)
-cli.command()(disturb)
-cli.command()(replay)
+# In the order of `layflat --help`.
+cli.command()(demo)
+cli.command()(record)
+cli.command(name="app")(app_)
+for _command in (train, place, word, flatten, reproduce, bench, doctor, evaluate, disturb, replay):
+    cli.command()(_command)
 cli.add_typer(data_cli)
 cli.add_typer(gamepad_cli)
 

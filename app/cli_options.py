@@ -9,6 +9,7 @@ import typer
 
 from app import checks
 
+TaskName = Literal["hanger", "pickers"]
 DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from app import checks
+from app.console import console
 from app.errors import WrongCall
 from app.rows import write_json
 from data import schema
@@ -34,7 +34,7 @@ def info(path: Path, *, json: Path | None, force: bool) -> None:
         checks.writable_file(json, force=force)
     with open_session(path) as session:
         infos = session.infos()
-        print_page(session, infos, console())
+        print_page(session, infos, console(highlight=False))
         if json is not None:
             write_json(json, info_report(session, infos))
 
@@ -66,14 +66,9 @@ def stats(path: Path, *, json: Path | None, force: bool) -> None:
     for key, column in found.columns.items():
         for number, (name, row) in enumerate(column_rows(column, names[key])):
             table.add_row(key if number == 0 else "", name, column.unit, str(column.count), *row)
-    console().print(table)
+    console(highlight=False).print(table)
     if json is not None:
         write_json(json, {"file": str(path), **plain_stats(found)})
-
-
-def console() -> Console:
-    """Without a terminal there is no width to fit, and a cut word is of no use in a file."""
-    return Console(width=None if sys.stdout.isatty() else 120, highlight=False)
 
 
 # The page

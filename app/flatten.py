@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from app import checks, strips
+from app.console import console
 from app.draw import Drawer
-from app.errors import LayflatError, WrongCall
+from app.errors import WrongCall
+from app.harvest import Harvest
 from app.jobs import EpisodeJob, JobFailure, run_jobs
 from app.picture import write_png
 from app.progress import Progress
@@ -70,46 +70,31 @@ def flatten(
         )
         for k in range(episodes)
     ]
-    done: list[Episode] = []
-    lost: list[JobFailure] = []
-    interrupted: KeyboardInterrupt | None = None
-    try:
-        _run(jobs, workers, done, lost)
-    except KeyboardInterrupt as error:
-        interrupted = error  # what is finished is written before the command ends
-    if interrupted is None:
-        pictured = next((episode for episode in done if episode.seed == seed), None)
+    harvest = Harvest()
+    with harvest.through_ctrl_c():
+        _run(jobs, workers, harvest)
+    if not harvest.interrupted:
+        pictured = next((episode for episode in harvest.done if episode.seed == seed), None)
         if pictured is not None:
             _write_pictures(pictured, video, strip)
-    if json is not None and (done or interrupted is None):
-        write_json(json, _content(controller, descriptor, done, lost))
-    if done:
-        show(done)
-    if interrupted is not None:
-        raise interrupted
-    if lost:
-        raise LayflatError(f"{len(lost)} of {episodes} episodes were lost: {lost[0].reason}; the others are written")
-    return done
+    if json is not None and (harvest.done or not harvest.interrupted):
+        write_json(json, _content(controller, descriptor, harvest.done, harvest.lost))
+    if harvest.done:
+        show(harvest.done)
+    return harvest.end()
 
 
-def _run(jobs: Sequence[EpisodeJob], workers: int, done: list[Episode], lost: list[JobFailure]) -> None:
-    """Run the jobs and add each to ``done`` or ``lost`` as it comes."""
+def _run(jobs: Sequence[EpisodeJob], workers: int, harvest: Harvest) -> None:
     with (
         Progress({"flattening": EPISODE_S * len(jobs) / workers}) as progress,
         closing(run_jobs(jobs, workers=workers)) as results,
     ):
         progress.phase("flattening", items=len(jobs))
-        for result in results:
-            if isinstance(result, JobFailure):
-                lost.append(result)
-                progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
-                continue
-            done.append(result)
-            row = row_of(result)
-            progress.advance(
-                status=f"seed {result.seed}: contact {row['contact_start']:.2f} to {row['contact_final']:.2f}, "
-                f"{row['stopped_by']}"
-            )
+        harvest.gather(results, progress, _told)
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    return f"contact {row['contact_start']:.2f} to {row['contact_final']:.2f}, {row['stopped_by']}"
 
 
 def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | None) -> None:
@@ -174,8 +159,7 @@ def show(episodes: Sequence[Episode]) -> None:
     if len(episodes) > 1:
         table.add_section()
         table.add_row("mean", *_cells(tuple(np.mean(lines, axis=0)), ".1f"), "")
-    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    console().print(table)
 
 
 def _cells(line: Sequence[Any], ticks_form: str) -> list[str]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from app import checks
+from app.console import console
 from app.draw import Drawer
-from app.errors import LayflatError, WrongCall
+from app.errors import WrongCall
+from app.harvest import Harvest
 from app.jobs import EpisodeJob, JobFailure, run_jobs
 from app.progress import Progress
 from app.provenance import provenance_now
@@ -21,7 +21,7 @@ from app.record import kept_line, run_kept
 from app.rows import crashed_row, row_of, write_json
 from app.strips import film_frames
 from app.video import write_video
-from data.recorder import KeptEpisode, SessionRecorder
+from data.recorder import SessionRecorder
 from data.types import Episode
 from policy import model as model_files
 from policy.learned import Learned
@@ -66,25 +66,16 @@ def place(
         )
         for k in range(episodes)
     ]
-    done: list[Episode] = []
-    lost: list[JobFailure] = []
-    interrupted: KeyboardInterrupt | None = None
-    try:
-        _run(jobs, learned, cloth, record, workers, done, lost)
-    except KeyboardInterrupt as error:
-        interrupted = error  # what is finished is written before the command ends
-    if video is not None and done and interrupted is None:
-        drawer = Drawer()
-        write_video(video, film_frames(done[0], drawer, FILM_WIDTH))
-    if json is not None and (done or lost or interrupted is None):
-        write_json(json, _content(done, lost))
-    if done:
-        show(done)
-    if interrupted is not None:
-        raise interrupted
-    if lost:
-        raise LayflatError(f"{len(lost)} of {episodes} episodes were lost: {lost[0].reason}; the others are written")
-    return done
+    harvest = Harvest()
+    with harvest.through_ctrl_c():
+        _run(jobs, learned, cloth, record, workers, harvest)
+    if video is not None and harvest.done and not harvest.interrupted:
+        write_video(video, film_frames(harvest.done[0], Drawer(), FILM_WIDTH))
+    if json is not None and (harvest.done or harvest.lost or not harvest.interrupted):
+        write_json(json, _content(harvest.done, harvest.lost))
+    if harvest.done:
+        show(harvest.done)
+    return harvest.end()
 
 
 def _content(done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
@@ -101,15 +92,9 @@ def _crashed_row(job: EpisodeJob, reason: str) -> dict[str, Any]:
 
 
 def _run(
-    jobs: list[EpisodeJob],
-    learned: Learned,
-    cloth: str,
-    record: Path | None,
-    workers: int,
-    done: list[Episode],
-    lost: list[JobFailure],
+    jobs: list[EpisodeJob], learned: Learned, cloth: str, record: Path | None, workers: int, harvest: Harvest
 ) -> None:
-    """Run the jobs, record them if asked to, and add each to ``done`` or ``lost`` as it comes."""
+    """Run the jobs, and record them if asked to."""
     with ExitStack() as stack:
         recorder = None
         if record is not None:
@@ -119,29 +104,22 @@ def _run(
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
         for left in recorder.recovered if recorder is not None else ():
             progress.note(kept_line(left))
-        results = stack.enter_context(closing(_results(jobs, recorder, workers)))
+        results = stack.enter_context(closing(_results(jobs, recorder, progress, workers)))
         progress.phase("placing", items=len(jobs))
-        for result, kept in results:
-            if kept is not None:
-                progress.note(kept_line(kept))
-            if isinstance(result, JobFailure):
-                lost.append(result)
-                progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
-                continue
-            done.append(result)
-            row = row_of(result)
-            progress.advance(status=f"seed {result.seed}: contact {row['contact_final']:.2f}, {row['stopped_by']}")
+        harvest.gather(results, progress, lambda row: f"contact {row['contact_final']:.2f}, {row['stopped_by']}")
 
 
 def _results(
-    jobs: Sequence[EpisodeJob], recorder: SessionRecorder | None, workers: int
-) -> Generator[tuple[Episode | JobFailure, KeptEpisode | None], None, None]:
-    if recorder is not None:
-        yield from run_kept(jobs, recorder, workers=workers)
+    jobs: Sequence[EpisodeJob], recorder: SessionRecorder | None, progress: Progress, workers: int
+) -> Generator[Episode | JobFailure, None, None]:
+    if recorder is None:
+        yield from run_jobs(jobs, workers=workers)
         return
-    with closing(run_jobs(jobs, workers=workers)) as results:
-        for result in results:
-            yield result, None
+    with closing(run_kept(jobs, recorder, workers=workers)) as results:
+        for result, kept in results:
+            if kept is not None:
+                progress.note(kept_line(kept))
+            yield result
 
 
 def show(episodes: list[Episode]) -> None:
@@ -155,5 +133,4 @@ def show(episodes: list[Episode]) -> None:
         cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
         flat = f"{row['flat_area_final']:.3f}"
         table.add_row(str(episode.seed), *cells, flat, str(row["ticks"]), episode.stopped_by)
-    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    console().print(table)

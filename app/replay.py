@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass, fields
@@ -11,10 +10,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from pebble import ProcessExpired
-from rich.console import Console
 from rich.table import Table
 
 from app import checks
+from app.console import console
 from app.errors import LayflatError, WrongCall
 from app.film import check_drawable, scene_frames, write_film
 from app.jobs import JOB_LIMIT_S, fresh_processes
@@ -237,14 +236,14 @@ def print_state(episode: Episode) -> None:
             f"{100 * truths[first].contact_portion_true:.1f} to {100 * truths[last].contact_portion_true:.1f} %",
             f"{truths[first].flat_area:.3f} to {truths[last].flat_area:.3f}",
         )
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    console.print(
+    out = console()
+    out.print(
         f"{episode.source}, seed {episode.seed}, {episode.task}, {episode.cloth}: {episode.outcome},"
         f" stopped by {episode.stopped_by}",
         markup=False,
         highlight=False,
     )
-    console.print(table)
+    out.print(table)
 
 
 def print_divergence(recorded: Episode, again: Episode, divergence: Divergence) -> None:

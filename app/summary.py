@@ -14,7 +14,7 @@ from data.types import FloatArray
 
 BOOTSTRAP_SEED = 0
 BOOTSTRAP_RESAMPLES = 9999
-BATCH_VALUES = 10_000_000
+BATCH_VALUES = 1_000_000
 """Values that are drawn at a time, so that memory does not grow with their number."""
 GROUP = ("policy", "task", "cloth", "disturbance")
 

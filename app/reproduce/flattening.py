@@ -14,19 +14,18 @@ from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.studies import flattening
 from app.reproduce.words import (
+    END_HEADER,
     NO,
     UNKNOWN,
     YES,
-    area_cell,
     by_share,
     by_value,
     contact_sentence,
     difference,
     difference_cell,
+    end_cells,
     enough,
     enough_pairs,
-    flat_cell,
-    lost_cell,
     mean_cell,
     range_cell,
     values,
@@ -42,10 +41,7 @@ HEADER = (
     "start: mesh",
     "final: mean [95\u00a0%\u00a0CI]",
     "min,\u00a0max",
-    "mesh",
-    "flat area (min)",
-    "flat at the end",
-    "lost",
+    *END_HEADER,
 )
 WORD, RIGHT, RANDOM = CONTROLLERS
 
@@ -72,10 +68,7 @@ def show(material: Material) -> Shown:
                 mean_cell(values(mine, "mesh_start")),
                 mean_cell(values(mine, "contact_final")),
                 range_cell(values(mine, "contact_final")),
-                percent(float(values(mine, "contact_final_true").mean())),
-                area_cell(values(mine, "flat_area_final")),
-                flat_cell(mine),
-                lost_cell(mine),
+                *end_cells(mine),
             )
         )
         ours += [False, True]

@@ -13,20 +13,19 @@ from app.report.sentences import difference_sentence
 from app.reproduce.material import MISSING, Claim, Material, Shown
 from app.reproduce.studies import Trial, placing
 from app.reproduce.words import (
+    END_HEADER,
     NO,
     UNKNOWN,
     YES,
-    area_cell,
     by_share,
     by_value,
     contact_sentence,
     difference,
     difference_cell,
+    end_cells,
     enough,
     enough_pairs,
     first_note,
-    flat_cell,
-    lost_cell,
     mean_cell,
     undisturbed,
     values,
@@ -35,18 +34,7 @@ from app.summary import statistics
 from app.tables import Table, interval, percent
 from app.thesis_numbers import BASELINE, PROPOSED
 
-HEADER = (
-    "",
-    "n",
-    "max",
-    "mean",
-    "min",
-    "95\u00a0%\u00a0CI of mean",
-    "mesh",
-    "flat area (min)",
-    "flat at the end",
-    "lost",
-)
+HEADER = ("", "n", "max", "mean", "min", "95\u00a0%\u00a0CI of mean", *END_HEADER)
 NOTE = (
     "As Table 4-1: contact portion at the end of placing, from the camera (Eq. 4-7). The thesis's numbers are of its "
     "robot; it does not say how many runs "
@@ -99,10 +87,7 @@ def placing_table(rows: pd.DataFrame, *, beside: bool = True) -> Table:
                 percent(numbers["mean"]),
                 percent(numbers["min"]),
                 interval(numbers["low"], numbers["high"], ".1f"),
-                percent(statistics(values(mine, "contact_final_true"))["mean"]),
-                area_cell(values(mine, "flat_area_final")),
-                flat_cell(mine),
-                lost_cell(mine),
+                *end_cells(mine),
             )
         )
         ours.append(True)

@@ -18,6 +18,8 @@ from app.tables import interval, percent, points, ratio
 from data.types import FloatArray
 
 YES, NO, PART, UNKNOWN, FEW = "yes", "no", "in part", "not run", "too few to say"
+END_HEADER = ("mesh", "flat area (min)", "flat at the end", "lost")
+"""Of end_cells."""
 
 
 def values(rows: pd.DataFrame, column: str, policy: str | None = None) -> FloatArray:
@@ -101,6 +103,16 @@ def flat_cell(rows: pd.DataFrame) -> str:
 def lost_cell(rows: pd.DataFrame) -> str:
     """Episodes that diverged or crashed."""
     return str(int((rows["crashed"].astype(bool) | rows["unstable"].fillna(False).astype(bool)).sum()))
+
+
+def end_cells(rows: pd.DataFrame) -> tuple[str, ...]:
+    """How a controller's or policy's episodes ended, beside what the camera says of it."""
+    return (
+        percent(statistics(values(rows, "contact_final_true"))["mean"]),
+        area_cell(values(rows, "flat_area_final")),
+        flat_cell(rows),
+        lost_cell(rows),
+    )
 
 
 def difference(rows: pd.DataFrame, a: str, b: str, column: str) -> Paired:

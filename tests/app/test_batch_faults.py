@@ -19,8 +19,6 @@ import pandas as pd
 import psutil
 import pytest
 
-from app.batch import ledger
-from app.batch.local import GroupEnd
 from app.batch.plan import Plan
 from app.batch.results import Results
 from app.batch.run import run_batch
@@ -231,51 +229,3 @@ def test_a_killed_batch_leaves_the_folder_to_the_next(start, tmp_path):
     child.wait()
     with WriterLock(tmp_path / "out" / ".running", tmp_path):
         pass
-
-
-class Memory:
-    """Resident memory after every 500 rows."""
-
-    def __init__(self) -> None:
-        self.done = 0
-        self.seen: list[int] = []
-
-    def advance(self, amount: float = 1.0, status: str = "") -> None:
-        self.done += int(amount)
-        if self.done % 500 == 0:
-            self.seen.append(psutil.Process().memory_info().rss)
-
-    @property
-    def grown(self) -> int:
-        return max(self.seen) - self.seen[0]
-
-
-def _at_once(next_group, folder, play):
-    """An engine without processes: what a batch keeps is in this one."""
-    while (group := next_group()) is not None:
-        rows = {run: row_of(fake_episode(group, case)) for run, case in zip(group.run_ids, group.cases, strict=True)}
-        yield GroupEnd(group, {}, rows)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundred(tmp_path, monkeypatch):
-    monkeypatch.setattr(ledger.os, "fsync", lambda descriptor: None)  # Of memory, not of the disk.
-    plan = fake_plan(seeds=1667)
-    assert plan.episodes >= 10_000
-    memory = Memory()
-    results = run_batch(plan, tmp_path, engine=_at_once, progress=memory)  # type: ignore[arg-type]
-    assert len(results.rows) == plan.episodes
-    # The names of ten thousand runs, and no more.
-    assert memory.grown < 12e6
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
-def test_ten_thousand_real_processes_in_flat_memory(tmp_path):
-    plan = fake_plan(seeds=1667)
-    memory = Memory()
-    results = run_batch(plan, tmp_path, workers=4, play=Scripted(), progress=memory)  # type: ignore[arg-type]
-    assert len(results.rows) == plan.episodes
-    assert results.rows["run"].is_unique
-    assert memory.grown < 12e6

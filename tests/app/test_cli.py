@@ -9,7 +9,7 @@ from typing import get_args
 
 import pytest
 
-from app import checks, cli, cli_options
+from app import checks, cli, cli_learning, cli_options
 from app.errors import LayflatError, WrongCall
 from app.workstation.inputs.registry import SOURCES
 from data.types import TASKS
@@ -132,9 +132,9 @@ def test_help_of_every_command(command, capsys):
 
 
 def test_choices_are_those_of_the_packages():
-    assert set(get_args(cli.TaskName)) == set(TASKS)
-    assert set(get_args(cli.SourceName)) == {"scripted", *SOURCES}
-    assert set(get_args(cli.PolicyName)) == set(TRAINABLE)
+    assert set(get_args(cli_options.TaskName)) == set(TASKS)
+    assert set(get_args(cli_learning.SourceName)) == {"scripted", *SOURCES}
+    assert set(get_args(cli_learning.PolicyName)) == set(TRAINABLE)
     assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
     assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from app import flatten
-from app.jobs import EpisodeJob, run_jobs
+from app.errors import LayflatError
+from app.jobs import EpisodeJob, JobFailure, run_jobs
 from app.rows import COLUMNS
 from app.video import count_frames
 from data.types import Episode
@@ -63,6 +64,56 @@ def test_one_episode_has_no_interval_and_keeps_no_images_unasked(faked, tmp_path
     _call(episodes=1, json=path)
     assert json.loads(path.read_text())["summary"]["contact_final"]["ci95"] == [None, None]
     assert not any(job.images for job in faked)
+
+
+@pytest.fixture
+def ended(monkeypatch, make_episode):
+    """``ended(*endings)``: from now on the command's episodes end so: "done", "crashes" or Ctrl-C."""
+
+    def script(*endings) -> None:
+        def run(jobs, *, workers):
+            for job, ending in zip(jobs, endings, strict=True):
+                if ending is KeyboardInterrupt:
+                    raise KeyboardInterrupt
+                made = make_episode(task=job.task, source=job.source, seed=job.seed, disturbed=False)
+                yield made if ending == "done" else JobFailure(job=job, reason="its process ended with status -11")
+
+        monkeypatch.setattr(flatten, "run_jobs", run)
+
+    return script
+
+
+def test_what_is_lost_is_told_and_the_others_are_written(ended, tmp_path, capsys):
+    path = tmp_path / "out.json"
+    ended("done", "crashes", "done")
+    sentence = "1 of 3 episodes were lost: its process ended with status -11; the others are written"
+    with pytest.raises(LayflatError, match=sentence):
+        _call(json=path)
+    content = json.loads(path.read_text())
+    assert [row["seed"] for row in content["episodes"]] == [4, 6]
+    assert content["lost"] == [{"seed": 5, "reason": "its process ended with status -11"}]
+    out, err = capsys.readouterr()
+    assert "mean" in out
+    assert "seed 5: lost, its process ended with status -11" in err
+
+
+def test_ctrl_c_keeps_what_is_finished_and_draws_nothing(ended, tmp_path, capsys):
+    ended("done", "crashes", KeyboardInterrupt)
+    with pytest.raises(KeyboardInterrupt):
+        _call(json=tmp_path / "out.json", video=tmp_path / "run.webm", strip=tmp_path / "run.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["out.json"]
+    content = json.loads((tmp_path / "out.json").read_text())
+    assert [row["seed"] for row in content["episodes"]] == [4]
+    assert [failure["seed"] for failure in content["lost"]] == [5]
+    assert "mesh final" in capsys.readouterr().out
+
+
+def test_ctrl_c_before_anything_is_finished_writes_nothing(ended, tmp_path, capsys):
+    ended("crashes", KeyboardInterrupt, "done")
+    with pytest.raises(KeyboardInterrupt):
+        _call(json=tmp_path / "out.json")
+    assert not list(tmp_path.iterdir())
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.slow

@@ -94,3 +94,18 @@ def test_ctrl_c_keeps_what_is_finished_and_nothing_of_what_ran(placed, tmp_path)
     with open_session(tmp_path / "s.h5") as session:
         assert [info.seed for info in session.infos().values()] == [7]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.npz", "rows.json", "s.h5"]
+
+
+def test_ctrl_c_tells_what_was_lost_before_it(placed, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        placed("crashes", KeyboardInterrupt)
+    told = _rows(tmp_path)
+    assert [(row["seed"], row["crashed"]) for row in told["episodes"]] == [(7, True)]
+    assert told["lost"] == 1
+
+
+def test_ctrl_c_before_anything_is_finished_writes_nothing(placed, tmp_path, capsys):
+    with pytest.raises(KeyboardInterrupt):
+        placed(KeyboardInterrupt)
+    assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]
+    assert capsys.readouterr().out == ""

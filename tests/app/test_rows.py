@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -140,6 +141,31 @@ def test_interval_agrees_with_the_normal_one_for_many_values():
     low, high = summary.confidence_interval(sample)
     assert low == pytest.approx(sample.mean() - half, abs=0.1 * half)
     assert high == pytest.approx(sample.mean() + half, abs=0.1 * half)
+
+
+def test_an_intervals_memory_does_not_grow_with_its_values():
+    """Of thousands of values it once took a quarter of a gigabyte."""
+    peaks = []
+    for n in (500, 8000):
+        values = np.random.default_rng(n).uniform(size=n)
+        tracemalloc.start()
+        try:
+            summary.confidence_interval(values)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    few, many = peaks
+    assert many < 1.1 * few
+    assert few < 4 * 8 * summary.BATCH_VALUES <= 32e6  # What is drawn, where from, and a copy.
+
+
+def test_an_interval_does_not_depend_on_how_many_values_are_drawn_at_a_time(monkeypatch):
+    sample = np.random.default_rng(3).uniform(0.5, 1.0, 150)
+    found = set()
+    for at_a_time in (10**4, 10**6, 10**8):
+        monkeypatch.setattr(summary, "BATCH_VALUES", at_a_time)
+        found.add(summary.confidence_interval(sample))
+    assert len(found) == 1
 
 
 def test_one_value_has_no_interval_and_equal_values_have_a_point():

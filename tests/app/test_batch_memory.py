@@ -1,0 +1,86 @@
+"""A batch streams to the disk: what it keeps in memory does not grow with its episodes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import psutil
+import pytest
+
+from app.batch import ledger
+from app.batch.local import GroupEnd
+from app.batch.plan import Case, Plan
+from app.batch.run import run_batch
+from app.rows import row_of
+from app.schedule import ScheduledDisturbance
+from sim.disturbances import DISTURBANCES
+from tests.fakeplay import Scripted, fake_episode, fake_plan
+
+pytestmark = pytest.mark.slow
+
+TEN_THOUSAND = 10_000
+BYTES_A_ROW = 400
+"""What a row may leave in memory: its run's name takes 130; the row itself would take 700 more, its episode 10,000."""
+
+
+class Memory:
+    """Resident memory and open files of this process, at the first row and after every 500."""
+
+    def __init__(self) -> None:
+        self.done = 0
+        self.began_s = time.monotonic()
+        self.seen: dict[int, int] = {}
+        self.files: dict[int, int] = {}
+
+    def advance(self, amount: float = 1.0, status: str = "") -> None:
+        self.done += int(amount)
+        if self.done == 1 or self.done % 500 == 0:
+            process = psutil.Process()
+            self.seen[self.done], self.files[self.done] = process.memory_info().rss, process.num_fds()
+            took_s = time.monotonic() - self.began_s
+            print(f"{self.done} rows, {took_s:.0f} s: {self.seen[self.done] / 1e6:.1f} MB", flush=True)
+
+    def check_flat(self) -> None:
+        """No episode and no row is kept, and no pipe of a group that has ended."""
+        assert max(self.seen) == TEN_THOUSAND
+        # What the first groups load and allocate for good is not growth.
+        grown = max(self.seen.values()) - self.seen[500]
+        assert grown < BYTES_A_ROW * (TEN_THOUSAND - 500)
+        assert self.files[TEN_THOUSAND] <= self.files[500]
+
+
+def _ten_thousand() -> Plan:
+    """Ten episodes of each placing, so that most of the time goes into episodes and not into placings."""
+    push = ScheduledDisturbance(spec=DISTURBANCES["push"])
+    plan = replace(
+        fake_plan(seeds=500), cases=tuple(Case(name=f"push-{number}", schedule=(push,)) for number in range(1, 10))
+    )
+    assert plan.episodes == TEN_THOUSAND
+    return plan
+
+
+def _at_once(next_group, folder, play):
+    """An engine without processes: what a batch keeps is in this one."""
+    while (group := next_group()) is not None:
+        rows = {run: row_of(fake_episode(group, case)) for run, case in zip(group.run_ids, group.cases, strict=True)}
+        yield GroupEnd(group, {}, rows)
+
+
+def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundred(tmp_path, monkeypatch):
+    monkeypatch.setattr(ledger.os, "fsync", lambda descriptor: None)  # Of memory, not of the disk.
+    memory = Memory()
+    results = run_batch(_ten_thousand(), tmp_path, engine=_at_once, progress=memory)  # type: ignore[arg-type]
+    assert len(results.rows) == TEN_THOUSAND
+    memory.check_flat()
+
+
+@pytest.mark.timeout(3600)
+def test_ten_thousand_real_processes_in_flat_memory(tmp_path):
+    memory = Memory()
+    results = run_batch(_ten_thousand(), tmp_path, workers=2, play=Scripted(), progress=memory)  # type: ignore[arg-type]
+    assert len(results.rows) == TEN_THOUSAND
+    assert results.rows["run"].is_unique
+    assert not results.rows["crashed"].any()
+    assert len(list((tmp_path / "runs").glob("*.h5"))) == TEN_THOUSAND
+    memory.check_flat()
