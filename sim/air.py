@@ -25,23 +25,23 @@ class Air:
     def __init__(self, cloth: Cloth, *, drag_rate_per_s: float = DRAG_RATE_PER_S) -> None:
         self._cloth = cloth
         self._rate = drag_rate_per_s
-        self._every = max(1, round(UPDATE_S / cloth.world.step_s))
+        self._every = cloth.world.halves(UPDATE_S)
         self._last: tuple[int, float, float] | None = None
-        """Substep, and the cloth's centre along x and y, m."""
+        """``halves_done``, and the cloth's centre along x and y, m."""
 
     def before_substep(self) -> None:
         """Every 20 ms: mean velocity of the cloth -> gravity of the next 20 ms."""
         world = self._cloth.world
-        if world.substeps_done % self._every:
+        if world.halves_done % self._every:
             return
         # Single numbers from here on: numpy's overhead on three of them is most of what this would cost.
         cx, cy, _ = self._cloth.nodes().mean(axis=0).tolist()
         if not math.isfinite(cx + cy):
             return  # The guard finds a cloth that has diverged at the end of the tick.
-        last, self._last = self._last, (world.substeps_done, cx, cy)
+        last, self._last = self._last, (world.halves_done, cx, cy)
         if last is None:
             return
-        duration_s = (world.substeps_done - last[0]) * world.step_s
+        duration_s = world.seconds(world.halves_done - last[0])
         # The descent is driven by the holder; only the swing needs damping.
         ax, ay = self._drag((cx - last[1]) / duration_s), self._drag((cy - last[2]) / duration_s)
         world.set_gravity((ax, ay, -GRAVITY_M_S2))

@@ -24,6 +24,7 @@ CONTACT_TOLERANCE_M = 0.004
 contact points on cloth are wrong)."""
 TINY_M = 1e-12
 """Stands for a difference of heights that is zero, where it divides."""
+LAYERED_SHARE = 0.01
 STRETCH_LIMIT = 1.5
 SPEED_LIMIT_M_S = 12.0
 HELD_STRETCH = 1.03
@@ -211,6 +212,17 @@ class Cloth:
         heights = nodes[self._triangles, 2].mean(axis=1)
         on_table = heights < 3 * self.spec.margin_m + CONTACT_TOLERANCE_M
         return float(_signed_areas(nodes, self._triangles)[on_table].sum() / self._rest_area)
+
+    def layered(self, nodes: FloatArray) -> bool:
+        """Whether cloth is folded onto cloth: more than LAYERED_SHARE of the triangles look back, 120 degrees or more.
+
+        Of a cloth that hangs, is laid, or is wrinkled by a stick at most 0.7 % do; of a folded corner 8 to 13 %.
+        """
+        a, b, c = (nodes[self._triangles[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY_M)
+        mean = normals.mean(axis=0)
+        return bool(np.mean(normals @ mean < -0.5 * np.linalg.norm(mean)) > LAYERED_SHARE)
 
     def stretch(self, nodes: FloatArray) -> FloatArray:
         """(E,) edge length / rest length."""

@@ -27,8 +27,10 @@ class Disturbance:
         self._cloth = cloth
         self.spec = spec
         self.plan: Plan = spec.schedule(rng, cloth.spec)
-        self._steps = 0
-        self._settled_steps: int | None = None
+        self._began: int | None = None
+        self._finished: int | None = None
+        self._now = 0
+        """All three as ``World.halves_done``, at a ``before_substep``."""
         self._hands: _PathHands | None = None
         self._gust: _Gust | None = None
         self._impulse = np.zeros(3)
@@ -37,12 +39,12 @@ class Disturbance:
     @property
     def done(self) -> bool:
         """The force is over and the cloth has had ``settle_s`` to come to rest."""
-        return self._settled_steps is not None and self._settled_steps * self._world.step_s >= self.plan.settle_s
+        return self._finished is not None and self._world.seconds(self._now - self._finished) >= self.plan.settle_s
 
     @property
     def acting(self) -> bool:
         """A force may still act."""
-        return self._settled_steps is None
+        return self._finished is None
 
     @property
     def impulse_n_s(self) -> FloatArray:
@@ -57,13 +59,13 @@ class Disturbance:
 
     def before_substep(self) -> None:
         """Call before each substep, after the holder and the air have had theirs."""
-        if self._settled_steps is not None:
-            self._settled_steps += 1
+        self._now = self._world.halves_done
+        if self._finished is not None:
             return
-        if self._steps == 0:
+        if self._began is None:
+            self._began = self._now
             self._begin()
-        time_s = self._steps * self._world.step_s
-        self._steps += 1
+        time_s = self._world.seconds(self._now - self._began)
         if self._over(time_s):
             self._finish()
         elif self._hands is not None:
@@ -94,7 +96,7 @@ class Disturbance:
         if self._gust is not None:
             self._gust.end()
         self._hands = self._gust = None
-        self._settled_steps = 0
+        self._finished = self._now
 
 
 class _PathHands(Hands):

@@ -36,7 +36,8 @@ class Guiding:
 
         ``load_n`` (upwards) of it is the cloth's weight. Friction takes over the rest, so that nothing moves yet.
         """
-        self._step_s = step_s
+        self.step_s = step_s
+        """Of the substeps to come."""
         self._hand: FloatArray | None = None
         self._velocity = np.zeros(3)
         self._last = place
@@ -54,7 +55,7 @@ class Guiding:
             self._hand = None
             return
         self._hand = place.copy() if self._hand is None else self._hand
-        duration_s = substeps * self._step_s
+        duration_s = substeps * self.step_s
         self._velocity = _bounded((hand_m - self._hand) * _IN_PLANE / duration_s, HAND_SPEED_M_S)
 
     def hand_push_n(self, place: FloatArray) -> FloatArray:
@@ -63,8 +64,8 @@ class Guiding:
         if self._hand is None:
             push = np.zeros(3)
         else:
-            self._hand = self._hand + self._velocity * self._step_s
-            lead, slip = self._hand - place, self._velocity - moved / self._step_s
+            self._hand = self._hand + self._velocity * self.step_s
+            lead, slip = self._hand - place, self._velocity - moved / self.step_s
             push = _bounded((HAND_STIFFNESS_N_M * lead + HAND_DAMPING_N_S_M * slip) * _IN_PLANE, HAND_LIMIT_N)
         self._pushes.append(push)
         return push

@@ -37,8 +37,8 @@ class Hands:
         """(K, 3) m: where the hands took hold."""
         node_kg = cloth.spec.mass_kg / (cloth.spec.rows * cloth.spec.columns)
         # The spring is explicit, so its gains follow from the step where the step is long.
-        self._stiffness = min(HAND_STIFFNESS_1_S2, 0.3 / world.step_s**2) * (HAND_MASS_KG + node_kg)
-        self._damping = min(HAND_DAMPING_1_S, 0.5 / world.step_s) * (HAND_MASS_KG + node_kg)
+        self._stiffness = min(HAND_STIFFNESS_1_S2, 0.3 / world.coarse_step_s**2) * (HAND_MASS_KG + node_kg)
+        self._damping = min(HAND_DAMPING_1_S, 0.5 / world.coarse_step_s) * (HAND_MASS_KG + node_kg)
         self._forces_n_s = np.zeros(3)
         self._bodies: list[int] = []
         self._anchors: list[int] = []

@@ -116,6 +116,7 @@ class Hanger:
 
     def _lead(self, substeps: int) -> None:
         """Set point and posture go evenly to the target in one tick."""
+        self._impedance.step_s = self._cloth.world.step_s
         duration = substeps * self._cloth.world.step_s
         self._velocity = (self._target - self._set_point) / duration
         self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
@@ -137,6 +138,7 @@ class Hanger:
         if hand_m is not None:
             hand_m = np.array(hand_m, dtype=float)
             hand_m[_AXES] = np.clip(hand_m[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
+        self._guiding.step_s = self._cloth.world.step_s
         self._guiding.start_tick(place, hand_m, substeps, load_n)
         # The springs are off along x and z: there the set point only has to lie where the arm's elbow belongs.
         self._target[_AXES] = np.clip(place[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)

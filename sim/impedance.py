@@ -52,7 +52,8 @@ class CartesianImpedance:
     def __init__(self, client: int, arm: int, step_s: float) -> None:
         self._client = client
         self._arm = arm
-        self._step_s = step_s
+        self.step_s = step_s
+        """Of the substeps to come."""
         self._joints = list(range(JOINTS))
         self._zeros = [0.0] * JOINTS
         self._gain = np.zeros((JOINTS, 2 * JOINTS + 6))
@@ -101,7 +102,7 @@ class CartesianImpedance:
 
     def _refresh(self, angles: list[float], speeds: list[float], posture: FloatArray) -> None:
         """Linearise the law about the joint angles half way to the next refresh."""
-        ahead = 0.5 * REFRESH_SUBSTEPS * self._step_s
+        ahead = 0.5 * REFRESH_SUBSTEPS * self.step_s
         middle = [angle + ahead * speed for angle, speed in zip(angles, speeds, strict=True)]
         jacobian = self.jacobian
         jacobian[:3], jacobian[3:] = bullet.calculateJacobian(

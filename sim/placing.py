@@ -108,7 +108,7 @@ class Placing:
             self._start_camera(seed)
         self.holder.grip()
         drawn = starts.begin(settings.start, self.cloth, self.holder, self.step, rng)
-        self._ticks_before = self.world.substeps_done
+        self._halves_before = self.world.halves_done
         self.start = self._describe_start() | dict(first.about) | dict(drawn)
 
     def _start_camera(self, seed: int) -> None:
@@ -169,9 +169,9 @@ class Placing:
 
     def step(self, action: FloatArray) -> None:
         """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
-        self._running()
-        self.holder.start_tick(np.asarray(action, dtype=float), self.settings.substeps)
-        self._advance()
+        substeps = self._substeps()
+        self.holder.start_tick(np.asarray(action, dtype=float), substeps)
+        self._advance(substeps)
 
     def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
         """One tick of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
@@ -189,8 +189,9 @@ class Placing:
         spec = self.settings.spec
         # A cloth that leaves the table along it is held up by its holder alone.
         load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
-        self.holder.start_guided_tick(hand, self.settings.substeps, load)
-        self._advance()
+        substeps = self._substeps()
+        self.holder.start_guided_tick(hand, substeps, load)
+        self._advance(substeps)
         return self._held_at() - before
 
     def _held_at(self) -> FloatArray:
@@ -199,12 +200,16 @@ class Placing:
             return self.holder.position()[[0, 2]]
         return self.holder.corner_positions().ravel()
 
-    def _advance(self) -> None:
+    def _substeps(self) -> int:
+        """Of the tick to come: twice as many where cloth lies on cloth, which at the usual step diverges when lifted."""
+        return self.settings.substeps * self._running().refine(self.cloth.layered(self._nodes))
+
+    def _advance(self, substeps: int) -> None:
         """The substeps of one tick."""
         world = self._running()
         self._follow_pull()
         impulse = self._impulse_n_s()
-        for _ in range(self.settings.substeps):
+        for _ in range(substeps):
             # What sets gravity comes first: the arm carries its weight in the gravity of now.
             self.air.before_substep()
             if self.disturbance is not None:
@@ -214,7 +219,7 @@ class Placing:
             self.holder.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
-        self._force_n = (self._impulse_n_s() - impulse) / (self.settings.substeps * world.step_s)
+        self._force_n = (self._impulse_n_s() - impulse) / (substeps * world.step_s)
         if self.disturbance is not None and self.disturbance.done:
             self.disturbance = None
 
@@ -259,7 +264,7 @@ class Placing:
 
     def _follow_pull(self) -> None:
         if self._pull is not None and self._pull_target is not None:
-            self._pull.start_tick(self._pull_target, self.settings.substeps * self._running().step_s)
+            self._pull.start_tick(self._pull_target, self.settings.substeps * self._running().coarse_step_s)
 
     def let_go(self) -> None:
         """End the pull, if there is one."""
@@ -296,7 +301,7 @@ class Placing:
     def time_s(self) -> float:
         """Simulated time since the start's random moves ended."""
         world = self._running()
-        return (world.substeps_done - self._ticks_before) * world.step_s
+        return world.seconds(world.halves_done - self._halves_before)
 
     def success(self) -> bool:
         return self.cloth.flat_area(self._nodes) > FLAT_AREA

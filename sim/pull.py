@@ -42,7 +42,7 @@ class Pull:
         self.node = node
         self._world = world
         self._cloth = cloth
-        self._every = max(1, round(FEEL_S / world.step_s))
+        self._every = world.halves(FEEL_S)
         self._slips_at = min(max(SLIP_STRETCH[0], self._stretch() + SLIP_MORE), SLIP_STRETCH[1])
         limit_n = FORCE_WEIGHTS * cloth.spec.mass_kg * GRAVITY_M_S2
         self._hands = Hands(world, cloth, [free_node(cloth.spec, node)], limit_n)
@@ -59,7 +59,7 @@ class Pull:
 
     def before_substep(self) -> None:
         """Call before each substep, after the holder and the air have had theirs."""
-        if self._world.substeps_done % self._every == 0 and self._stretch() > self._slips_at:
+        if self._world.halves_done % self._every == 0 and self._stretch() > self._slips_at:
             # Not to nothing at once: a hand without any force flies on with what the cloth had stored.
             self._target, self._velocity = self.position(), np.zeros(3)
         self._target = self._target + self._velocity * self._world.step_s

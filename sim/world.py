@@ -29,15 +29,17 @@ class World:
 
         Parameters
         ----------
-        step_s: physics step (substep), s.
+        step_s: physics step (substep), s, as long as nobody asks for a finer one.
         table_friction: Coulomb coefficient of the table, >= 0; Bullet multiplies it with the cloth's.
         """
         if not 0.0 < step_s <= 1 / 100:
             raise SimError(f"the physics step is {step_s} s; it must be above 0 and at most 0.01 s")
         if not 0.0 <= table_friction <= 5.0:
             raise SimError(f"the table's friction is {table_friction}; it must be between 0 and 5")
-        self.step_s = step_s
+        self.coarse_step_s = self.step_s = step_s
         self.substeps_done = 0
+        self.halves_done = 0
+        """Time in halves of a coarse step: a whole number, so that what is not refined keeps its times to the bit."""
         self.client: int = bullet.connect(bullet.DIRECT)
         if self.client < 0:
             raise SimError("Bullet did not give a client; close other simulations in this process")
@@ -74,10 +76,26 @@ class World:
         """One substep."""
         bullet.stepSimulation(physicsClientId=self.client)
         self.substeps_done += 1
+        self.halves_done += 2 if self.step_s == self.coarse_step_s else 1
+
+    def refine(self, finer: bool) -> int:
+        """Halve the step from now on, or make it whole again; how many substeps one coarse step then has."""
+        parts = 2 if finer else 1
+        if self.step_s != self.coarse_step_s / parts:
+            self.step_s = self.coarse_step_s / parts
+            bullet.setPhysicsEngineParameter(fixedTimeStep=self.step_s, physicsClientId=self.client)
+        return parts
+
+    def halves(self, duration_s: float) -> int:
+        """A duration in whole coarse steps, at least one, counted as ``halves_done`` is."""
+        return 2 * max(1, round(duration_s / self.coarse_step_s))
+
+    def seconds(self, halves: int) -> float:
+        return halves * (self.coarse_step_s / 2)
 
     @property
     def time_s(self) -> float:
-        return self.substeps_done * self.step_s
+        return self.seconds(self.halves_done)
 
     def close(self) -> None:
         """Give the client back; the world is unusable afterwards."""
