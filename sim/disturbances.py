@@ -217,7 +217,7 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
         ),
         DisturbanceSpec(
             name="fold-corner", kind="fold", along=(0.0, 0.0), across=(0.0, 0.0), patch=(2, 2),
-            heading_deg=(-55.0, -35.0), path=((0.1, 0.12), (0.5, 0.12), (0.6, 0.03)), scale=(0.8, 1.1),
+            heading_deg=(-55.0, -35.0), path=((0.1, 0.16), (0.5, 0.16), (0.6, 0.04)), scale=(0.8, 1.1),
             either_side=True, speed_m_s=0.25, time_limit_s=2.0,
         ),
         DisturbanceSpec(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -107,7 +108,7 @@ class Placing:
         if settings.camera:
             self._start_camera(seed)
         self.holder.grip()
-        drawn = starts.begin(settings.start, self.cloth, self.holder, self.step, rng)
+        drawn = starts.begin(settings.start, self.cloth, self.holder, self.step, partial(self._befall, rng=rng), rng)
         self._halves_before = self.world.halves_done
         self.start = self._describe_start() | dict(first.about) | dict(drawn)
 
@@ -201,7 +202,7 @@ class Placing:
         return self.holder.corner_positions().ravel()
 
     def _substeps(self) -> int:
-        """Of the tick to come: twice as many where cloth lies on cloth, which at the usual step diverges when lifted."""
+        """Of the tick to come: twice as many where cloth lies on cloth; at the usual step it diverges when lifted."""
         return self.settings.substeps * self._running().refine(self.cloth.layered(self._nodes))
 
     def _advance(self, substeps: int) -> None:
@@ -238,10 +239,13 @@ class Placing:
         ``repeat`` counts the disturbances of one episode, so that each has a chance of its own. One that still acts
         is cut off.
         """
-        world, spec = self._running(), _spec(what)
         if self.disturbance is not None:
             self.disturbance.stop()
-        self.disturbance = Disturbance(world, self.cloth, spec, _chance(seed, repeat))
+        self._befall(_spec(what), _chance(seed, repeat))
+
+    def _befall(self, spec: DisturbanceSpec, rng: np.random.Generator) -> Plan:
+        self.disturbance = Disturbance(self._running(), self.cloth, spec, rng)
+        return self.disturbance.plan
 
     def disturbance_plan(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> Plan:
         """What ``disturb`` would do."""

@@ -11,6 +11,7 @@ import numpy as np
 from data.types import FloatArray, Task, action_size
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec
 from sim.crumple import crumple
+from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
 from sim.holder import Holder
 
 Start: TypeAlias = Literal["hanging", "crumpled", "folded-corner", "swinging"]
@@ -29,12 +30,12 @@ LAID_HEIGHT_M = 0.0065
 """Of the held hem after a demonstration."""
 LAID_STRETCH = 1.01
 """Of a cloth that was dragged taut."""
-FOLD_LEG = (0.40, 0.60)
-"""Legs of the corner that is folded over / width of the cloth, drawn for each edge."""
-FOLD_RADIUS_MARGINS = 1.5
-"""Of the fold / margin of the cloth: two layers are kept two margins apart."""
-FOLD_TICKS = 25
-"""The corner settles: after ten the crease still gave by millimetres."""
+FOLD = "fold-corner"
+"""The hand that turns the corner over, a disturbance."""
+FOLD_TICKS = 35
+"""The hand's two seconds at most, and one in which the corner settles."""
+CALM_TICKS = 3
+"""What was put down comes to rest."""
 
 SWING_STEP_M = (0.016, 0.020)
 """Forth and back in one tick, drawn: 0.2 m/s is what nobody should move a hanging cloth with."""
@@ -65,22 +66,28 @@ def home_corners(spec: ClothSpec) -> FloatArray:
 def beginning(start: Start, spec: ClothSpec, rng: np.random.Generator) -> Beginning:
     """Where the holder and the cloth are when the world is made."""
     if start == "folded-corner":
-        return _folded(spec, rng)
+        return _laid(spec, rng)
     corners = home_corners(spec)
     return Beginning(corners=corners, nodes=spec.hanging_nodes(corners), about={})
 
 
 def begin(
-    start: Start, cloth: Cloth, holder: Holder, tick: Callable[[FloatArray], None], rng: np.random.Generator
+    start: Start,
+    cloth: Cloth,
+    holder: Holder,
+    tick: Callable[[FloatArray], None],
+    disturb: Callable[[DisturbanceSpec], Plan],
+    rng: np.random.Generator,
 ) -> Mapping[str, float]:
-    """The holder's moves before anyone decides; ``tick`` is one control step. Returns what was drawn."""
+    """What happens before anyone decides; ``tick`` is one control step, ``disturb`` begins what acts in the next ones.
+
+    Returns what was drawn.
+    """
     if start == "crumpled":
         return crumple(cloth, holder.corner_positions, tick, rng)
     size = action_size(holder.task)
     if start == "folded-corner":
-        for _ in range(FOLD_TICKS):
-            tick(np.zeros(size))
-        return {}
+        return _fold(lambda: tick(np.zeros(size)), disturb)
     for _ in range(START_MOVES):
         tick(rng.uniform(-1.0, 1.0, size) * START_STEP_M[holder.task])
     return _swing(cloth, holder, tick, rng) if start == "swinging" else {}
@@ -91,42 +98,35 @@ def _corners(spec: ClothSpec, x_m: float, z_m: float) -> FloatArray:
     return np.array([[x_m, half, z_m], [x_m, -half, z_m]])
 
 
-def _folded(spec: ClothSpec, rng: np.random.Generator) -> Beginning:
-    """Laid and dragged taut, then one corner of the free edge folded over (figure 5-2)."""
-    x, legs, side = rng.uniform(*LAID_FREE_EDGE_M), rng.uniform(*FOLD_LEG, 2) * spec.width_m, rng.integers(2)
+def _laid(spec: ClothSpec, rng: np.random.Generator) -> Beginning:
+    """Laid and dragged taut."""
+    x = rng.uniform(*LAID_FREE_EDGE_M)
     grid = spec.flat_nodes().reshape(spec.rows, spec.columns, 3) * np.array([LAID_STRETCH, 1.0, 1.0])
     # The hem is held wider than the cloth is; the next rows follow it less and less.
     grid[..., 1] *= 1.0 + (HELD_STRETCH - 1.0) * np.linspace(0.0, 1.0, spec.rows)[:, None] ** 4
     grid[-1, :, 2] = LAID_HEIGHT_M
-    nodes = fold_corner(grid.reshape(-1, 3), spec, (legs[0], legs[1]), left=bool(side))
+    nodes = grid.reshape(-1, 3)
     nodes[:, 0] += x
-    return Beginning(
-        corners=nodes[list(spec.corners)],
-        nodes=nodes,
-        about={"fold_along_m": float(legs[0]), "fold_across_m": float(legs[1]), "fold_side": 1.0 if side else -1.0},
-    )
+    return Beginning(corners=nodes[list(spec.corners)], nodes=nodes, about={})
 
 
-def fold_corner(nodes: FloatArray, spec: ClothSpec, legs_m: tuple[float, float], *, left: bool) -> FloatArray:
-    """``nodes`` (N, 3) of a flat cloth with one corner of its free edge turned over onto the rest.
+def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], Plan]) -> Mapping[str, float]:
+    """A hand turns one corner of the free edge over (figure 5-2).
 
-    ``legs_m``: how far from the corner the crease begins along x and along the free edge. ``left``: the corner at +y.
+    Nodes that are put where a fold has them will not do: Bullet takes what it is given for the cloth's shape at rest,
+    and the crease stays for ever.
     """
-    corner = nodes[0 if left else spec.columns - 1, :2]
-    inwards = np.array([1.0, -1.0 if left else 1.0])
-    along, across = np.array(legs_m) * inwards
-    # Of the line through both ends of the crease: unit normal towards the corner.
-    normal = -np.array([1.0 / along, 1.0 / across])
-    normal /= np.linalg.norm(normal)
-    beyond = (nodes[:, :2] - corner - np.array([along, 0.0])) @ normal
-    # Around a cylinder that leaves room for both layers: a sharp crease would press springs together, and burst.
-    radius = FOLD_RADIUS_MARGINS * spec.margin_m
-    turn = np.clip(beyond / radius, 0.0, np.pi)
-    ahead = radius * np.sin(turn) - np.maximum(beyond - np.pi * radius, 0.0)
-    folded = nodes.copy()
-    folded[:, :2] += np.where(beyond > 0, ahead - beyond, 0.0)[:, None] * normal
-    folded[:, 2] += radius * (1.0 - np.cos(turn))
-    return folded
+    for _ in range(CALM_TICKS):
+        rest()
+    plan = disturb(disturbance_spec(FOLD))
+    for _ in range(FOLD_TICKS):
+        rest()
+    reach = plan.path_m[-1]
+    return {
+        "fold_along_m": float(reach[0]),
+        "fold_across_m": float(abs(reach[1])),
+        "fold_side": -float(np.sign(reach[1])),
+    }
 
 
 def _swing(

@@ -14,6 +14,7 @@ from sim.air import Air
 from sim.cloth import CLOTHS, CONTACT_TOLERANCE_M, HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from sim.pickers import Pickers
 from sim.world import TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
+from tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
     name="small", length_m=0.2, width_m=0.16, rows=6, columns=5,
@@ -248,3 +249,48 @@ def test_impossible_cloths_are_refused(wrong: dict[str, float], said: str) -> No
 def test_unknown_cloth_lists_the_known_ones() -> None:
     with pytest.raises(SimError, match=r"towel, napkin, towel-fine"):
         cloth_spec("silk")
+
+
+def test_nodes_that_are_set_are_the_shape_at_rest() -> None:
+    """Bullet's resetMeshData takes the new lengths for those at rest, which its documentation does not say."""
+    spec = cloth_spec("towel")
+    world = World(step_s=1.0 / spec.rate_hz, table_friction=1.0)
+    try:
+        world.set_gravity((0.0, 0.0, 0.0))
+        cloth = Cloth(world, spec)
+        cloth.set_nodes(spec.flat_nodes(z_m=0.5) * np.array([1.0, 1.2, 1.0]))
+        for _ in range(400):
+            world.step()
+        assert np.ptp(cloth.nodes()[:, 1]) == pytest.approx(1.2 * spec.width_m, abs=1e-4)
+    finally:
+        world.close()
+
+
+def test_a_step_is_halved_without_a_jump_in_time() -> None:
+    world = World(step_s=1.0 / 200, table_friction=1.0)
+    try:
+        for parts, steps in ((1, 3), (2, 4), (1, 1)):
+            assert world.refine(parts == 2) == parts
+            for _ in range(steps):
+                world.step()
+        assert world.time_s == 6 / 200
+        assert world.halves(0.02) == 8
+        assert world.seconds(8) == 0.02
+    finally:
+        world.close()
+
+
+def test_layers_are_told_from_bends_and_wrinkles() -> None:
+    spec = cloth_spec("towel")
+    cloth = Cloth(World(step_s=1.0 / spec.rate_hz, table_friction=1.0), spec)
+    flat = spec.flat_nodes()
+    for legs in (0.09, 0.15, 0.3):
+        assert cloth.layered(fold_corner(flat, spec, (legs, legs), left=True))
+    half_laid = np.where(
+        flat[:, :1] < 0.17, flat, np.stack([np.full(169, 0.17), flat[:, 1], flat[:, 0] - 0.166], axis=1)
+    )
+    # As steep as wrinkles get that a stick has pushed up.
+    wrinkled = flat + np.array([0.0, 0.0, 0.04]) * np.sin(flat[:, :1] * 2 * np.pi / 0.1)
+    for nodes in (flat, half_laid, wrinkled):
+        assert not cloth.layered(nodes)
+    cloth.world.close()

@@ -16,8 +16,8 @@ from data.types import action_size
 from sim.cloth import Cloth, ClothSpec, cloth_spec
 from sim.placing import BenchSettings, Placing
 from sim.pull import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, Pull, free_node, picked_node
-from sim.starts import fold_corner
 from sim.world import GRAVITY_M_S2, SimError, World
+from tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
     name="small", length_m=0.2, width_m=0.2, rows=7, columns=7,
