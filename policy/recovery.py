@@ -55,11 +55,13 @@ class Recovery:
         self.extra_ticks = extra_ticks(policy) + tries * (LIFT_TICKS + SETTLE_TICKS + PLACE_TICKS)
         self._policy = policy
         self._tries = tries
-        self.reset(0)
+        self._seed = 0
+        self._corners: FloatArray | None = None
+        """(2, 3) m: from the holder's place to the corners, as the episode began."""
+        self._begin()
 
     def reset(self, seed: int) -> None:
-        self._seed = seed
-        self._corners: FloatArray | None = None
+        self._seed, self._corners = seed, None
         self._policy.reset(seed)
         self._begin()
 
@@ -69,6 +71,7 @@ class Recovery:
 
     def _begin(self) -> None:
         self.tried: list[str] = []
+        """What has been tried since the start or the last disturbance: "turn" or "lift"."""
         self._watch()
 
     def _watch(self) -> None:
@@ -82,18 +85,18 @@ class Recovery:
         if self._corners is None:
             self._corners = observation.corner_positions - observation.holder_position
         self._seen = observation
-        if self._undoing is None:
-            decision = self._policy.act(observation)
-            if len(self.tried) == self._tries or not self._folded(decision):
-                return decision
-            turn = observation.contact_portion >= TURN_CONTACT and self.tried[-1:] != ["turn"]
-            self.tried.append("turn" if turn else "lift")
-            self._undoing = self._turn() if turn else self._lift()
-        undone = next(self._undoing, None)
-        if undone is not None:
-            return undone
-        self._watch()
-        return self._policy.act(observation)
+        if self._undoing is not None:
+            undone = next(self._undoing, None)
+            if undone is not None:
+                return undone
+            self._watch()
+        decision = self._policy.act(observation)
+        if len(self.tried) == self._tries or not self._folded(decision):
+            return decision
+        turn = observation.contact_portion >= TURN_CONTACT and self.tried[-1:] != ["turn"]
+        self.tried.append("turn" if turn else "lift")
+        self._undoing = self._turn() if turn else self._lift()
+        return next(self._undoing, decision)
 
     def _folded(self, decision: Decision) -> bool:
         """Whether the policy has come to its end, or nowhere, with cloth hidden; takes note of this tick."""

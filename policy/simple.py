@@ -100,6 +100,14 @@ def along_x(task: Task, distance_m: float) -> FloatArray:
     return action
 
 
+def along_z(task: Task, distance_m: float) -> FloatArray:
+    """(A,) m: the whole holder moves up."""
+    action = np.zeros(action_size(task))
+    names = ACTION_NAMES[task]
+    action[[name.startswith("dz") for name in names]] = distance_m
+    return action
+
+
 def _checked(task: Task) -> Task:
     if task not in TASKS:
         raise PolicyError(f"task is {task!r}; it must be one of {', '.join(TASKS)}")

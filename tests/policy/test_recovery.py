@@ -1,0 +1,167 @@
+"""What is folded is undone and laid again; what is flat, or gets flatter, is left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data.types import ACTION_LIMIT_M, TASKS, Observation, Task, action_size
+from policy.base import Decision
+from policy.recovery import CLEAR_M, FLAT_CONTACT, PLATEAU_TICKS, STUCK_TICKS, TRIES, Recovery
+from policy.simple import along_x, along_z
+
+LENGTH_M = 0.35
+
+
+class Layer:
+    """Down and forward until the held edge lies, then stops."""
+
+    name = "layer"
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.begun = 0
+
+    def reset(self, seed: int) -> None:
+        self.begun += 1
+
+    def resume(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observation) -> Decision:
+        zeros = np.zeros(action_size(self.task))
+        if observation.holder_position[2] <= 0.006:
+            return Decision(action=zeros, stop="converged", reason="laid")
+        return Decision(action=along_x(self.task, 0.008) + along_z(self.task, -0.01))
+
+
+class Toy:
+    """A cloth that hides ``hidden`` of itself once it lies, until it has hung free ``cures`` times."""
+
+    def __init__(self, task: Task, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
+        self.task, self._observe, self._hidden, self._cures = task, observe, hidden, cures
+        self.corners = np.array([[0.0, half, 0.47], [0.0, -half, 0.47]])
+        self._was_down = False
+
+    def see(self) -> Observation:
+        x, _, z = self.corners.mean(axis=0)
+        lowest = max(z - LENGTH_M, 0.0)
+        if lowest > 0.9 * CLEAR_M and self._was_down:
+            self._cures, self._was_down = self._cures - 1, False
+        self._was_down = self._was_down or z < 0.01
+        laid = np.clip(1.0 - z / LENGTH_M, 0.0, 1.0)
+        contact = laid if self._cures <= 0 else laid * (1.0 - self._hidden)
+        seen = self._observe(x, z, contact=float(contact))
+        return replace(seen, corner_positions=self.corners, lowest_m=np.array([x, 0.0, lowest]))
+
+    def move(self, action: np.ndarray) -> None:
+        step = action.reshape(2, 3) if self.task == "pickers" else np.array([action[0], 0.0, action[1]])
+        self.corners = self.corners + step
+
+
+def run(policy: Recovery, toy: Toy, ticks: int = 2000) -> tuple[list[Decision], float]:
+    """All decisions until the stop, and the contact in the end."""
+    decisions = []
+    for _ in range(ticks):
+        seen = toy.see()
+        decisions.append(policy.act(seen))
+        if decisions[-1].stop is not None:
+            return decisions, seen.contact_portion
+        assert np.abs(decisions[-1].action).max() <= ACTION_LIMIT_M + 1e-12
+        toy.move(decisions[-1].action)
+    raise AssertionError("it never stops")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_flat_cloth_is_left_alone(task: Task, observe) -> None:
+    policy = Recovery(Layer(task))
+    policy.reset(0)
+    decisions, contact = run(policy, Toy(task, observe, hidden=0.0))
+    assert policy.tried == []
+    assert contact > FLAT_CONTACT
+    assert all(decision.reason in ("", "laid") for decision in decisions)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_fold_is_lifted_once_and_laid_again(task: Task, observe) -> None:
+    inner = Layer(task)
+    policy = Recovery(inner)
+    policy.reset(3)
+    decisions, contact = run(policy, Toy(task, observe, hidden=0.25))
+    assert policy.tried == ["lift"]
+    assert contact > FLAT_CONTACT
+    assert inner.begun == 2
+    lifts = [decision.action for decision in decisions if "lifting" in decision.reason]
+    # It begins and ends without a jerk: no move differs from the one before by more than a millimetre.
+    heights = np.array([0.0, *(action[1 if task == "hanger" else 2] for action in lifts)])
+    assert np.abs(np.diff(heights)).max() < 0.0011
+    assert len(decisions) < 160 + policy.extra_ticks
+
+
+@pytest.mark.parametrize("hidden", [0.25, 0.08])
+def test_what_stays_folded_is_given_up_after_so_many_tries(hidden: float, observe) -> None:
+    policy = Recovery(Layer("hanger"))
+    policy.reset(0)
+    toy = Toy("hanger", observe, hidden=hidden, cures=99)
+    decisions, contact = run(policy, toy)
+    assert len(policy.tried) == TRIES
+    assert contact < FLAT_CONTACT
+    assert decisions[-1].reason == "laid"
+    policy.resume()
+    assert policy.tried == []
+    run(policy, toy)
+    assert len(policy.tried) == TRIES
+
+
+def test_a_little_that_is_hidden_is_turned_over_first(observe) -> None:
+    policy = Recovery(Layer("hanger"))
+    policy.reset(0)
+    decisions, _ = run(policy, Toy("hanger", observe, hidden=0.08, cures=1))
+    assert policy.tried == ["turn", "lift"]
+    turning = np.array([decision.action for decision in decisions if "turning" in decision.reason])
+    path = turning.cumsum(axis=0)
+    assert path[:, 1].max() > 0.04
+    assert path[-1, 0] > 0.05
+    assert path[-1, 1] == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_two_pickers_come_back_to_their_distance(task: Task, observe) -> None:
+    policy = Recovery(Layer(task))
+    policy.reset(0)
+    toy = Toy(task, observe, hidden=0.25)
+    apart = toy.corners[0] - toy.corners[1]
+    policy.act(toy.see())
+    if task == "pickers":
+        toy.corners = toy.corners + np.array([[0.0, -0.01, 0.02], [0.0, 0.03, 0.0]])
+    run(policy, toy)
+    np.testing.assert_allclose(toy.corners[0] - toy.corners[1], apart, atol=1e-9)
+
+
+class Forward(Layer):
+    """Drags to the front for ever."""
+
+    def act(self, observation: Observation) -> Decision:
+        return Decision(action=along_x(self.task, 0.004))
+
+
+@pytest.mark.parametrize(("slope", "undone"), [(0.0, True), (0.004, False)])
+def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undone: bool, observe) -> None:
+    rng = np.random.default_rng(4)
+    policy = Recovery(Forward("hanger"))
+    policy.reset(0)
+    for tick in range(2 * PLATEAU_TICKS):
+        contact = min(0.78 + slope * tick, 1.0) + rng.normal(0.0, 0.008)
+        policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=float(np.clip(contact, 0, 1))))
+    assert bool(policy.tried) is undone
+
+
+def test_a_holder_that_hovers_is_stuck_and_one_that_descends_is_not(observe) -> None:
+    for speed, stuck in ((0.0005, True), (0.004, False)):
+        policy = Recovery(Forward("hanger"))
+        policy.reset(0)
+        for tick in range(STUCK_TICKS + 1):
+            policy.act(observe(0.1, 0.25 - speed * tick))
+        assert bool(policy.tried) is stuck

@@ -1,0 +1,93 @@
+"""A cloth that swings ahead is held up until it hangs still; any other is not touched."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from data.types import TASKS, Observation, Task
+from policy.base import Decision
+from policy.simple import along_z
+from policy.steady import WAIT_TICKS, Steady
+
+LENGTH_M = 0.35
+PERIOD_TICKS = 10.0
+
+
+class Down:
+    """Straight down."""
+
+    name = "down"
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget."""
+
+    def resume(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observation) -> Decision:
+        return Decision(action=along_z(self.task, -0.01), reason="down")
+
+
+def lower(task: Task, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:
+    """Reasons of all decisions until the free edge touches, and how far ahead of the holder it is then."""
+    policy = Steady(Down(task))
+    policy.reset(0)
+    reasons: list[str] = []
+    for tick in range(200):
+        ahead = swing_m * np.cos(2 * np.pi * tick / PERIOD_TICKS) * np.exp(-tick / fades)
+        low = z - np.sqrt(LENGTH_M**2 - ahead**2)
+        if low <= 0:
+            return reasons, float(ahead)
+        decision = policy.act(replace(observe(0.1, z), lowest_m=np.array([0.1 + ahead, 0.0, low])))
+        reasons.append(decision.reason)
+        z += float(decision.action[-1])
+    raise AssertionError("it never comes down")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_swing_ahead_is_waited_for(task: Task, observe) -> None:
+    plainly = max(0.1 * np.cos(2 * np.pi * tick / PERIOD_TICKS) * np.exp(-tick / 8.0) for tick in (1, 2))
+    assert plainly > 0.03, "without waiting it would touch ahead"
+    reasons, ahead = lower(task, observe, swing_m=0.1)
+    assert "waiting" in reasons[0]
+    assert reasons[-1] == "down"
+    assert abs(ahead) < 0.02
+
+
+@pytest.mark.parametrize("swing_m", [0.0, 0.02, -0.1])
+def test_a_cloth_that_hangs_still_or_behind_is_not_held_up(swing_m: float, observe) -> None:
+    reasons, _ = lower("hanger", observe, swing_m=swing_m, fades=3.0)
+    assert set(reasons) == {"down"}
+
+
+def test_high_up_a_swing_does_not_matter(observe) -> None:
+    policy = Steady(Down("hanger"))
+    policy.reset(0)
+    seen = replace(observe(0.0, 0.5), lowest_m=np.array([0.1, 0.0, 0.16]))
+    assert policy.act(seen).reason == "down"
+
+
+def test_waiting_has_an_end(observe) -> None:
+    policy = Steady(Down("hanger"))
+    for _ in range(2):
+        policy.reset(0)
+        reasons = [
+            policy.act(replace(observe(0.0, 0.36), lowest_m=np.array([0.1 * (-1) ** k, 0.0, 0.02]))).reason
+            for k in range(3 * WAIT_TICKS)
+        ]
+        assert sum("waiting" in reason for reason in reasons) == WAIT_TICKS
+        assert reasons[-1] == "down"
+
+
+def test_on_the_table_and_without_a_camera_the_policy_decides(observe) -> None:
+    policy = Steady(Down("hanger"))
+    policy.reset(0)
+    ahead = np.array([0.2, 0.0, 0.004])
+    assert policy.act(replace(observe(0.1, 0.05, contact=0.7), lowest_m=ahead)).reason == "down"
+    assert policy.act(replace(observe(0.1, 0.36), lowest_m=None)).reason == "down"
