@@ -24,6 +24,10 @@ from app.cli_options import (
 
 SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
 PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gp-finish", "gmr", "dmp", "nearest"]
+Around = Annotated[
+    list[str] | None,
+    typer.Option("--with", metavar="recovery|steady", help="What is put around the policy; repeatable."),
+]
 
 
 def record(
@@ -108,6 +112,7 @@ def place(
     video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
     json: Json = None,
     cloth: Annotated[str | None, typer.Option(help="Another cloth than the model was taught with.")] = None,
+    around: Around = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -124,6 +129,7 @@ def place(
         video=video,
         json=json,
         cloth=cloth,
+        around=around or (),
         workers=workers,
         force=force,
     )

@@ -25,6 +25,7 @@ from data.recorder import SessionRecorder
 from data.types import Episode
 from policy import model as model_files
 from policy.learned import Learned
+from policy.registry import DECORATORS
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
 
@@ -42,14 +43,19 @@ def place(
     video: Path | None,
     json: Path | None,
     cloth: str | None,
+    around: Sequence[str] = (),
     workers: int,
     force: bool,
 ) -> list[Episode]:
-    """Place with ``model`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for."""
+    """Place with ``model`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for.
+
+    ``around``: names of policy.registry.DECORATORS, the last one outermost.
+    """
     checks.readable_file(model, "a model that `layflat train` wrote")
     learned = model_files.load(model)
     cloth = checks.known_name("cloth", cloth or learned.cloth, CLOTHS)
     disturbance = checks.known_name("disturbance", disturb or "none", DISTURBANCES)
+    decorators = tuple(checks.known_name("decorator", name, DECORATORS) for name in around)
     for file, append in ((record, True), (video, False), (json, False)):
         if file is not None:
             checks.writable_file(file, force=force, append=append)
@@ -61,6 +67,7 @@ def place(
             cloth=cloth,
             seed=seed + k,
             model=learned,
+            decorators=decorators,
             disturbance=disturbance,
             images=video is not None and k == 0,
         )
@@ -69,8 +76,9 @@ def place(
     harvest = Harvest()
     with harvest.through_ctrl_c():
         _run(jobs, learned, cloth, record, workers, harvest)
-    if video is not None and harvest.done and not harvest.interrupted:
-        write_video(video, film_frames(harvest.done[0], Drawer(), FILM_WIDTH))
+    filmed = next((episode for episode in harvest.done if episode.seed == seed), None)
+    if video is not None and filmed is not None and not harvest.interrupted:
+        write_video(video, film_frames(filmed, Drawer(), FILM_WIDTH))
     if json is not None and (harvest.done or harvest.lost or not harvest.interrupted):
         write_json(json, _content(harvest.done, harvest.lost))
     if harvest.done:

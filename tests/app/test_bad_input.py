@@ -15,6 +15,7 @@ from app import cli
 from app.measure import random_model
 from data.recorder import SessionRecorder
 from policy import model as model_files
+from policy.registry import DECORATORS
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
 
@@ -160,6 +161,12 @@ def test_an_unknown_disturbance_gets_the_list(refused):
     sentence = refused("place", "hanger.npz", "--disturb", "earthquake")
     assert "'earthquake'" in sentence
     assert all(name in sentence for name in DISTURBANCES)
+
+
+def test_what_cannot_be_put_around_a_policy_gets_the_list(refused):
+    sentence = refused("place", "hanger.npz", "--with", "luck")
+    assert "'luck'" in sentence
+    assert all(name in sentence for name in DECORATORS)
 
 
 def test_what_exists_stays_without_force(refused):

@@ -50,6 +50,17 @@ def test_a_rule_may_repair_what_a_model_has_placed(models):
     assert (found.name, found.made) == (f"{random_model('hanger', 20).policy}+drag-rule", "drag-rule")
 
 
+def test_what_is_around_a_policy_comes_last_and_keeps_its_order(models):
+    usual = random_model("hanger", 20).policy
+    (found,) = entrants_of([f"{models}/hanger.npz+drag-rule+recovery+steady"], [])
+    assert found.name == f"{usual}+drag-rule+recovery+steady"
+    assert (found.made, found.decorators) == ("drag-rule", ("recovery", "steady"))
+    (found,) = entrants_of([f"mine={models}/hanger.npz+steady"], [])
+    assert (found.name, found.made, found.decorators) == ("mine", None, ("steady",))
+    (found,) = entrants_of(["hold+recovery"], ["pickers"])
+    assert (found.name, found.model, found.made, found.decorators) == ("hold+recovery", None, "hold", ("recovery",))
+
+
 def test_names_are_given_or_else_told_apart_by_the_files(models):
     one, two, three = entrants_of([f"{models}/hanger.npz", f"{models}/hanger_2.npz", f"mine={models}/hanger.npz"], [])
     usual = random_model("hanger", 20).policy
@@ -65,6 +76,9 @@ def test_names_are_given_or_else_told_apart_by_the_files(models):
         (["nope.npz"], ["hanger"], "does not exist"),
         (["nope.npz+drag-rule"], ["hanger"], "does not exist"),
         (["{}/hanger.npz+iron"], [], "neither a model's file"),
+        (["{}/hanger.npz+recovery+drag-rule"], [], "one rule may come"),
+        (["{}/hanger.npz+hold+drag-rule"], [], "one rule may come"),
+        (["hold+drag-rule"], ["hanger"], "neither a model's file"),
         (["{}/hanger.npz"], ["pickers"], "was taught another task"),
         (["../x={}/hanger.npz"], [], "does not exist"),
         (["a--b={}/hanger.npz"], [], "cannot be part of a file's name"),

@@ -22,7 +22,9 @@ TAKEOVER = "takeover"
 EXPERT = "scripted"
 RECORDED = "recorded"
 FLATTEN = "flatten-"
-OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED)
+AROUND = "hold+"
+"""What can be put around any policy, around one of the poorest."""
+OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED, *(AROUND + name for name in registry.DECORATORS))
 PLACERS = [(name, task) for name in (*registry.MADE, *registry.TRAINABLE, *OTHERS) for task in TASKS]
 
 
@@ -33,6 +35,8 @@ def policy(request, model_of, learned_of, make_episode) -> Policy:
         return Recorded(make_episode(task, ticks=50))
     if name.startswith(FLATTEN):
         return controller(name.removeprefix(FLATTEN))
+    if name.startswith(AROUND):
+        return registry.decorated(registry.make("hold", task), [name.removeprefix(AROUND)])
     if name == HANDOVER:
         first = FieldPolicy(model_of(task, "position"))
         return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
