@@ -1,4 +1,4 @@
-"""Recovery: what a policy has left folded is turned over at the held edge, or lifted into the air and laid again.
+"""Recovery: what a policy has left folded is turned over at the held edge, or lifted, wiped over the table, laid again.
 
 A fold hides cloth, and no pull at the held edge brings it out: contact stays where it is while nothing is left to be
 pulled out (section 5-1). Section 5-3 proposes to lift the cloth and to lay it down again. Any policy can be decorated.
@@ -40,6 +40,11 @@ GATHER_M = 0.001
 """By how much a move may grow in one tick: 0.1 m/s^2 hardly make a cloth swing."""
 NEAR_M = 0.01
 LIFT_TICKS = 90
+WIPE_BELOW_M = 0.035
+"""How much of a hanging cloth is let down onto the table to be wiped over it."""
+WIPE_M = 0.12
+"""How far: friction draws out a corner that stays tucked in however the cloth is shaken in the air."""
+WIPE_STEP_M = 0.010
 SETTLE_TICKS = 40
 STILL_TICKS = 8
 STILL_M = 0.012
@@ -52,7 +57,7 @@ class Recovery:
     def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
         self.name = f"{policy.name}+recovery"
         self.task: Task = policy.task
-        self.extra_ticks = extra_ticks(policy) + tries * (LIFT_TICKS + SETTLE_TICKS + PLACE_TICKS)
+        self.extra_ticks = extra_ticks(policy) + tries * (2 * LIFT_TICKS + SETTLE_TICKS + PLACE_TICKS)
         self._policy = policy
         self._tries = tries
         self._seed = 0
@@ -71,7 +76,7 @@ class Recovery:
 
     def _begin(self) -> None:
         self.tried: list[str] = []
-        """What has been tried since the start or the last disturbance: "turn" or "lift"."""
+        """What has been tried since the start or the last disturbance: "turn", "lift" or "wipe"."""
         self._watch()
 
     def _watch(self) -> None:
@@ -93,9 +98,12 @@ class Recovery:
         decision = self._policy.act(observation)
         if len(self.tried) == self._tries or not self._folded(decision):
             return decision
-        turn = observation.contact_portion >= TURN_CONTACT and self.tried[-1:] != ["turn"]
-        self.tried.append("turn" if turn else "lift")
-        self._undoing = self._turn() if turn else self._lift()
+        if observation.contact_portion >= TURN_CONTACT and self.tried[-1:] != ["turn"]:
+            self.tried.append("turn")
+            self._undoing = self._turn()
+        else:
+            self.tried.append("wipe" if "lift" in self.tried else "lift")
+            self._undoing = self._lift(wipe=self.tried[-1] == "wipe")
         return next(self._undoing, decision)
 
     def _folded(self, decision: Decision) -> bool:
@@ -117,8 +125,31 @@ class Recovery:
             yield self._move(dx, dz, "turning the held edge over")
         self._policy.resume()
 
-    def _lift(self) -> Iterator[Decision]:
-        """Up and back to where a placing begins, without a jerk; then wait until the cloth hangs still."""
+    def _lift(self, *, wipe: bool) -> Iterator[Decision]:
+        """Up into the air, and once more after a wipe over the table; then wait until the cloth hangs still."""
+        yield from self._rise()
+        if wipe:
+            yield from self._wipe()
+            yield from self._rise()
+        offsets: deque[float] = deque(maxlen=STILL_TICKS)
+        for _ in range(SETTLE_TICKS):
+            if self._seen.lowest_m is not None:
+                offsets.append(float(self._seen.lowest_m[0] - self._seen.holder_position[0]))
+            if len(offsets) == STILL_TICKS and np.ptp(offsets) < STILL_M:
+                break
+            yield self._move(0.0, 0.0, "letting the cloth hang still")
+        self._policy.reset(self._seed)
+
+    def _wipe(self) -> Iterator[Decision]:
+        low = self._seen.lowest_m
+        down = WIPE_BELOW_M + (CLEAR_M if low is None else float(low[2]))
+        for k in range(int(np.ceil(down / LIFT_M))):
+            yield self._move(0.0, -LIFT_M * min(1.0, (k + 1) / 4), "letting the free edge down")
+        for _ in range(round(WIPE_M / WIPE_STEP_M)):
+            yield self._move(WIPE_STEP_M, 0.0, "wiping the free edge over the table")
+
+    def _rise(self) -> Iterator[Decision]:
+        """Up and back to where a placing begins, without a jerk."""
         speed = np.zeros(2)
         for _ in range(LIFT_TICKS):
             place, low = self._seen.holder_position, self._seen.lowest_m
@@ -129,14 +160,6 @@ class Recovery:
             wanted = np.clip([0.2 * back, 0.2 * rise], [-BACK_M, -LIFT_M], [BACK_M, LIFT_M])
             speed = speed + np.clip(wanted - speed, -GATHER_M, GATHER_M)
             yield self._move(float(speed[0]), float(speed[1]), "lifting the cloth off a fold")
-        offsets: deque[float] = deque(maxlen=STILL_TICKS)
-        for _ in range(SETTLE_TICKS):
-            if self._seen.lowest_m is not None:
-                offsets.append(float(self._seen.lowest_m[0] - self._seen.holder_position[0]))
-            if len(offsets) == STILL_TICKS and np.ptp(offsets) < STILL_M:
-                break
-            yield self._move(0.0, 0.0, "letting the cloth hang still")
-        self._policy.reset(self._seed)
 
     def _move(self, dx: float, dz: float, reason: str) -> Decision:
         """The whole holder; two pickers return to their places beside each other as well."""
