@@ -9,7 +9,7 @@ import pytest
 
 from data.types import ACTION_LIMIT_M, TASKS, Observation, Task, action_size
 from policy.base import Decision
-from policy.recovery import CLEAR_M, FLAT_CONTACT, PLATEAU_TICKS, STUCK_TICKS, TRIES, Recovery
+from policy.recovery import CLEAR_M, FLAT_CONTACT, PLATEAU_TICKS, STUCK_TICKS, TRIES, WIPE_M, Recovery
 from policy.simple import along_x, along_z
 
 LENGTH_M = 0.35
@@ -98,6 +98,20 @@ def test_a_fold_is_lifted_once_and_laid_again(task: Task, observe) -> None:
     heights = np.array([0.0, *(action[1 if task == "hanger" else 2] for action in lifts)])
     assert np.abs(np.diff(heights)).max() < 0.0011
     assert len(decisions) < 160 + policy.extra_ticks
+
+
+def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
+    policy = Recovery(Layer("hanger"))
+    policy.reset(0)
+    decisions, contact = run(policy, Toy("hanger", observe, hidden=0.25, cures=2))
+    assert policy.tried == ["lift", "wipe"]
+    assert contact > FLAT_CONTACT
+    wiping = [decision.action for decision in decisions if "wiping" in decision.reason]
+    assert np.sum(wiping, axis=0) == pytest.approx([WIPE_M, 0.0])
+    # Seen from where it hung free: as far down as it hung above the table, and some of the cloth more.
+    down = np.sum([decision.action[1] for decision in decisions if "down" in decision.reason])
+    assert -down > CLEAR_M
+    assert -down < CLEAR_M + LENGTH_M / 4
 
 
 @pytest.mark.parametrize("hidden", [0.25, 0.08])
