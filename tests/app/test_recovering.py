@@ -1,0 +1,83 @@
+"""What is put around a policy, on the real bench: with it, and without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from app.episode import disturb_and_repair, place
+from app.jobs import EpisodeJob, policy_of
+from app.run import Run
+from app.schedule import Watch
+from data.types import FLAT_AREA, TASKS, Episode, Observation, Task
+from policy.base import Decision, Policy
+from policy.simple import along_z
+from policy.steady import Steady
+from sim.placing import BenchSettings, Placing
+from sim.starts import Start
+
+
+def episode(task: Task, start: Start, seed: int, *around: str) -> Episode:
+    bench = Placing(BenchSettings(task=task, start=start))
+    try:
+        bench.reset(seed)
+        job = EpisodeJob(task=task, cloth="towel", seed=seed, decorators=around)
+        run = Run(bench, policy_of(job, bench), seed=seed)
+        watch = Watch()
+        return run.episode(disturb_and_repair(run, watch, place(run, watch)))
+    finally:
+        bench.close()
+
+
+class Down:
+    """Straight down, 1 cm a tick."""
+
+    name = "down"
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget."""
+
+    def resume(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observation) -> Decision:
+        return Decision(action=along_z(self.task, -0.01))
+
+
+def ahead_at_touch(task: Task, around: Callable[[Policy], Policy]) -> float:
+    """How far the free edge is ahead of the holder when it has come down and not swung up again, m."""
+    bench = Placing(BenchSettings(task=task, start="swinging"))
+    try:
+        bench.reset(2)
+        policy, columns = around(Down(task)), bench.settings.spec.columns
+        policy.reset(2)
+        down = False
+        for _ in range(60):
+            edge = bench.truth().nodes[:columns]
+            down, before = bool(edge[:, 2].min() < 0.008), down
+            if down and before:
+                return float(edge[:, 0].mean() - bench.holder.position()[0])
+            bench.step(policy.act(bench.observe()).action)
+        raise AssertionError("it never comes down")
+    finally:
+        bench.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(task: Task) -> None:
+    assert ahead_at_touch(task, lambda policy: policy) > 0.03
+    assert abs(ahead_at_touch(task, Steady)) < 0.015
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("task", TASKS)
+def test_a_folded_corner_is_lifted_and_laid_again(task: Task) -> None:
+    assert episode(task, "folded-corner", 5).final_truth.flat_area < FLAT_AREA
+    lifted = episode(task, "folded-corner", 5, "recovery")
+    assert lifted.final_truth.flat_area > FLAT_AREA
+    assert max(step.observation.holder_position[2] for step in lifted.steps) > 0.4
