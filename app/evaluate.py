@@ -137,6 +137,8 @@ def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant,
 
 
 def _given(text: str) -> _Given:
+    if text in (*MADE, SCRIPTED):  # even where a file has that name
+        return _Given(None, text, None, text)
     if Path(text).exists():
         return _Given(None, Path(text).stem, _load(Path(text)), None)
     parts = _SPEC.fullmatch(text)
