@@ -18,8 +18,8 @@ Policies = Annotated[
     typer.Argument(
         metavar="MODEL.npz...",
         show_default=False,
-        help="Trained models; NAME=MODEL.npz names one, MODEL.npz+drag-rule lets a rule repair, +recovery lifts what is "
-        "folded, +steady waits for what swings. Or those that need no model: scripted, hold, random, stretch-right, "
+        help="Trained models; NAME=MODEL.npz names one, MODEL.npz+drag-rule lets a rule repair, +recovery lifts what "
+        "is folded, +steady waits for what swings. Or those that need no model: scripted, hold, random, stretch-right, "
         "drag-rule.",
     ),
 ]
