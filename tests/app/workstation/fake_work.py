@@ -39,8 +39,8 @@ class FakeWork:
         if left_s > 0:
             return left_s
         self._cadence.begin()
-        letter = self._desk.letter()
-        self._ticks.append((time.monotonic(), 0.0 if letter is None else letter.stamp_s))
+        began_s, letter = time.monotonic(), self._desk.letter()
+        self._ticks.append((began_s, 0.0 if letter is None else letter.stamp_s))
         del self._ticks[:-200]
         return 0.0
 
