@@ -25,7 +25,6 @@ def lowest_part(camera: Pinhole, cloth: BoolArray, depth: FloatArray) -> NDArray
     height = along * camera.rise_per_depth[rows, columns] + camera.position[2]
     count = max(LEAST_PX, round(SHARE * len(rows)))
     low = np.argpartition(height, count - 1)[:count]
-    place: NDArray[np.float64] = camera.back_project(np.column_stack([columns[low], rows[low]]), along[low]).mean(
-        axis=0
-    )
+    points = camera.back_project(np.column_stack([columns[low], rows[low]]), along[low])
+    place: NDArray[np.float64] = points.mean(axis=0)
     return place

@@ -103,8 +103,7 @@ def along_x(task: Task, distance_m: float) -> FloatArray:
 def along_z(task: Task, distance_m: float) -> FloatArray:
     """(A,) m: the whole holder moves up."""
     action = np.zeros(action_size(task))
-    names = ACTION_NAMES[task]
-    action[[name.startswith("dz") for name in names]] = distance_m
+    action[[name.startswith("dz") for name in ACTION_NAMES[task]]] = distance_m
     return action
 
 

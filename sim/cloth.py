@@ -218,6 +218,8 @@ class Cloth:
 
         Of a cloth that hangs, is laid, or is wrinkled by a stick at most 0.7 % do; of a folded corner 8 to 13 %.
         """
+        if not np.isfinite(nodes).all():
+            return False  # Diverged; the guard says so at the end of the tick.
         a, b, c = (nodes[self._triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY_M)

@@ -10,12 +10,12 @@ from app.episode import disturb_and_repair, place
 from app.jobs import EpisodeJob, policy_of
 from app.run import Run
 from app.schedule import Watch
-from data.types import FLAT_AREA, TASKS, Episode, Observation, Task
-from policy.base import Decision, Policy
-from policy.simple import along_z
+from data.types import FLAT_AREA, TASKS, Episode, Task
+from policy.base import Policy
 from policy.steady import Steady
 from sim.placing import BenchSettings, Placing
 from sim.starts import Start
+from tests.lowering import Down
 
 
 def episode(task: Task, start: Start, seed: int, *around: str) -> Episode:
@@ -28,24 +28,6 @@ def episode(task: Task, start: Start, seed: int, *around: str) -> Episode:
         return run.episode(disturb_and_repair(run, watch, place(run, watch)))
     finally:
         bench.close()
-
-
-class Down:
-    """Straight down, 1 cm a tick."""
-
-    name = "down"
-
-    def __init__(self, task: Task) -> None:
-        self.task = task
-
-    def reset(self, seed: int) -> None:
-        """Nothing to forget."""
-
-    def resume(self) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: Observation) -> Decision:
-        return Decision(action=along_z(self.task, -0.01))
 
 
 def ahead_at_touch(task: Task, around: Callable[[Policy], Policy]) -> float:

@@ -7,31 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data.types import TASKS, Observation, Task
-from policy.base import Decision
-from policy.simple import along_z
+from data.types import TASKS, Task
 from policy.steady import WAIT_TICKS, Steady
+from tests.lowering import Down
 
 LENGTH_M = 0.35
 PERIOD_TICKS = 10.0
-
-
-class Down:
-    """Straight down."""
-
-    name = "down"
-
-    def __init__(self, task: Task) -> None:
-        self.task = task
-
-    def reset(self, seed: int) -> None:
-        """Nothing to forget."""
-
-    def resume(self) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: Observation) -> Decision:
-        return Decision(action=along_z(self.task, -0.01), reason="down")
 
 
 def lower(task: Task, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:

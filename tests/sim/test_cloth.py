@@ -291,6 +291,6 @@ def test_layers_are_told_from_bends_and_wrinkles() -> None:
     )
     # As steep as wrinkles get that a stick has pushed up.
     wrinkled = flat + np.array([0.0, 0.0, 0.04]) * np.sin(flat[:, :1] * 2 * np.pi / 0.1)
-    for nodes in (flat, half_laid, wrinkled):
+    for nodes in (flat, half_laid, wrinkled, np.full_like(flat, np.inf)):
         assert not cloth.layered(nodes)
     cloth.world.close()

@@ -1,0 +1,25 @@
+"""A policy that knows no care, for what is put around it."""
+
+from __future__ import annotations
+
+from data.types import Observation, Task
+from policy.base import Decision
+from policy.simple import along_z
+
+
+class Down:
+    """Straight down, 1 cm a tick."""
+
+    name = "down"
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget."""
+
+    def resume(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observation) -> Decision:
+        return Decision(action=along_z(self.task, -0.01), reason="down")
