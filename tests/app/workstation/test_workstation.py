@@ -292,9 +292,13 @@ def test_the_hanger_is_led_by_hand(window):
     moved = after.holder - before.holder
     assert moved[0] > 0.005
     assert moved[2] < -0.02
-    made = np.array([step.action for step in episode.steps]).sum(axis=0)
-    went = episode.final_observation.holder_position - episode.steps[0].observation.holder_position
-    np.testing.assert_allclose(made, went[[0, 2]], atol=0.002)
+    # Nobody acts once the mouse has let go; how far the arm coasts in such a tick is in no action.
+    led = sum(step.hand_m is not None for step in episode.steps)
+    assert led >= 8
+    assert all(step.hand_m is not None for step in episode.steps[:led])
+    made = np.array([step.action for step in episode.steps[:led]]).sum(axis=0)
+    went = episode.observations()[led].holder_position - episode.steps[0].observation.holder_position
+    np.testing.assert_allclose(made, went[[0, 2]], atol=1e-4)
 
 
 def test_what_is_chosen_with_the_mouse_is_chosen(window):
