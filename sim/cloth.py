@@ -30,11 +30,6 @@ SPEED_LIMIT_M_S = 12.0
 HELD_STRETCH = 1.03
 """Distance of the two holders / width of the cloth: a hanger holds the hem taut, so that it does not flop to a side."""
 
-HEM_BOW_M = -0.02
-"""How far the held hem is bowed, to the back, when the cloth is let go: it springs over to the front and stays there.
-The strip above the tension lines between the two clips is slack and droops like a collar, to whichever side it finds
-first; one that droops to the back is laid on top of the cloth and stays folded. A person clips it to the front."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ClothSpec:
@@ -97,11 +92,10 @@ class ClothSpec:
         return grid.reshape(-1, 3)
 
     def hanging_nodes(self, corner_positions: FloatArray) -> FloatArray:
-        """(N, 3) m: hanging straight down from two corners (2, 3), as wide as they are apart, the hem bowed to +x."""
+        """(N, 3) m: hanging straight down from two corners (2, 3), as wide as they are apart."""
         down = np.linspace(self.length_m, 0.0, self.rows)[:, None, None] * np.array([0.0, 0.0, -1.0])
         across = np.linspace(corner_positions[0], corner_positions[1], self.columns)[None]
         nodes: FloatArray = across + down
-        nodes[-1, :, 0] += HEM_BOW_M * np.sin(np.linspace(0.0, np.pi, self.columns))
         return nodes.reshape(-1, 3)
 
 
@@ -118,7 +112,7 @@ CLOTHS: Mapping[str, ClothSpec] = {
         ),
         ClothSpec(
             name="towel-fine", length_m=0.35, width_m=0.35, rows=16, columns=16,
-            mass_kg=0.05, elastic_n_m=70.0, damping_n_s_m=0.13, bending_n_m=0.08, rate_hz=300.0,
+            mass_kg=0.05, elastic_n_m=55.0, damping_n_s_m=0.13, bending_n_m=0.08, rate_hz=240.0,
         ),
     )
 }  # fmt: skip
@@ -133,9 +127,12 @@ def cloth_spec(name: str, **changes: float) -> ClothSpec:
 
 
 class Cloth:
-    """One cloth in a world, at rest shape when made; ``set_nodes`` puts it where it should start."""
+    """One cloth in a world."""
 
-    def __init__(self, world: World, spec: ClothSpec) -> None:
+    def __init__(self, world: World, spec: ClothSpec, nodes: FloatArray | None = None) -> None:
+        """``nodes`` (N, 3) m, world: where it is when it is made, and its shape at rest, so of its spec's size and
+        without a fold; None: flat, high in the air.
+        """
         self.world = world
         self.spec = spec
         self._triangles = spec.triangles()
@@ -144,11 +141,11 @@ class Cloth:
         self._last: tuple[float, FloatArray] | None = None
         self._nodes: FloatArray | None = None
         self._nodes_at = 0
-        self.body = self._load()
+        self.body = self._load(spec.flat_nodes(z_m=0.5) if nodes is None else nodes)
 
-    def _load(self) -> int:
+    def _load(self, nodes: FloatArray) -> int:
         spec = self.spec
-        with mesh_file(spec.flat_nodes(z_m=0.5), self._triangles) as path:
+        with mesh_file(nodes, self._triangles) as path:
             body = bullet.loadSoftBody(
                 path,
                 scale=1.0,
@@ -188,7 +185,10 @@ class Cloth:
         return nodes
 
     def set_nodes(self, nodes: FloatArray) -> None:
-        """Put the nodes (N, 3) there; Bullet keeps their velocities, so use it on a cloth at rest."""
+        """Put the nodes (N, 3) there; Bullet keeps their velocities and makes this the shape at rest.
+
+        For a cloth that is only looked at: one that is to move as its spec says is made where it begins.
+        """
         bullet.resetMeshData(self.body, nodes.tolist(), physicsClientId=self.world.client)
         self._last = None
         self._nodes = None

@@ -31,6 +31,7 @@ class Pickers:
         """m in one substep."""
         self._speeds: list[list[float]] = self._step.tolist()
         """m/s, as Bullet takes them soonest."""
+        self._anchors: list[int] = []
         self._bodies = [
             int(bullet.createMultiBody(0.0, basePosition=p.tolist(), physicsClientId=self._client)) for p in self._at
         ]
@@ -45,8 +46,16 @@ class Pickers:
         return np.zeros(0)
 
     def grip(self) -> None:
-        for node, body in zip(self._cloth.spec.corners, self._bodies, strict=True):
-            self._cloth.anchor(node, body)
+        held = zip(self._cloth.spec.corners, self._bodies, strict=True)
+        self._anchors = [self._cloth.anchor(node, body) for node, body in held]
+
+    def let_go(self) -> None:
+        """For good: the pickers are gone."""
+        for anchor in self._anchors:
+            self._cloth.release(anchor)
+        for body in self._bodies:
+            bullet.removeBody(body, physicsClientId=self._client)
+        self._anchors, self._bodies = [], []
 
     def start_tick(self, action: FloatArray, substeps: int) -> None:
         """``action`` (6,) m: dx, dy, dz of picker 1, then of picker 2; kept inside the workspace."""

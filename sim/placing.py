@@ -91,15 +91,15 @@ class Placing:
         spec = settings.spec
         rng = np.random.default_rng([seed, 0x57A7])
         self.world = World(step_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
-        self.cloth = Cloth(self.world, spec)
         first = starts.beginning(settings.start, spec, rng)
-        self.cloth.set_nodes(first.nodes)
+        self.cloth = Cloth(self.world, spec, first.nodes)
+        self.air = Air(self.cloth)
+        starts.clip(self.cloth, first.corners, self.air)
         self.holder: Holder = (
             Hanger(self.cloth, first.corners, control=settings.control)
             if settings.task == "hanger"
             else Pickers(self.cloth, first.corners)
         )
-        self.air = Air(self.cloth)
         self.disturbance: Disturbance | None = None
         self._pull: Pull | None = None
         self._pull_target: FloatArray | None = None

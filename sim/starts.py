@@ -9,10 +9,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from data.types import FloatArray, Task, action_size
+from sim.air import Air
 from sim.cloth import HELD_STRETCH, Cloth, ClothSpec
 from sim.crumple import crumple
 from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
 from sim.holder import Holder
+from sim.pickers import Pickers
 
 Start: TypeAlias = Literal["hanging", "crumpled", "folded-corner", "swinging"]
 STARTS: tuple[Start, ...] = ("hanging", "crumpled", "folded-corner", "swinging")
@@ -29,7 +31,9 @@ LAID_FREE_EDGE_M = (-0.04, 0.14)
 LAID_HEIGHT_M = 0.0065
 """Of the held hem after a demonstration."""
 LAID_STRETCH = 1.01
-"""Of a cloth that was dragged taut."""
+"""How far the holder draws a laid cloth taut."""
+CLIPPING_S = 0.25
+"""In which a cloth's corners are drawn from where they are at rest to where the holder takes them."""
 FOLD = "fold-corner"
 """The hand that turns the corner over, a disturbance."""
 FOLD_TICKS = 35
@@ -53,7 +57,7 @@ class Beginning:
     corners: FloatArray
     """(2, 3) m: where the holder begins."""
     nodes: FloatArray
-    """(N, 3) m."""
+    """(N, 3) m: the cloth without tension, near there."""
     about: Mapping[str, float]
     """What was drawn, for the episode's record."""
 
@@ -68,7 +72,26 @@ def beginning(start: Start, spec: ClothSpec, rng: np.random.Generator) -> Beginn
     if start == "folded-corner":
         return _laid(spec, rng)
     corners = home_corners(spec)
-    return Beginning(corners=corners, nodes=spec.hanging_nodes(corners), about={})
+    slack = corners / np.array([1.0, HELD_STRETCH, 1.0])
+    return Beginning(corners=corners, nodes=spec.hanging_nodes(slack), about={})
+
+
+def clip(cloth: Cloth, corners: FloatArray, air: Air) -> None:
+    """Fingers draw the cloth's two held corners to ``corners`` (2, 3) m, where the holder takes them.
+
+    A cloth begins at rest, which is narrower than the holder: nodes that are set wider would be its shape at rest.
+    """
+    world = cloth.world
+    at = cloth.nodes()[list(cloth.spec.corners)]
+    fingers = Pickers(cloth, at)
+    fingers.grip()
+    substeps = world.halves(CLIPPING_S) // 2
+    fingers.start_tick((corners - at).ravel(), substeps)
+    for _ in range(substeps):
+        air.before_substep()
+        fingers.before_substep()
+        world.step()
+    fingers.let_go()
 
 
 def begin(
@@ -101,13 +124,9 @@ def _corners(spec: ClothSpec, x_m: float, z_m: float) -> FloatArray:
 def _laid(spec: ClothSpec, rng: np.random.Generator) -> Beginning:
     """Laid and dragged taut."""
     x = rng.uniform(*LAID_FREE_EDGE_M)
-    grid = spec.flat_nodes().reshape(spec.rows, spec.columns, 3) * np.array([LAID_STRETCH, 1.0, 1.0])
-    # The hem is held wider than the cloth is; the next rows follow it less and less.
-    grid[..., 1] *= 1.0 + (HELD_STRETCH - 1.0) * np.linspace(0.0, 1.0, spec.rows)[:, None] ** 4
-    grid[-1, :, 2] = LAID_HEIGHT_M
-    nodes = grid.reshape(-1, 3)
-    nodes[:, 0] += x
-    return Beginning(corners=nodes[list(spec.corners)], nodes=nodes, about={})
+    return Beginning(
+        corners=_corners(spec, x + LAID_STRETCH * spec.length_m, LAID_HEIGHT_M), nodes=spec.flat_nodes(x_m=x), about={}
+    )
 
 
 def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], Plan]) -> Mapping[str, float]:
