@@ -108,13 +108,18 @@ class _PathHands(Hands):
 
     def arrived(self, time_s: float) -> bool:
         """Whether the targets are at the path's end and the hands near them."""
-        offset, _, ended = self._plan.target(time_s)
-        return ended and float(np.linalg.norm((self.start + offset - self.positions()).mean(axis=0))) < ARRIVED_M
+        ended = self._plan.target(time_s)[2]
+        return ended and float(np.linalg.norm((self._targets(time_s) - self.positions()).mean(axis=0))) < ARRIVED_M
 
     def follow(self, time_s: float) -> None:
         """Push all hands towards their targets for one substep."""
-        offset, velocity, _ = self._plan.target(time_s)
-        self.draw(self.start + offset, velocity)
+        self.draw(self._targets(time_s), self._plan.target(time_s)[1])
+
+    def _targets(self, time_s: float) -> FloatArray:
+        """(K, 3) m."""
+        middle = self.start.mean(axis=0)
+        turned: FloatArray = (self.start - middle) @ self._plan.turned(time_s).T
+        return middle + turned + self._plan.target(time_s)[0]
 
 
 class _Gust:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from data.types import FloatArray
 from sim.cloth import ClothSpec
@@ -41,6 +42,8 @@ class DisturbanceSpec:
     """Direction of the path on the table: 0 is +x, towards the held edge; 90 is +y."""
     path: tuple[Waypoint, ...] = ()
     """Corners of the hands' path; the start is (0, 0)."""
+    turn_deg: float = 0.0
+    """By how much the hands turn together over their path, as one turns a page: the hindmost goes over the others."""
     scale: Range = (1.0, 1.0)
     """Factor on the path, or on the wind."""
     either_side: bool = False
@@ -74,6 +77,8 @@ class DisturbanceSpec:
             raise SimError(f"disturbance {self.name}: patch {self.patch} or settle_s {self.settle_s} makes no sense")
         if (self.kind in ("none", "wind")) == bool(self.path):
             raise SimError(f"disturbance {self.name}: a path is for hands, and a {self.kind} has {self.path}")
+        if self.turn_deg and not self.path:
+            raise SimError(f"disturbance {self.name}: turn_deg is for hands, and a {self.kind} has {self.turn_deg}")
         if (self.kind == "wind") != (self.wind_m_s2 != 0):
             raise SimError(f"disturbance {self.name}: wind_m_s2 is {self.wind_m_s2} in a {self.kind}")
 
@@ -112,9 +117,11 @@ class DisturbanceSpec:
         size = scale * cloth.length_m
         corners = [np.zeros(3), *(size * (ahead * forward + up * np.array([0.0, 0.0, 1.0])) for ahead, up in self.path)]
         wind = self.wind_m_s2 * scale * forward
+        turn = math.radians(self.turn_deg) * np.cross([0.0, 0.0, 1.0], forward)
         return Plan(
             nodes=_patch_nodes(cloth, along, across, self.patch) if self.path else (),
             path_m=np.array(corners),
+            turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
             speed_m_s=self.speed_m_s,
             force_limit_n=self.force_weights * cloth.mass_kg * GRAVITY_M_S2,
             wind_m_s2=(float(wind[0]), float(wind[1]), float(wind[2])),
@@ -136,11 +143,13 @@ class Plan:
     wind_m_s2: tuple[float, float, float]
     time_limit_s: float
     settle_s: float
+    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector, world axes: how far the hands have turned about their middle at the path's end."""
 
     def described(self) -> dict[str, Any]:
         """As JSON values by name."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        return values | {key: np.asarray(values[key]).tolist() for key in ("nodes", "path_m", "wind_m_s2")}
+        return values | {key: np.asarray(values[key]).tolist() for key in _ARRAYS}
 
     @staticmethod
     def recorded(described: Mapping[str, Any], cloth: ClothSpec) -> Plan:
@@ -150,9 +159,11 @@ class Plan:
             x, y, z = (float(part) for part in values["wind_m_s2"])
             path = np.array(values["path_m"], dtype=float)
             nodes = tuple(int(node) for node in values["nodes"])
-            plan = Plan(**(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z)}))
-            numbers = [x, y, z, *path.ravel(), plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s]
-            sound = path.ndim == 2 and path.shape[1] == 3 and bool(np.isfinite(numbers).all())
+            # Records of before hands could turn say nothing of it.
+            turn = tuple(float(part) for part in values.get("turn_rad", (0.0, 0.0, 0.0)))
+            plan = Plan(**(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z), "turn_rad": turn}))
+            numbers = [x, y, z, *turn, *path.ravel(), plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s]
+            sound = path.ndim == 2 and path.shape[1] == 3 and len(turn) == 3 and bool(np.isfinite(numbers).all())
         except (KeyError, TypeError, ValueError) as error:
             raise SimError(f"the recorded disturbance is no plan of this version ({error})") from None
         if not sound or not all(0 <= node < cloth.rows * cloth.columns for node in nodes):
@@ -171,6 +182,16 @@ class Plan:
                 return start + left * forward, self.speed_m_s * forward, False
             left -= length
         return self.path_m[-1], np.zeros(3), True
+
+    def turned(self, time_s: float) -> FloatArray:
+        """(3, 3): how far the hands have turned about their middle, evenly over the path."""
+        length = float(np.linalg.norm(np.diff(self.path_m, axis=0), axis=1).sum())
+        share = min(1.0, self.speed_m_s * time_s / length)
+        rotation: FloatArray = Rotation.from_rotvec(share * np.array(self.turn_rad)).as_matrix()
+        return rotation
+
+
+_ARRAYS = ("nodes", "path_m", "wind_m_s2", "turn_rad")
 
 
 def _patch_nodes(cloth: ClothSpec, along: float, across: float, patch: tuple[int, int]) -> tuple[int, ...]:
@@ -217,7 +238,7 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
         ),
         DisturbanceSpec(
             name="fold-corner", kind="fold", along=(0.0, 0.0), across=(0.0, 0.0), patch=(2, 2),
-            heading_deg=(-55.0, -35.0), path=((0.1, 0.16), (0.5, 0.16), (0.6, 0.04)), scale=(0.8, 1.1),
+            heading_deg=(-55.0, -35.0), path=((0.1, 0.16), (0.5, 0.16), (0.6, 0.04)), turn_deg=180.0, scale=(0.8, 1.1),
             either_side=True, speed_m_s=0.25, time_limit_s=2.0,
         ),
         DisturbanceSpec(

@@ -62,6 +62,7 @@ READERS: Mapping[str, Callable[[str, str, Any], Any]] = {
     "patch": _patch,
     "heading_deg": _range,
     "path": _path,
+    "turn_deg": _number,
     "scale": _range,
     "either_side": _yes_or_no,
     "speed_m_s": _number,
