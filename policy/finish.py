@@ -22,7 +22,7 @@ from policy.base import Decision
 from policy.features import POSITION_COLUMNS
 from policy.gp_model import GpModel
 from policy.simple import X_LIMIT_M, along_x
-from policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, XLimit
+from policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, Stuck, XLimit
 
 NAME = "gp-finish"
 RADIUS = 0.5
@@ -39,6 +39,9 @@ FLAT_CONTACT = 0.99
 FLAT_TICKS = 6
 NO_GAIN_TICKS = 25
 """Ten centimetres of the smallest useful move: slack that is drawn together may hide contact for as long as that."""
+STUCK_TICKS = 40
+STUCK_M = 0.02
+"""A smallest useful move at a time makes 16 cm in so many ticks."""
 LOST_M = 2e-4
 """Output below which its direction is noise."""
 
@@ -129,9 +132,10 @@ def resting_place(model: GpModel) -> FloatArray:
 
 
 def finished() -> StopRule:
-    """Flat, or no gain any more, or at the end of the view; the reason says which."""
+    """Flat, or no gain any more, or stuck, or at the end of the view; the reason says which."""
     return AnyOf(
         ContactReached(FLAT_CONTACT, ticks=FLAT_TICKS),
         NoContactGain(ticks=NO_GAIN_TICKS, from_contact=ON_TABLE_CONTACT),
+        Stuck(ticks=STUCK_TICKS, within_m=STUCK_M),
         XLimit(X_LIMIT_M),
     )

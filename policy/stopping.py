@@ -6,6 +6,7 @@ episode, and when a policy goes on after a disturbance.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -103,6 +104,26 @@ class NoContactGain:
         if self._count < self._ticks:
             return None
         return Stop(by="converged", reason=f"no gain of contact for {self._ticks} ticks")
+
+
+class Stuck:
+    """The holder has stayed within ``within_m`` along each axis for ``ticks`` ticks: it pulls, and nothing yields."""
+
+    def __init__(self, *, ticks: int, within_m: float) -> None:
+        self._ticks = _at_least_one("ticks", ticks)
+        self._within_m = _positive("within_m", within_m)
+        self._places: deque[FloatArray] = deque(maxlen=self._ticks)
+
+    def reset(self) -> None:
+        self._places.clear()
+
+    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
+        self._places.append(observation.holder_position)
+        if len(self._places) < self._ticks or np.ptp(np.array(self._places), axis=0).max() >= self._within_m:
+            return None
+        return Stop(
+            by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {self._ticks} ticks"
+        )
 
 
 class ContactReached:

@@ -7,7 +7,17 @@ from hypothesis import strategies as st
 
 from data.types import STOPS
 from policy.base import PolicyError
-from policy.stopping import AllOf, AnyOf, BelowThreshold, ContactReached, NoContactGain, StopRule, TickLimit, XLimit
+from policy.stopping import (
+    AllOf,
+    AnyOf,
+    BelowThreshold,
+    ContactReached,
+    NoContactGain,
+    StopRule,
+    Stuck,
+    TickLimit,
+    XLimit,
+)
 
 lengths = st.lists(st.floats(0, 0.01), max_size=40)
 
@@ -78,6 +88,15 @@ def test_contact_reached_and_x_limit(observe):
     assert fires(XLimit(0.5), [observe(x) for x in (0.49, 0.5, 0.6)], np.ones(3)) == [False, True, True]
 
 
+def test_stuck_is_who_goes_nowhere_however_long_the_moves_that_were_asked_for(observe):
+    rule = Stuck(ticks=3, within_m=0.02)
+    places = (0.1, 0.2, 0.21, 0.215, 0.2, 0.3, 0.3, 0.319)
+    expected = [False, False, False, True, True, False, False, True]
+    assert fires(rule, [observe(x) for x in places], np.full(8, 0.01)) == expected
+    rule.reset()
+    assert fires(rule, [observe(0.3)] * 3, np.full(3, 0.01)) == [False, False, True]
+
+
 def test_contact_may_have_to_last(observe):
     rule = ContactReached(0.9, ticks=2)
     seen = [observe(contact=c) for c in (0.95, 0.8, 0.95, 0.95, 0.95, 0.8, 0.95)]
@@ -111,6 +130,7 @@ def test_every_rule_uses_words_that_files_know(observe):
     rules = [
         BelowThreshold(threshold_m=1.0),
         TickLimit(1),
+        Stuck(ticks=1, within_m=1.0),
         NoContactGain(ticks=1),
         ContactReached(0.1),
         XLimit(0.1),
