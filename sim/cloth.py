@@ -107,8 +107,8 @@ CLOTHS: Mapping[str, ClothSpec] = {
             mass_kg=0.05, elastic_n_m=55.0, damping_n_s_m=0.15, bending_n_m=0.1, rate_hz=200.0,
         ),
         ClothSpec(
-            name="napkin", length_m=0.275, width_m=0.215, rows=15, columns=13,
-            mass_kg=0.023, elastic_n_m=22.0, damping_n_s_m=0.06, bending_n_m=0.02, rate_hz=200.0,
+            name="napkin", length_m=0.275, width_m=0.215, rows=12, columns=10,
+            mass_kg=0.023, elastic_n_m=30.0, damping_n_s_m=0.083, bending_n_m=0.03, rate_hz=200.0,
         ),
         ClothSpec(
             name="towel-fine", length_m=0.35, width_m=0.35, rows=16, columns=16,

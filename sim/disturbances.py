@@ -162,7 +162,8 @@ class Plan:
             # Records of before hands could turn say nothing of it.
             turn = tuple(float(part) for part in values.get("turn_rad", (0.0, 0.0, 0.0)))
             plan = Plan(**(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z), "turn_rad": turn}))
-            numbers = [x, y, z, *turn, *path.ravel(), plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s]
+            limits = (plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s)
+            numbers = [x, y, z, *turn, *path.ravel(), *limits]
             sound = path.ndim == 2 and path.shape[1] == 3 and len(turn) == 3 and bool(np.isfinite(numbers).all())
         except (KeyError, TypeError, ValueError) as error:
             raise SimError(f"the recorded disturbance is no plan of this version ({error})") from None

@@ -166,4 +166,14 @@ def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
         assert word in stop.reason
         assert not stop.action.any()
     hanging = FinishPolicy(model)
-    assert all(hanging.act(observe(0.0, 0.4)).stop is None for _ in range(60))
+    assert all(hanging.act(observe(0.001 * k, 0.4)).stop is None for k in range(60))
+
+
+def test_it_gives_up_where_it_pulls_and_nothing_yields(model, observe):
+    """A heap of cloth that has less contact than any gain counts from, and holds the holder back."""
+    policy = FinishPolicy(model)
+    policy.reset(0)
+    decisions = [policy.act(observe(0.3 + 0.0001 * k, 0.1, contact=0.1)) for k in range(finish.STUCK_TICKS)]
+    assert all(decision.stop is None for decision in decisions[:-1])
+    assert decisions[-1].stop == "converged"
+    assert "stayed within" in decisions[-1].reason
