@@ -38,7 +38,7 @@ def _swing(rate: float, ticks: int = 20) -> np.ndarray:
 
 def test_a_swing_dies_away_with_drag_and_goes_on_without() -> None:
     late = slice(-24 * 8, None)
-    still, swinging = np.ptp(_swing(3.0)[late]), np.ptp(_swing(0.0)[late])
+    still, swinging = np.ptp(_swing(3.0, 30)[late]), np.ptp(_swing(0.0, 30)[late])
     assert swinging > 0.02
     assert still < 0.25 * swinging
 

@@ -61,12 +61,12 @@ def test_rewards_add_up_to_the_gain_of_contact(env: PlaceEnv) -> None:
     """A tick at a time, lowered until some of it touches."""
     first, _ = env.reset(seed=0)
     total = 0.0
-    for tick in range(16):
+    for tick in range(18):
         before = env.bench.holder.position()
-        seen, reward, terminated, truncated, info = env.step(np.array([0.2, 0.0, -0.7] * 2, np.float32))
+        seen, reward, terminated, truncated, info = env.step(np.array([0.5, 0.0, -0.7] * 2, np.float32))
         if tick == 0:
             moved = env.bench.holder.position() - before
-            np.testing.assert_allclose(moved, np.array([0.2, 0.0, -0.7]) * ACTION_LIMIT_M, atol=1e-6)
+            np.testing.assert_allclose(moved, np.array([0.5, 0.0, -0.7]) * ACTION_LIMIT_M, atol=1e-6)
         total += reward
         assert env.observation_space.contains(seen)
         assert (terminated, truncated) == (False, False)
