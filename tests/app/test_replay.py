@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,6 +19,7 @@ from data import SessionRecorder
 from data.types import TASKS, DisturbanceRecord, Truth
 from sim.cloth import cloth_spec
 from sim.disturbances import DISTURBANCES, Plan
+from sim.world import SimError
 
 SCRIPT = """
 import json, sys
@@ -289,3 +291,12 @@ def test_a_plan_survives_its_description(name):
     for time_s in (0.0, 0.3, 2.0):
         for a, b in zip(again.target(time_s), plan.target(time_s), strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_a_plan_from_before_hands_could_turn_is_one_that_does_not():
+    cloth = cloth_spec("towel")
+    described = {key: value for key, value in PLAN.items() if key != "turn_rad"}
+    assert Plan.recorded(described, cloth).described() == PLAN
+    for broken in ([1.0, 2.0], "over", [math.nan, 0.0, 0.0]):
+        with pytest.raises(SimError, match="no plan"):
+            Plan.recorded(PLAN | {"turn_rad": broken}, cloth)

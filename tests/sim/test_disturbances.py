@@ -59,6 +59,8 @@ def test_a_suites_file_says_what_differs() -> None:
         ({"name": "odd", "like": "push", "speed_m_s": math.nan}, "speed_m_s"),
         ({"name": "odd", "like": "push", "either_side": 1}, "either_side"),
         ({"name": "odd", "like": "wind", "wind_m_s2": 0}, "wind_m_s2"),
+        ({"name": "odd", "like": "wind", "turn_deg": 90.0}, "turn_deg"),
+        ({"name": "odd", "like": "fold-corner", "turn_deg": "over"}, "turn_deg"),
     ],
 )
 def test_a_wrong_field_is_named_in_one_sentence(wrong: dict, said: str) -> None:
@@ -75,6 +77,22 @@ def test_a_corner_is_folded_inwards_on_either_side(seed: int) -> None:
     assert 0 in plan.nodes or TOWEL.columns - 1 in plan.nodes
     assert plan.path_m[-1, 0] > 0.05
     assert plan.path_m[-1, 1] * side < 0
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_hand_turns_the_corner_over_as_one_turns_a_page(seed: int) -> None:
+    """What lies behind in the heading is above on the way, and ahead at the end; what lies beside stays beside."""
+    plan = disturbance_spec("fold-corner").schedule(np.random.default_rng(seed), TOWEL)
+    ahead = plan.path_m[-1] * [1.0, 1.0, 0.0]
+    ahead /= np.linalg.norm(ahead)
+    up, duration_s = np.array([0.0, 0.0, 1.0]), np.linalg.norm(np.diff(plan.path_m, axis=0), axis=1).sum() / 0.25
+    np.testing.assert_allclose(plan.turned(0.0), np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(plan.turned(duration_s / 2) @ -ahead, up, atol=1e-9)
+    for time_s in (duration_s, 2 * duration_s):
+        np.testing.assert_allclose(plan.turned(time_s) @ -ahead, ahead, atol=1e-9)
+        np.testing.assert_allclose(plan.turned(time_s) @ up, -up, atol=1e-9)
+    straight = disturbance_spec("push").schedule(np.random.default_rng(seed), TOWEL)
+    np.testing.assert_array_equal(straight.turned(0.4), np.eye(3))
 
 
 def test_both_sides_occur() -> None:

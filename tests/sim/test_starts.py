@@ -29,6 +29,10 @@ def _start(seed: int) -> dict[str, float]:
         # Of the free edge one end lies on the cloth, nearer to the middle and to the holder.
         assert abs(nodes[corner, 1]) < abs(nodes[other, 1]) - 0.05
         assert nodes[corner, 0] > nodes[other, 0] + 0.05
+        # Turned over as a page is, down to its last cell.
+        inner = TOWEL.columns + (1 if corner == 0 else corner - 1)
+        assert nodes[corner, 0] > nodes[inner, 0]
+        assert abs(nodes[corner, 1]) < abs(nodes[inner, 1])
         return bench.start
     finally:
         bench.close()
