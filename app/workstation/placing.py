@@ -18,6 +18,7 @@ from app.workstation.orders import model_of, recorder_of, settings_of
 from app.workstation.recording import JUDGED
 from data.running import Running
 from data.types import Episode, Outcome, Phase, Pull, StoppedBy
+from policy.base import extra_ticks
 from sim.placing import Placing
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
@@ -36,8 +37,9 @@ class PlacingWork:
     """One episode of a policy.
 
     The order: ``task, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
-    ``descriptor, noise, tick_s, speed, hurry`` (as fast as it goes until the cloth is placed), ``record`` (a session's
-    path, or empty), ``images`` and ``source`` (the device of a person who may take over, or empty).
+    ``with`` (names of policy.registry.DECORATORS), ``descriptor, noise, tick_s, speed, hurry`` (as fast as it goes
+    until the cloth is placed), ``record`` (a session's path, or empty), ``images`` and ``source`` (the device of a
+    person who may take over, or empty).
     """
 
     def __init__(self, order: Order, desk: Desk) -> None:
@@ -61,11 +63,14 @@ class PlacingWork:
         self.bench = Placing(settings)
         self.bench.reset(int(order["seed"]))
         made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
-        job = EpisodeJob(task=settings.task, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made)
+        job = EpisodeJob(
+            task=settings.task, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made,
+            decorators=tuple(order.get("with", ())),
+        )  # fmt: skip
         begin = None if self._recorder is None else self._begin
         policy, source = policy_of(job, self.bench), str(order.get("source", ""))
         self._person = Corrector(policy, source) if source else None
-        self._name = policy.name
+        self._name, self._extra_ticks = policy.name, extra_ticks(policy)
         self._decides: State = "placing"
         self._without_device = False
         self.run = Run(
@@ -194,7 +199,8 @@ class PlacingWork:
     def _tick(self, pull: Pull | None) -> StoppedBy | None:
         self._phase_ticks += 1
         self._pulled += pull is not None
-        if self._phase_ticks > LIMIT_TICKS[self.state] and self._leads() != YOU:
+        limit = LIMIT_TICKS[self.state] + (0 if self.state == "disturbing" else self._extra_ticks)
+        if self._phase_ticks > limit and self._leads() != YOU:
             return "tick_limit"
         return self.run.tick(PHASES[self.state], pull=pull)
 

@@ -27,6 +27,8 @@ NAMED = tuple(name for name in DISTURBANCES if name != "none")
 DIGITS = "1234567890-="
 """Keys that begin them; more of them than keys can be clicked at."""
 NOBODY = "nobody"
+HELP = {"nothing": (), **{name: (name,) for name in ("recovery", "steady")}, "both": ("recovery", "steady")}
+"""What can be around who decides, by what the menu calls it: names of policy.registry.DECORATORS."""
 STATES = {
     "ready": ("Ready", look.TEXT),
     "placing": ("Placing", look.ACCENT),
@@ -47,6 +49,7 @@ class PlaceMode(BasicMode):
     name: str = "Place"
     hands: Hands | None = None
     source: str = NOBODY
+    help: str = "nothing"
     hurry: bool = False
     seed: int = 0
     record: str = ""
@@ -68,6 +71,8 @@ class PlaceMode(BasicMode):
         if self.hands is not None:
             sources = [NOBODY, *SOURCES]
             theme.choice(menu, "Who may take over", sources, self.source, self._take_source, width=width)
+        about = "What helps it: recovery from folds, steady waiting"
+        theme.choice(menu, about, list(HELP), self.help, self._take_help, width=width)
         theme.entry(menu, "Seed of the start", str(self.seed), self._take_seed, width=width)
         theme.entry(menu, "Record into (empty: nowhere)", self.record, self._take_record, width=width)
         theme.button(menu, "Lay and disturb" if self.hurry else "Place", self.start, main=True)
@@ -94,6 +99,9 @@ class PlaceMode(BasicMode):
 
     def _take_source(self, name: str) -> None:
         self.source = name
+
+    def _take_help(self, name: str) -> None:
+        self.help = name
 
     def _take_seed(self, text: str) -> None:
         self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
@@ -131,6 +139,7 @@ class PlaceMode(BasicMode):
         """What the bench is told, or None where the model cannot be read (which is said)."""
         settings, policy = self.shop.settings, self.shop.settings.model
         order: dict[str, Any] = {"work": "place", **settings.bench(), "seed": self.seed, "hurry": self.hurry}
+        order["with"] = list(HELP[self.help])
         if policy.endswith(".npz"):
             path = self.shop.folder / policy
             try:

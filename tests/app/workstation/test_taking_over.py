@@ -22,6 +22,7 @@ from app.workstation.playback import Playback
 from data import validate
 from data.store import open_session
 from data.types import ACTION_LIMIT_M, Pull
+from policy.registry import decorated
 from policy.takeover import REST_TICKS
 from tests.app.fake_bench import FakeBench, Forward
 
@@ -33,7 +34,7 @@ GONE = at_rest("hanger", connected=False, problem="a pad is gone; plug it in aga
 class Table:
     """A placing whose bench is a few numbers, and the window's end of its channels."""
 
-    def __init__(self, record: Path | None, source: str, policy: Forward) -> None:
+    def __init__(self, record: Path | None, source: str, policy: Forward, around: tuple[str, ...] = ()) -> None:
         context = get_context("spawn")
         self.channels = Channels(context, "hanger")
         self._connection, theirs = context.Pipe()
@@ -41,6 +42,7 @@ class Table:
         order = {
             "task": "hanger", "cloth": "towel", "descriptor": "word-axial", "noise": True, "tick_s": 0.1, "speed": 0.0,
             "seed": 3, "policy": "scripted", "record": "" if record is None else str(record), "source": source,
+            "with": list(around),
         }  # fmt: skip
         self.work = PlacingWork(order, Desk(channels=self.channels, connection=theirs))
         self.work.obey({"do": "start"})
@@ -78,11 +80,13 @@ class Table:
 def table(monkeypatch) -> Iterator[Callable[..., Table]]:
     made: list[Table] = []
 
-    def make(record: Path | None = None, *, source: str = "gamepad", enough: float = 2.0) -> Table:
+    def make(
+        record: Path | None = None, *, source: str = "gamepad", enough: float = 2.0, around: tuple[str, ...] = ()
+    ) -> Table:
         policy = Forward(enough)
         monkeypatch.setattr(placing, "Placing", FakeBench)
-        monkeypatch.setattr(placing, "policy_of", lambda job, bench: policy)
-        made.append(Table(record, source, policy))
+        monkeypatch.setattr(placing, "policy_of", lambda job, bench: decorated(policy, job.decorators))
+        made.append(Table(record, source, policy, around))
         return made[-1]
 
     yield make
@@ -192,6 +196,18 @@ def test_after_a_disturbance_what_the_person_leads_is_the_repair(table):
     assert [(step.phase, step.intervention) for step in one.work.run.steps[-5:]] == [
         ("disturb", False), ("disturb", False), ("repair", True), ("repair", True), ("repair", True),
     ]  # fmt: skip
+
+
+def test_what_recovers_has_the_ticks_that_recovering_takes(table, monkeypatch):
+    """The limit of a placing is longer by what the decorator says that it may need."""
+    monkeypatch.setitem(placing.LIMIT_TICKS, "placing", 4)
+    bare, around = table(source=""), table(source="", around=("recovery", "steady"))
+    for each in (bare, around):
+        each.go(REST, 30)
+    assert bare.status["state"] == "placed"
+    assert around.status["state"] == "placing"
+    assert around.status["policy"] == f"{bare.status['policy']}+recovery+steady"
+    assert around.ticks == 30
 
 
 def test_who_leads_is_not_cut_off_by_the_limit_of_the_policy(table, monkeypatch):
