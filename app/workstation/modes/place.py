@@ -71,7 +71,7 @@ class PlaceMode(BasicMode):
         if self.hands is not None:
             sources = [NOBODY, *SOURCES]
             theme.choice(menu, "Who may take over", sources, self.source, self._take_source, width=width)
-        about = "What helps it: recovery from folds, steady waiting"
+        about = "Help against folds and swinging"
         theme.choice(menu, about, list(HELP), self.help, self._take_help, width=width)
         theme.entry(menu, "Seed of the start", str(self.seed), self._take_seed, width=width)
         theme.entry(menu, "Record into (empty: nowhere)", self.record, self._take_record, width=width)

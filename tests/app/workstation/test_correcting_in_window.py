@@ -31,6 +31,9 @@ from tests.app.workstation.test_workstation import leftovers
 
 pytestmark = pytest.mark.timeout(300)
 
+HELP_LIST = 4
+"""Of the lists in the Place tab without a model: who decides, task, cloth, who may take over, what helps it."""
+
 
 @pytest.fixture
 def window(tmp_path: Path) -> Iterator[Callable[..., Window]]:
@@ -78,6 +81,17 @@ def the_episode(path: Path) -> Episode:
     with open_session(path) as session:
         (name,) = session.names
         return session.episode(name)
+
+
+@pytest.mark.parametrize(("choice", "who"), [("nothing", "forward"), ("both", "forward+recovery+steady")])
+def test_what_is_around_the_policy_is_chosen_in_the_menu(window, choice, who):
+    one = window()
+    person = Person(one)
+    person.tab("Place")
+    person.choose(HELP_LIST, choice)
+    person.menu("Place")
+    person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
+    assert person.status["policy"] == who
 
 
 def test_a_pad_takes_over_and_the_window_says_who_leads(window):
