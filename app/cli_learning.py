@@ -61,22 +61,25 @@ def record(
     """
     checks.require_simulator()
     from app.record import record as run
+    from app.wish import Wish
 
     run(
-        path,
-        task=task,
-        cloth=cloth,
-        source=source,
-        episodes=episodes,
-        seed=seed,
-        descriptor=descriptor,
-        images=images,
+        Wish(
+            path=path,
+            task=task,
+            cloth=cloth,
+            source=source,
+            episodes=episodes,
+            seed=seed,
+            descriptor=descriptor,
+            images=images,
+            disturb=disturb,
+            window=window,
+            mapping=pad,
+            correct=correct,
+        ),
         force=force,
         workers=workers,
-        disturb=disturb,
-        window=window,
-        mapping=pad,
-        correct=correct,
     )
 
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 from app import checks
 from app.errors import LayflatError, WrongCall
 from app.jobs import EpisodeJob, JobFailure, run_numbered
 from app.progress import Progress
+from app.wish import Wish
 from data.journal import JournalTicket
 from data.recorder import KeptEpisode, SessionRecorder
-from data.types import Episode, Task
+from data.types import Episode
 from perception.descriptors import DESCRIPTORS
 from sim.cloth import CLOTHS
 
@@ -21,57 +21,29 @@ EPISODE_S = 15.0
 """Expected wall time of a demonstration, for the first estimate of the time left."""
 
 
-def record(
-    path: Path,
-    *,
-    task: Task,
-    cloth: str,
-    source: str,
-    episodes: int,
-    seed: int,
-    descriptor: str,
-    images: bool,
-    force: bool,
-    workers: int,
-    disturb: str = "none",
-    window: bool = True,
-    mapping: Path | None = None,
-    correct: Path | None = None,
-) -> None:
-    """Record ``episodes`` demonstrations of seeds ``seed``, ``seed + 1``, ...; one line on stdout for each.
-
-    ``disturb``, ``window``, ``mapping`` (of a pad) and ``correct`` (a model) are for a person who demonstrates.
-    """
-    if correct is not None and source == "scripted":
+def record(wish: Wish, *, force: bool, workers: int) -> None:
+    """Record what is wished; one line on stdout for each demonstration."""
+    if wish.correct is not None and wish.source == "scripted":
         raise WrongCall("--correct needs a person who takes over; give --source keyboard or --source gamepad")
-    checks.known_name("cloth", cloth, CLOTHS)
-    checks.known_name("descriptor", descriptor, DESCRIPTORS)
+    checks.known_name("cloth", wish.cloth, CLOTHS)
+    checks.known_name("descriptor", wish.descriptor, DESCRIPTORS)
+    path, episodes = wish.path, wish.episodes
     if force and path.exists() and path.is_file():
         raise WrongCall(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     checks.writable_file(path, force=False, append=True)
-    if source != "scripted":
+    if wish.source != "scripted":
         from app.workstation.by_hand import record_by_hand
 
-        record_by_hand(
-            path,
-            task=task,
-            cloth=cloth,
-            source=source,
-            episodes=episodes,
-            seed=seed,
-            descriptor=descriptor,
-            images=images,
-            disturb=disturb,
-            window=window,
-            mapping=mapping,
-            correct=correct,
-        )
+        record_by_hand(wish)
         return
     jobs = [
-        EpisodeJob(task=task, cloth=cloth, seed=seed + k, descriptor=descriptor, images=images) for k in range(episodes)
+        EpisodeJob(task=wish.task, cloth=wish.cloth, seed=wish.seed + k, descriptor=wish.descriptor, images=wish.images)
+        for k in range(episodes)
     ]
     with (
-        SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=descriptor) as recorder,
+        SessionRecorder(
+            path, task=wish.task, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
+        ) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):
         for kept in recorder.recovered:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 from app import checks
 from app.errors import LayflatError, WrongCall
+from app.wish import Wish
 from app.workstation.inputs.registry import SOURCES, terminal_source
 from app.workstation.recording import COUNTDOWN_S, Recording
 from app.workstation.sofar import recorded_seeds
@@ -24,91 +23,49 @@ from sim.disturbances import DISTURBANCES
 from sim.placing import BenchSettings
 
 
-def record_by_hand(
-    path: Path,
-    *,
-    task: Task,
-    cloth: str,
-    source: str,
-    episodes: int,
-    seed: int,
-    descriptor: str,
-    images: bool,
-    disturb: str,
-    window: bool,
-    countdown_s: float = COUNTDOWN_S,
-    mapping: Path | None = None,
-    correct: Path | None = None,
-) -> None:
-    """Record until ``episodes`` are kept or the person quits; one line on stdout for each that is kept or discarded.
-
-    ``correct``: the model in that file places, and the person takes over where their hands move.
-    """
-    checks.known_name("disturbance", disturb, DISTURBANCES)
-    if mapping is not None:
-        checks.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
-    model = None if correct is None else model_to_correct(correct, task, descriptor)
-    in_window = window and has_display()
-    if not in_window and not SOURCES[source].terminal:
+def record_by_hand(wish: Wish) -> None:
+    """Record until ``wish.episodes`` are kept or the person quits; one line on stdout for each kept or discarded."""
+    checks.known_name("disturbance", wish.disturb, DISTURBANCES)
+    if wish.mapping is not None:
+        checks.readable_file(wish.mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
+    model = None if wish.correct is None else model_to_correct(wish.correct, wish.task, wish.descriptor)
+    in_window = wish.window and has_display()
+    if not in_window and not SOURCES[wish.source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
         raise LayflatError(
-            f"--source {source} needs the window, and {missing}; in a terminal --source keyboard and gamepad work,"
+            f"--source {wish.source} needs the window, and {missing}; in a terminal --source keyboard and gamepad work,"
             " and scripted needs nobody"
         )
-    record: Callable[..., None] = partial(record_in_terminal, model=model)
     if in_window:
         from app.workstation.launch import record_in_window  # Here, since it loads all of the window.
 
-        record = partial(record_in_window, correct=correct)
-    record(
-        path,
-        task=task,
-        cloth=cloth,
-        source=source,
-        episodes=episodes,
-        seed=seed,
-        descriptor=descriptor,
-        images=images,
-        disturb=disturb,
-        countdown_s=countdown_s,
-        mapping=mapping,
-    )
+        record_in_window(wish)
+    else:
+        record_in_terminal(wish, model)
 
 
-def record_in_terminal(
-    path: Path,
-    *,
-    task: Task,
-    cloth: str,
-    source: str,
-    episodes: int,
-    seed: int,
-    descriptor: str,
-    images: bool,
-    disturb: str,
-    countdown_s: float,
-    mapping: Path | None,
-    model: Learned | None = None,
-) -> None:
-    """The same without a window. KeyboardInterrupt after Ctrl-C or SIGTERM, with everything kept by then."""
-    settings = BenchSettings(task=task, cloth=cloth, descriptor=descriptor)
+def record_in_terminal(wish: Wish, model: Learned | None) -> None:
+    """Without a window. KeyboardInterrupt after Ctrl-C or SIGTERM, with everything kept by then."""
+    settings = BenchSettings(task=wish.task, cloth=wish.cloth, descriptor=wish.descriptor)
     screen = Screen(sys.stderr)
     with ExitStack() as stack:
         stopped = stack.enter_context(stops_on_signals())
-        hands = terminal_source(source, task, mapping=mapping)
+        hands = terminal_source(wish.source, wish.task, mapping=wish.mapping)
         stack.callback(hands.close)
         recorder = stack.enter_context(
-            SessionRecorder(path, task=task, cloth=cloth, keep_images=images, descriptor=descriptor)
+            SessionRecorder(
+                wish.path, task=wish.task, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
+            )
         )
         recording = Recording(
             recorder,
-            begin_takes(recorder, settings, source, model=model),
-            seed=seed,
-            skip=recorded_seeds(path, source if model is None else f"{model.policy}+{source}"),
+            begin_takes(recorder, settings, wish.source, model=model),
+            seed=wish.seed,
+            skip=recorded_seeds(wish.path, wish.source if model is None else f"{model.policy}+{wish.source}"),
             led=model is not None,
-            episodes=episodes,
-            disturbance=disturb,
-            countdown_s=countdown_s,
+            episodes=wish.episodes,
+            disturbance=wish.disturb,
+            countdown_s=COUNTDOWN_S,
             tell=to_stdout(screen),
         )
         stack.callback(recording.close)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from app import checks
 from app.errors import LayflatError
+from app.wish import Wish
 from app.workstation.by_hand import has_display
 from app.workstation.inputs import sdl
-from data.types import Task
 
 if TYPE_CHECKING:
     from app.workstation.window import Window
@@ -60,45 +60,31 @@ def opened(folder: Path, **options: Any) -> Iterator[Window]:
         window.close()
 
 
-def record_in_window(
-    path: Path,
-    *,
-    task: Task,
-    cloth: str,
-    source: str,
-    episodes: int,
-    seed: int,
-    descriptor: str,
-    images: bool,
-    disturb: str,
-    countdown_s: float,
-    mapping: Path | None,
-    correct: Path | None = None,
-) -> None:
-    """Record into ``path`` in a window of its own, which closes when ``episodes`` are kept or the person quits.
+def record_in_window(wish: Wish) -> None:
+    """Record in a window of its own, which closes when ``wish.episodes`` are kept or the person quits.
 
-    One line on stdout for each that is kept or discarded. Nothing but the session is written. ``correct``: the model
-    in that file places, and the person takes over where their hands move.
+    One line on stdout for each that is kept or discarded. Nothing but the session is written.
     """
     from app.workstation.modes.record import RecordMode
+    from app.workstation.recording import COUNTDOWN_S
 
-    with opened(path.parent, remember=False) as window:
+    with opened(wish.path.parent, remember=False) as window:
         mode = window.mode
         if not isinstance(mode, RecordMode):
             raise TypeError(f"the window opens with {mode.name}, not with its recording")
         window.shop.settings = replace(
             window.shop.settings,
-            task=task,
-            cloth=cloth,
-            source=source,
-            descriptor=descriptor,
-            images=images,
-            countdown_s=countdown_s,
-            session=path.name,
+            task=wish.task,
+            cloth=wish.cloth,
+            source=wish.source,
+            descriptor=wish.descriptor,
+            images=wish.images,
+            countdown_s=COUNTDOWN_S,
+            session=wish.path.name,
         )
-        mode.seed, mode.episodes, mode.disturbance, mode.echo = seed, episodes, disturb, True
-        mode.correct = "" if correct is None else str(correct)
-        window.hands.mapping = mapping
+        mode.seed, mode.episodes, mode.disturbance, mode.echo = wish.seed, wish.episodes, wish.disturb, True
+        mode.correct = "" if wish.correct is None else str(wish.correct)
+        window.hands.mapping = wish.mapping
         mode.start()
         status = window.run(until=lambda: not mode.running)
         sentence = window.shop.link.sentence
