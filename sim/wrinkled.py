@@ -73,7 +73,7 @@ def settled_wrinkles(
 ) -> FloatArray:
     """(N, 3) m: what the physics leaves of ``wrinkled_nodes`` after ``settle_s``; SimError if the cloth diverges.
 
-    In a world of its own. Nodes that are set are the shape at rest, so the wrinkles stay; gravity and the table ease them.
+    In a world of its own. Nodes that are set are the shape at rest: the wrinkles stay, eased by gravity and the table.
     """
     world = World(step_s=1.0 / spec.rate_hz, table_friction=table_friction)
     try:
