@@ -43,8 +43,12 @@ DEMONSTRATIONS = 10
 DEMONSTRATION_SEED = 1000
 """Demonstrations and placements never share a start."""
 DISTURBANCE = "thesis"
-POLICIES = ("gp-baseline", "gp-word")
+FINISH = "gp-finish"
+POLICIES = ("gp-baseline", "gp-word", FINISH)
 RULE = "drag-rule"
+AROUND = ("recovery", "steady")
+"""What is around the policy that goes past the thesis's."""
+FINISHER = "+".join((FINISH, *AROUND))
 DEMONSTRATION_S = 12.0
 RUN_S = 16.0
 TRAINING_S: Mapping[Task, float] = {"hanger": 15.0, "pickers": 60.0}
@@ -71,7 +75,8 @@ def run_demo(
         for task in tasks:
             demonstrations = _demonstrate(out, task, cloth, seed, workers, progress)
             models = _learn(out, task, seed, workers, progress)
-            fields = {name: model for name, model in models.items() if isinstance(model, Field)}
+            # What FINISH rolls out are the processes of gp-word: shown once.
+            fields = {name: model for name, model in models.items() if isinstance(model, Field) and name != FINISH}
             runs, lost = _place(task, cloth, models, episodes, seed, workers, progress)
             notes += [f"{task} task, {f.job.source}, seed {f.job.seed}: lost, {f.reason}" for f in lost]
             results.append(
@@ -136,7 +141,7 @@ def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, pro
 
 
 def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -> dict[str, Learned]:
-    """Train both policies, each in a process of its own, or load what an earlier run trained."""
+    """Train the policies, each in a process of its own, or load what an earlier run trained."""
     path = out / f"demonstrations-{task}.h5"
     progress.phase(f"{task}: training", items=len(POLICIES))
     files = {policy: out / f"{policy}-{task}.npz" for policy in POLICIES}
@@ -162,8 +167,12 @@ def _place(
     task: Task, cloth: str, models: dict[str, Learned], episodes: int, seed: int, workers: int, progress: Progress
 ) -> tuple[dict[str, tuple[Episode, ...]], list[JobFailure]]:
     """Every policy from the same starts, through the same disturbances; and the baseline with a rule for repair."""
-    entrants: list[tuple[Learned, str | None]] = [(models[policy], None) for policy in POLICIES]
-    entrants.append((models["gp-baseline"], RULE))
+    entrants: list[tuple[Learned, str | None, tuple[str, ...]]] = [
+        (models["gp-baseline"], None, ()),
+        (models["gp-word"], None, ()),
+        (models["gp-baseline"], RULE, ()),
+        (models[FINISH], None, AROUND),
+    ]
     jobs = [
         EpisodeJob(
             task=task,
@@ -171,11 +180,12 @@ def _place(
             seed=seed + k,
             model=model,
             made=made,
+            decorators=around,
             disturbance=DISTURBANCE,
             images=k == 0,  # the first seed is pictured and filmed
         )
         for k in range(episodes)
-        for model, made in entrants
+        for model, made, around in entrants
     ]
     runs: dict[str, list[Episode]] = {job.source: [] for job in jobs}
     lost = []
@@ -192,8 +202,8 @@ def _place(
 
 
 def _draw_frames(path: Path, results: TaskResults) -> None:
-    """The first task's proposed policy in two rows: placing; disturbance and repair."""
-    run = pictured_run(results.runs["gp-word"])
+    """The first task's best policy in two rows: placing; disturbance and repair."""
+    run = pictured_run(results.runs[FINISHER])
     if run is None:  # its first episode was lost; the report says so
         return
     placing, repair = placing_ticks(run), disturbance_ticks(run)

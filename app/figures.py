@@ -24,6 +24,7 @@ POLICY_COLOURS: Mapping[str, str] = {
     "gp-contact": "#6d5bd0",
     "gp-direction": "#b8336a",
     "gp-baseline+drag-rule": "#4d7c0f",
+    "gp-finish+recovery+steady": "#1d4ed8",
     "word": "#0f766e",
     "stretch-right": "#c2571a",
     "random": "#667382",

@@ -29,9 +29,10 @@ TASK_TEXTS: Mapping[Task, str] = {
     "hanger": "A Panda arm holds the cloth by two corners in a clip hanger and moves it in x and z.",
     "pickers": "Two pickers hold one corner each and move it along three axes.",
 }
-PAPER = {
+ABOUT = {
     BASELINE: "Baseline: GP on the holder's position alone",
     PROPOSED: "Proposed: GP on position, WORD and contact portion",
+    "gp-finish+recovery+steady": "Past the thesis: the same processes until the cloth is flat; folds are lifted",
 }
 
 Tick = Callable[[str], None]
@@ -140,7 +141,7 @@ def _cards(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> list[
 def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: Tick) -> dict[str, Any]:
     """Strips and film of one policy."""
     run = pictured_run(runs)
-    view: dict[str, Any] = {"name": name, "about": PAPER.get(name, "Comparator"), "run": None}
+    view: dict[str, Any] = {"name": name, "about": ABOUT.get(name, "Comparator"), "run": None}
     if run is None:
         return view
     say(f"{run.task}: pictures of {name}")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from app import cli
-from app.demo import DEMONSTRATIONS, POLICIES, RULE, _clear
+from app.demo import DEMONSTRATIONS, FINISHER, RULE, _clear
 from app.rows import COLUMNS
 from data.store import open_session
 
@@ -113,7 +113,9 @@ def test_the_whole_story_goes_on_after_ctrl_c(tmp_path):
     with (out / "episodes.csv").open() as file:
         rows = {row["policy"]: row for row in csv.DictReader(file)}
     assert tuple(rows["gp-word"]) == COLUMNS
-    assert set(rows) == {*POLICIES, f"gp-baseline+{RULE}"}
+    assert set(rows) == {"gp-baseline", "gp-word", f"gp-baseline+{RULE}", FINISHER}
+    assert float(rows[FINISHER]["contact_placed"]) > 0.97
+    assert float(rows[FINISHER]["contact_final"]) > 0.97
     assert float(rows["gp-word"]["contact_placed"]) > 0.95
     assert float(rows["gp-word"]["contact_final"]) - float(rows["gp-word"]["contact_disturbed"]) > 0.05
     assert float(rows["gp-baseline"]["contact_final"]) - float(rows["gp-baseline"]["contact_disturbed"]) < 0.05
