@@ -7,30 +7,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
-from typing import Literal, TypeAlias
 
 from app.record import kept_line
 from app.workstation.corrector import led_sentence
+from app.workstation.deeds import ACTIVE, OUTCOMES, VERBS, State, deed
 from app.workstation.inputs.reading import Control, Reading
 from app.workstation.sofar import discarded_line, stored
 from app.workstation.take import Begin, Glance, Take, TakeLost
 from data.recorder import KeptEpisode, SessionRecorder
 from data.types import Outcome, Pull, StoppedBy
 
-State: TypeAlias = Literal["waiting", "countdown", "running", "paused", "finished", "over"]
-"""waiting: for START, the next cloth hangs or is being hung. countdown: about to run. running: each ``tick`` simulates
-one; the first one waits for the first motion, so that no demonstration holds what nobody did. paused: by the person,
-or because the device is gone. finished: the bench has stopped (tick limit, unstable cloth) and only the verdict is
-missing. over: nothing more is recorded."""
-
 COUNTDOWN_S = 3.0
 TICKS_MAX = 600
 """A minute of motion: several times what a placing takes."""
 JUDGED: StoppedBy = "converged"
 """What an episode says when the person said that it was over."""
-_IN_HAND = ("countdown", "running", "paused", "finished")
-_ACTIVE = ("running", "paused", "finished")
-_OUTCOMES: dict[Control, Outcome] = {Control.KEEP_SUCCESS: "success", Control.KEEP_FAILURE: "failure"}
 
 
 class Recording:
@@ -113,12 +104,12 @@ class Recording:
     def handle(self, control: Control) -> None:
         """Obey one control; one that makes no sense now does nothing but say so."""
         if self.does(control) is None:
-            self.message = f"there is nothing to {_VERBS[control]} now"
+            self.message = f"there is nothing to {VERBS[control]} now"
             return
         if control is Control.QUIT:
             self.close()
-        elif control in _OUTCOMES:
-            self._keep(_OUTCOMES[control])
+        elif control in OUTCOMES:
+            self._keep(OUTCOMES[control])
         elif control is Control.DISTURB:
             self._disturb()
         elif control in (Control.DISCARD, Control.REDO):
@@ -140,27 +131,7 @@ class Recording:
 
     def does(self, control: Control) -> str | None:
         """What the control would do now, for a person; None where it would do nothing."""
-        state = self.state
-        if state == "over":
-            return None
-        if control is Control.QUIT:
-            return "end; what there is of this one is kept as partial" if self.glance.ticks else "end the recording"
-        if control is Control.START:
-            begins = {"waiting": f"begin demonstration of seed {self.seed}", "paused": "go on"}
-            return "hand back to the policy" if state == "running" and self.glance.led else begins.get(state)
-        if control is Control.PAUSE:
-            return {"running": "pause", "paused": "go on", "countdown": "not yet"}.get(state)
-        if control is Control.DISCARD:
-            return "forget this one" if state in _IN_HAND else None
-        if control is Control.REDO:
-            return f"forget this one, the same start again (seed {self.seed})" if state in _IN_HAND else None
-        if control is Control.DISTURB:
-            can = state in ("running", "paused") and self._disturbance != "none" and not self.glance.disturbed
-            return f"disturb the cloth ({self._disturbance})" if can else None
-        if state not in _ACTIVE or not self.glance.ticks:
-            return None
-        unstable = self.glance.stopped_by == "unstable"
-        return None if unstable and control is Control.KEEP_SUCCESS else f"keep as {_OUTCOMES[control]}"
+        return deed(control, self.state, self.glance, seed=self.seed, disturbance=self._disturbance)
 
     def tick(self, pull: Pull | None = None) -> bool:
         """One step of what the state asks; True where a tick was simulated. Waits for nothing but the simulation.
@@ -212,7 +183,7 @@ class Recording:
         was, self.state = self.state, "over"
         if take is None:
             return
-        if was in _ACTIVE and self.glance.ticks:
+        if was in ACTIVE and self.glance.ticks:
             kept = take.keep("partial", "interrupted")
             if kept is not None:
                 self._say_kept(kept)
@@ -337,15 +308,3 @@ class Recording:
 
     def _so_far(self) -> str:
         return f"{self.stored} {'demonstration' if self.stored == 1 else 'demonstrations'} in {self._path}"
-
-
-_VERBS = {
-    Control.START: "begin",
-    Control.PAUSE: "pause",
-    Control.KEEP_SUCCESS: "keep as success",
-    Control.KEEP_FAILURE: "keep as failure",
-    Control.DISCARD: "discard",
-    Control.REDO: "do again",
-    Control.QUIT: "end",
-    Control.DISTURB: "disturb",
-}
