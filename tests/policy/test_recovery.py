@@ -9,7 +9,16 @@ import pytest
 
 from data.types import ACTION_LIMIT_M, TASKS, Observation, Task, action_size
 from policy.base import Decision
-from policy.recovery import CLEAR_M, FLAT_CONTACT, PLATEAU_TICKS, STUCK_TICKS, TRIES, WIPE_M, Recovery
+from policy.recovery import (
+    CLEAR_M,
+    FLAT_CONTACT,
+    PLATEAU_TICKS,
+    SMOOTH_TICKS,
+    STUCK_TICKS,
+    TRIES,
+    WIPE_M,
+    Recovery,
+)
 from policy.simple import along_x, along_z
 
 LENGTH_M = 0.35
@@ -168,8 +177,28 @@ def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undo
     policy.reset(0)
     for tick in range(2 * PLATEAU_TICKS):
         contact = min(0.78 + slope * tick, 1.0) + rng.normal(0.0, 0.008)
-        policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=float(np.clip(contact, 0, 1))))
+        policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=float(np.clip(contact, 0, 1)), word=(0.05, 0.0)))
     assert bool(policy.tried) is undone
+
+
+@pytest.mark.parametrize(("strength", "ticks"), [(0.0, SMOOTH_TICKS), (0.01, SMOOTH_TICKS), (0.05, PLATEAU_TICKS)])
+def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, ticks: int, observe) -> None:
+    policy = Recovery(Forward("hanger"))
+    policy.reset(0)
+    for tick in range(1, PLATEAU_TICKS + 1):
+        policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=0.78, word=(strength, 0.0)))
+        assert bool(policy.tried) is (tick >= ticks)
+        if policy.tried:
+            break
+
+
+def test_a_smooth_cloth_that_is_being_laid_is_let_be(observe) -> None:
+    """No wrinkle is seen while contact grows by a hundredth a tick, and the cloth is no fold."""
+    policy = Recovery(Forward("hanger"))
+    policy.reset(0)
+    for tick in range(60):
+        policy.act(observe(0.1 + 0.008 * tick, 0.005, contact=0.31 + 0.01 * tick))
+    assert policy.tried == []
 
 
 def test_a_holder_that_hovers_is_stuck_and_one_that_descends_is_not(observe) -> None:
