@@ -187,7 +187,7 @@ class Plan:
     def turned(self, time_s: float) -> FloatArray:
         """(3, 3): how far the hands have turned about their middle, evenly over the path."""
         length = float(np.linalg.norm(np.diff(self.path_m, axis=0), axis=1).sum())
-        share = min(1.0, self.speed_m_s * time_s / length)
+        share = min(1.0, self.speed_m_s * time_s / length) if length > 0 else 1.0
         rotation: FloatArray = Rotation.from_rotvec(share * np.array(self.turn_rad)).as_matrix()
         return rotation
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -91,6 +91,8 @@ def test_the_hand_turns_the_corner_over_as_one_turns_a_page(seed: int) -> None:
     for time_s in (duration_s, 2 * duration_s):
         np.testing.assert_allclose(plan.turned(time_s) @ -ahead, ahead, atol=1e-9)
         np.testing.assert_allclose(plan.turned(time_s) @ up, -up, atol=1e-9)
+    on_the_spot = replace(plan, path_m=0 * plan.path_m)
+    np.testing.assert_allclose(on_the_spot.turned(0.0) @ -ahead, ahead, atol=1e-9)
     straight = disturbance_spec("push").schedule(np.random.default_rng(seed), TOWEL)
     np.testing.assert_array_equal(straight.turned(0.4), np.eye(3))
 
