@@ -24,7 +24,7 @@ PLATEAU_FROM = 0.3
 SMOOTH_TICKS = 10
 SMOOTH_STRENGTH = 0.012
 """Where cloth is missing and no wrinkle is seen (mean strength of WORD below this), so long a plateau is enough:
-wrinkles have 0.014 to 0.136 (10th to 90th percentile, n = 52, median 0.071), folds 0 to 0.058 (n = 60, median 0.001)."""
+wrinkles have 0.014 to 0.136 (10th to 90th percentile, n = 52), folds 0 to 0.058 (n = 60)."""
 STUCK_TICKS = 25
 STUCK_M = 0.02
 """A holder that has stayed within this while most of the cloth is in the air is stuck."""
