@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -10,6 +11,11 @@ import numpy as np
 import pytest
 
 from data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, Episode, Observation, Provenance, Step, Task, Truth
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell that starts the tests in its background has them ignore Ctrl-C, and with them the programs that they start.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _observation(rng: np.random.Generator, time_s: float, portion: float, images: bool) -> Observation:
