@@ -12,9 +12,8 @@ import pytest
 
 from data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, Episode, Observation, Provenance, Step, Task, Truth
 
-
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A shell that starts the tests in its background has them ignore Ctrl-C, and with them the programs that they start.
+    # A shell that starts the tests in its background has them ignore Ctrl-C, and with them what they start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
