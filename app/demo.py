@@ -46,9 +46,8 @@ DISTURBANCE = "thesis"
 FINISH = "gp-finish"
 POLICIES = ("gp-baseline", "gp-word", FINISH)
 RULE = "drag-rule"
-AROUND = ("recovery", "steady")
-"""What is around the policy that goes past the thesis's."""
-FINISHER = "+".join((FINISH, *AROUND))
+FINISHER = "+".join((FINISH, *registry.AROUND))
+"""The policy that goes past the thesis's."""
 DEMONSTRATION_S = 12.0
 RUN_S = 16.0
 TRAINING_S: Mapping[Task, float] = {"hanger": 15.0, "pickers": 60.0}
@@ -171,7 +170,7 @@ def _place(
         (models["gp-baseline"], None, ()),
         (models["gp-word"], None, ()),
         (models["gp-baseline"], RULE, ()),
-        (models[FINISH], None, AROUND),
+        (models[FINISH], None, registry.AROUND),
     ]
     jobs = [
         EpisodeJob(

@@ -45,6 +45,9 @@ MADE: Mapping[str, Callable[[Task], Policy]] = {
 DECORATORS: Mapping[str, Callable[[Policy], Policy]] = {"steady": Steady, "recovery": Recovery}
 """What any policy can have around it."""
 
+AROUND = ("recovery", "steady")
+"""All of them as they are made for each other: steadiness outermost, so that it also waits while recovery lowers."""
+
 
 def _learner(module: str, name: str, inputs: str) -> Trainer:
     """``fit`` of a module of this package, on one input set."""

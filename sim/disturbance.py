@@ -117,9 +117,12 @@ class _PathHands(Hands):
 
     def _targets(self, time_s: float) -> FloatArray:
         """(K, 3) m."""
+        offset = self._plan.target(time_s)[0]
+        if not any(self._plan.turn_rad):
+            return self.start + offset
         middle = self.start.mean(axis=0)
         turned: FloatArray = (self.start - middle) @ self._plan.turned(time_s).T
-        return middle + turned + self._plan.target(time_s)[0]
+        return middle + turned + offset
 
 
 class _Gust:

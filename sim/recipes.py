@@ -131,12 +131,12 @@ class BareOurs:
 
     def __init__(self, spec: ClothSpec, situation: Situation) -> None:
         self._world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
-        self._cloth = Cloth(self._world, spec)
         self.step_s = self._world.step_s
         if situation == "flat":
-            self._cloth.set_nodes(spec.flat_nodes(z_m=spec.margin_m + DROP_M))
+            self._cloth = Cloth(self._world, spec, spec.flat_nodes(z_m=spec.margin_m + DROP_M))
             return
-        self._cloth.set_nodes(spec.hanging_nodes(_corners(spec.width_m, HANG_LENGTHS * spec.length_m)))
+        nodes = spec.hanging_nodes(_corners(spec.width_m, HANG_LENGTHS * spec.length_m))
+        self._cloth = Cloth(self._world, spec, nodes)
         for node in spec.corners:
             self._cloth.anchor(node, -1)
 

@@ -11,6 +11,7 @@ from app.record import kept_line
 from app.run import Run
 from app.workstation.cadence import Cadence
 from app.workstation.corrector import YOU, Corrector
+from app.workstation.deeds import OUTCOMES
 from app.workstation.host import IDLE_S, Desk, Order
 from app.workstation.inputs.reading import Control, Reading
 from app.workstation.mailbox import Letter
@@ -30,7 +31,6 @@ SETTLE_TICKS = 10
 DISTURBANCE = "push"
 """What a device's button for it begins; the others have keys."""
 NOT_RECORDED = "nothing is recorded: give a session file before placing"
-_OUTCOMES: dict[Control, Outcome] = {Control.KEEP_SUCCESS: "success", Control.KEEP_FAILURE: "failure"}
 
 
 class PlacingWork:
@@ -108,14 +108,14 @@ class PlacingWork:
     def _press(self, control: Control) -> None:
         """A button of the person's device."""
         if self.does(control) is None:
-            unrecorded = self._recorder is None and control in (*_OUTCOMES, Control.DISCARD)
+            unrecorded = self._recorder is None and control in (*OUTCOMES, Control.DISCARD)
             self.message = NOT_RECORDED if unrecorded else f"there is nothing to {control.value} now"
         elif control is Control.START and not self.paused and self._person is not None:
             self._person.hand_back()
         elif control in (Control.START, Control.PAUSE):
             self.obey({"do": "pause"})
-        elif control in _OUTCOMES:
-            self._keep(_OUTCOMES[control])
+        elif control in OUTCOMES:
+            self._keep(OUTCOMES[control])
         elif control is Control.DISCARD:
             self._discard()
         elif control is Control.DISTURB:
@@ -138,7 +138,7 @@ class PlacingWork:
         if control is Control.DISCARD:
             return "forget this one"
         unstable = self._stopped_by == "unstable" and control is Control.KEEP_SUCCESS
-        return None if unstable else f"keep as {_OUTCOMES[control]}"
+        return None if unstable else f"keep as {OUTCOMES[control]}"
 
     def _leads(self) -> str:
         """Who decides, where a person may; empty where nobody does."""

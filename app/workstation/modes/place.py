@@ -18,7 +18,7 @@ from app.workstation.inputs.registry import SOURCES
 from app.workstation.modes.mode import BasicMode, Chip, Row, device_chips
 from app.workstation.settings import with_one
 from policy import model as model_files
-from policy.registry import MADE
+from policy.registry import AROUND, MADE
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES
 
@@ -27,8 +27,8 @@ NAMED = tuple(name for name in DISTURBANCES if name != "none")
 DIGITS = "1234567890-="
 """Keys that begin them; more of them than keys can be clicked at."""
 NOBODY = "nobody"
-HELP = {"nothing": (), **{name: (name,) for name in ("recovery", "steady")}, "both": ("recovery", "steady")}
-"""What can be around who decides, by what the menu calls it: names of policy.registry.DECORATORS."""
+HELP = {"nothing": (), **{name: (name,) for name in AROUND}, "both": AROUND}
+"""What can be around who decides, by what the menu calls it."""
 STATES = {
     "ready": ("Ready", look.TEXT),
     "placing": ("Placing", look.ACCENT),
