@@ -66,7 +66,10 @@ class Recovery:
         self._tries = tries
         self._seed = 0
         self._corners: FloatArray | None = None
-        """(2, 3) m: from the holder's place to the corners, as the episode began."""
+        """(2, 3) m: from the holder's place to the corners, side by side and as far apart as they ever were.
+
+        A hem that hangs slack between two pickers, or aslant, folds at one of them, and no lift to there unfolds it.
+        """
         self._begin()
 
     def reset(self, seed: int) -> None:
@@ -92,9 +95,12 @@ class Recovery:
         self._places: deque[FloatArray] = deque(maxlen=STUCK_TICKS)
 
     def act(self, observation: Observation) -> Decision:
-        if self._corners is None:
-            self._corners = observation.corner_positions - observation.holder_position
         self._seen = observation
+        apart = observation.corner_positions - observation.holder_position
+        if self._corners is None:
+            self._corners = apart * [0.0, 1.0, 0.0]
+        elif np.ptp(apart[:, 1]) > np.ptp(self._corners[:, 1]):
+            self._corners[:, 1] = apart[:, 1]
         if self._undoing is not None:
             undone = next(self._undoing, None)
             if undone is not None:
@@ -175,7 +181,7 @@ class Recovery:
             yield self._move(float(speed[0]), float(speed[1]), "lifting the cloth off a fold")
 
     def _move(self, dx: float, dz: float, reason: str) -> Decision:
-        """The whole holder; two pickers return to their places beside each other as well."""
+        """The whole holder; two pickers come back to their places side by side as well."""
         if self.task == "hanger":
             return Decision(action=np.array([dx, dz]), reason=reason)
         assert self._corners is not None

@@ -150,17 +150,17 @@ def test_a_little_that_is_hidden_is_turned_over_first(observe) -> None:
     assert path[-1, 1] == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_two_pickers_come_back_to_their_distance(task: Task, observe) -> None:
-    policy = Recovery(Layer(task))
+@pytest.mark.parametrize(("moved", "width"), [(-0.03, 0.36), (0.02, 0.38)])
+def test_two_pickers_come_back_side_by_side_as_wide_as_they_ever_were(moved: float, width: float, observe) -> None:
+    policy = Recovery(Layer("pickers"))
     policy.reset(0)
-    toy = Toy(task, observe, hidden=0.25)
-    apart = toy.corners[0] - toy.corners[1]
+    toy = Toy("pickers", observe, hidden=0.25)
+    toy.corners = toy.corners + np.array([[0.01, 0.0, 0.0], [0.0, 0.0, 0.03]])  # The start is aslant.
     policy.act(toy.see())
-    if task == "pickers":
-        toy.corners = toy.corners + np.array([[0.0, -0.01, 0.02], [0.0, 0.03, 0.0]])
+    toy.corners = toy.corners + np.array([[-0.02, moved, 0.02], [0.0, 0.0, 0.0]])
     run(policy, toy)
-    np.testing.assert_allclose(toy.corners[0] - toy.corners[1], apart, atol=1e-9)
+    assert policy.tried == ["lift"]
+    np.testing.assert_allclose(toy.corners[0] - toy.corners[1], [0.0, width, 0.0], atol=1e-9)
 
 
 class Forward(Layer):
