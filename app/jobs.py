@@ -28,7 +28,8 @@ from perception.descriptors import DEFAULT
 from policy import flatten
 from policy.base import Policy
 from policy.learned import Learned
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.starts import Start
 from sim.world import SimError
 

@@ -26,7 +26,8 @@ from policy.gp_kernel import JITTER, Hyperparameters, covariance
 from policy.gp_model import GpModel
 from policy.simple import Drag, Hold
 from policy.stopping import AnyOf
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 
 SEED = 0
 BLOCK_TICKS = 5

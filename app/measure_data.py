@@ -31,7 +31,8 @@ from data.store import open_session
 from data.types import ACTION_LIMIT_M, Episode, FloatArray, Observation, Step, Task, Truth, action_size
 from policy.simple import Drag
 from policy.stopping import AnyOf
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 
 TASK: Task = "pickers"
 CLOTH = "towel"

@@ -25,7 +25,8 @@ from data.store import open_session
 from data.types import PHASES, Episode, FloatArray
 from sim.cloth import CLOTHS
 from sim.disturbances import DISTURBANCES, Plan
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.world import SimError
 
 Mode: TypeAlias = Literal["state", "action"]

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from data.types import ACTION_LIMIT_M, FloatArray, Observation, Task, action_size
 from sim.camera import default_pinhole
 from sim.disturbances import disturbance_spec
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.world import SimError
 
 RENDER_SIZE = (640, 480)

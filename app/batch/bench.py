@@ -13,7 +13,8 @@ from app.schedule import Watch
 from data.types import Episode, StoppedBy
 from policy import flatten
 from policy.base import Policy
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 
 
 class BenchPlay:

@@ -21,7 +21,7 @@ from policy.flatten import CONTROLLERS
 from policy.learned import Learned
 from policy.registry import DECORATORS, MADE
 from sim.cloth import CLOTHS
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 from sim.starts import STARTS, Start
 from sim.world import SimError
 

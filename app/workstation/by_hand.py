@@ -20,7 +20,7 @@ from data.types import Task
 from policy import model as model_files
 from policy.learned import Learned
 from sim.disturbances import DISTURBANCES
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 
 
 def record_by_hand(wish: Wish) -> None:

@@ -8,7 +8,7 @@ from app.workstation.host import Order
 from data.recorder import SessionRecorder
 from policy import model as model_files
 from policy.learned import Learned
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 
 
 def model_of(policy: str) -> Learned | None:

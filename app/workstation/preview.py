@@ -9,7 +9,7 @@ import numpy as np
 from app.workstation.moment import Moment
 from data.types import Task
 from sim.panda import inverse_kinematics
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 from sim.starts import home_corners
 
 

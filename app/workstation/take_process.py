@@ -29,7 +29,8 @@ from policy import registry
 from policy.base import Policy, PolicyError
 from policy.learned import Learned
 from policy.takeover import Grip, Takeover
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.world import SimError
 
 ANSWER_S = 60.0

@@ -9,7 +9,7 @@ import numpy as np
 from data.types import FLAT_AREA, FloatArray, Observation, Truth, action_size
 from policy.base import Decision
 from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 from sim.world import SimError
 
 ACTING_TICKS = 4

@@ -16,7 +16,8 @@ from data.recovery import journals, read_journal
 from data.types import TASKS
 from policy.simple import Hold
 from sim.disturbances import DISTURBANCES
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 
 
 @pytest.fixture(params=TASKS)

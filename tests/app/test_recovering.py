@@ -13,7 +13,8 @@ from app.schedule import Watch
 from data.types import FLAT_AREA, TASKS, Episode, Task
 from policy.base import Policy
 from policy.steady import Steady
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.starts import Start
 from tests.lowering import Down
 

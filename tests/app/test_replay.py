@@ -36,7 +36,8 @@ from data.types import Pull
 from policy.base import Decision
 from policy.simple import Hold, RandomMoves
 from sim.disturbances import DISTURBANCES
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 
 class Short(RandomMoves):
     left = 6

@@ -19,7 +19,7 @@ from data.recovery import journals, read_journal
 from data.types import Pull
 from policy.base import Decision
 from sim.disturbances import DISTURBANCES, disturbance_spec
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 from tests.app.fake_bench import ACTING_TICKS, FakeBench, Forward
 
 SEED = 3

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from sim.cloth import cloth_spec
 from sim.disturbances import DISTURBANCES, DisturbanceSpec, disturbance_spec
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.world import SimError
 
 TOWEL = cloth_spec("towel")

@@ -11,7 +11,8 @@ import pytest
 from data.types import ACTION_LIMIT_M, FloatArray
 from sim import guiding, panda
 from sim.hanger import Hanger
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.world import SimError, World
 from tests.sim.test_hanger import START, bare_hanger, run_tick
 

@@ -10,14 +10,16 @@ import pytest
 
 from data.types import TASKS, Task, action_size
 from sim.cloth import HELD_STRETCH
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.starts import START_MOVES, START_STEP_M, home_corners
 from sim.world import SimError
 
 _SCRIPT = """
 import sys, hashlib, numpy as np
 from data.types import action_size
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 task, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
 bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
 bench.reset(seed)

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from data.types import action_size
 from sim.cloth import Cloth, ClothSpec, cloth_spec
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
 from sim.pull import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, Pull, free_node, picked_node
+from sim.settings import BenchSettings
 from sim.world import GRAVITY_M_S2, SimError, World
 from tests.sim.drawn_fold import fold_corner
 
@@ -182,7 +183,8 @@ class TestOnTheBench:
 
 _SCRIPT = """
 import hashlib, sys, numpy as np
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 bench = Placing(BenchSettings(task="hanger", cloth="napkin", camera=False, start="folded-corner"))
 bench.reset(3)
 rng = np.random.default_rng(int(sys.argv[1]))

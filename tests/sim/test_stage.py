@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from data.types import TASKS, Task
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 from sim.stage import Stage
 from sim.world import SimError
 

@@ -7,7 +7,8 @@ import pytest
 
 from data.types import TASKS, Task
 from sim.cloth import cloth_spec
-from sim.placing import BenchSettings, Placing
+from sim.placing import Placing
+from sim.settings import BenchSettings
 
 TOWEL = cloth_spec("towel")
 

@@ -16,7 +16,7 @@ from app.workstation.terminal import Screen, run_recording
 from data.recorder import SessionRecorder
 from data.store import open_session
 from data.types import FLAT_AREA, TASKS
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 from tests.virtual_pad import VirtualPad, plugged
 
 TRAIL_M = 0.075

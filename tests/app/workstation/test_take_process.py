@@ -19,7 +19,7 @@ from data import validate
 from data.recorder import SessionRecorder
 from data.store import open_session
 from data.types import ACTION_LIMIT_M, Pull
-from sim.placing import BenchSettings
+from sim.settings import BenchSettings
 
 PATIENCE_S = 60.0
 DOWN = Reading(motion=np.array([0.0, -1.0]), speed=0.5)
