@@ -38,7 +38,7 @@ def test_columns_run_to_x_and_rows_against_y() -> None:
     np.testing.assert_allclose(left_top, (GRID.x_min + half, GRID.y_max - half))
     np.testing.assert_allclose(right_top, (GRID.x_max - half, GRID.y_max - half))
     np.testing.assert_allclose(left_bottom, (GRID.x_min + half, GRID.y_min + half))
-    assert (GRID.width, GRID.height) == (420, 240)
+    assert (GRID.width, GRID.height) == (420, 320)
 
 
 @pytest.mark.parametrize("position", [(0.25, -0.6, 0.75), (0.5, -0.5, 0.6), (0.25, -0.01, 1.0)])
