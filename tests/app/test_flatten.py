@@ -15,10 +15,7 @@ from app.jobs import EpisodeJob, JobFailure, run_jobs
 from app.rows import COLUMNS
 from app.video import count_frames
 from data.types import Episode
-from perception.tableview import TableGrid
 from policy.flatten import CONTROLLERS
-
-GRID_END_M = TableGrid().y_max
 
 
 @pytest.fixture
@@ -121,7 +118,6 @@ def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None
     """Seeds that nothing was tuned on."""
     final: dict[str, float] = {}
     true: dict[str, float] = {}
-    strayed = False
     for name in CONTROLLERS:
         jobs = [
             EpisodeJob(task="pickers", cloth="towel", seed=s, flatten=name, descriptor="word-axial") for s in (300, 301)
@@ -130,14 +126,9 @@ def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None
         assert len(runs) == len(jobs)
         final[name] = float(np.mean([run.contact()[-1] for run in runs]))
         true[name] = float(np.mean([run.final_truth.contact_portion_true for run in runs]))
-        if name == "word":
-            short = [run for run in runs if run.contact()[-1] < 0.98]
-            strayed = bool(short) and all(run.final_truth.nodes[:, 1].max() > GRID_END_M for run in short)
     assert true["word"] >= 0.98
     assert max(final["stretch-right"], true["stretch-right"]) < 0.95
     assert max(final["random"], true["random"]) < 0.85
-    if final["word"] < 0.98 and strayed:
-        pytest.xfail("the cloth walks beyond the table grid, where contact is not counted")
     assert final["word"] >= 0.98
 
 
