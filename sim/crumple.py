@@ -35,8 +35,8 @@ its wrinkles their direction. Pushed straight back the cloth rolls into one bulg
 With a wider range of both and up to 40 ticks the corners got wrapped into the cloth, and 8 of 15 runs of Algorithm 2
 (5 starts, steps of 3, 5 and 10 mm) then tore an edge beyond the guard's limit."""
 PUSH_CONTACT = (0.77, 0.81)
-"""Contact of the mesh at which the push ends, drawn; the cloth loses 0.02 more while it settles, and the camera then sees
-0.74, as in figure 3-6."""
+"""Contact of the mesh at which the push ends, drawn; the cloth loses 0.02 more while it settles, and the camera then
+sees 0.74, as in figure 3-6."""
 PUSH_TICKS = 24
 NARROWEST_MARGINS = 3.0
 """Distance of the pickers, in margins of the cloth for each cell of the hem between them, at which the push ends as
