@@ -24,6 +24,7 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "fine physics": ("air", "air bare", "drag", "flat", "flat bare"),
         "seeing": ("flat", "drag", "capture", "perceive", "keep"),
+        "fine seeing": ("flat", "drag", "capture", "perceive", "keep"),
         "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
         "predicting": ("predict", "GPy"),
         "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_recipes.OURS, *RECIPES)),
@@ -57,6 +58,7 @@ def test_both_tasks_and_both_meshes_are_measured():
         for cloth in (bench.CLOTH, bench.FINE_CLOTH):
             assert any(name.startswith(f"{task} {cloth} in the air") for name in names)
             assert any(name.startswith(f"{task} {cloth} loop / bare") for name in names)
+            assert any(name.startswith(f"{task} {cloth} seen and recorded") for name in names)
         assert any(name.startswith(f"{task} GP") for name in names)
 
 
@@ -77,7 +79,7 @@ def test_overhead_compares_neighbouring_blocks():
 
 
 def test_the_table_shows_every_row(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("COLUMNS", "110")
     rows = _all_rows()
     bench.show(rows)
     out = capsys.readouterr().out
