@@ -20,6 +20,7 @@ from app.workstation.window import FRAMES_HZ, Window
 from data.types import ACTION_LIMIT_M, Observation, Truth, as_task
 from policy.expert import ScriptedExpert
 from sim.cloth import HELD_STRETCH, cloth_spec
+from sim.pull import picked_node
 from tests.virtual_pad import VirtualPad
 
 PATIENCE_S = 90.0
@@ -144,12 +145,18 @@ class Person:
         *,
         until: Callable[[], bool] = lambda: True,
         shot: Callable[[], None] | None = None,
-    ) -> None:
-        """Take hold of a node with the mouse, lead it by so many pixels, and let go."""
+    ) -> int | None:
+        """Take hold of a node with the mouse, or of what hides it, lead it by so many pixels, and let go.
+
+        Returns the node that is seen there.
+        """
         moment, view = self.moment(), self.window.shop.place.view
         assert moment is not None
         x, y = self.window.pane.pixel_of(moment.nodes[node], view.size)
+        triangles = cloth_spec(moment.cloth).triangles()
+        seen = picked_node(moment.nodes, triangles, *self.window.pane.orbit.ray((x, y), view.size))
         self.drag_pixel((x + view.left, y + view.top), by, frames, until=until, shot=shot)
+        return seen
 
     def drag_pixel(
         self,

@@ -137,8 +137,11 @@ def train(person: Person, session: str) -> str:
     return mode.model
 
 
-def place_and_pull(person: Person, ticks: int | None) -> None:
-    """Place with what was learned into a session of its own, and pull at the cloth with the mouse meanwhile."""
+def place_and_pull(person: Person, ticks: int | None) -> int | None:
+    """Place with what was learned into a session of its own, and pull at the cloth with the mouse meanwhile.
+
+    Returns the node that was seen under the mouse.
+    """
     person.tab("Place")
     mode = person.window.mode
     assert isinstance(mode, PlaceMode)
@@ -149,7 +152,7 @@ def place_and_pull(person: Person, ticks: int | None) -> None:
     person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
     if ticks is None:
         person.wait(lambda: person.state() == "placed", "it to be placed", 90.0)
-    person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
+    pulled = person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
     if ticks is None:
         person.wait(lambda: person.state() == "repairing", "the repair")
         person.wait(lambda: person.state() == "placed", "the repair's end", 60.0)
@@ -159,14 +162,15 @@ def place_and_pull(person: Person, ticks: int | None) -> None:
     person.press("keep")
     person.wait(lambda: mode.finished, "it to be kept")
     mode.stop()
+    return pulled
 
 
-def check_placed(path: Path) -> None:
+def check_placed(path: Path, node: int | None) -> None:
     (episode,) = stored_episodes(path)
     assert (episode.source, episode.seed) == ("gp-word", 9)
     pulled = [step for step in episode.steps if step.pull is not None]
     assert pulled, "the mouse's pull is in the file"
-    assert {step.pull.node for step in pulled} == {45}
+    assert {step.pull.node for step in pulled} == {node}
     assert max(float(np.linalg.norm(step.force_n)) for step in pulled) > 0.01
     assert [record.name for record in episode.disturbances] == ["pull"]
 
@@ -196,8 +200,8 @@ def use_it_all(window: Window, task: Task, ticks: int | None) -> None:
     lengths = record_three(person, ticks)
     check_recorded(folder / f"{task}.h5", task, lengths)
     train(person, f"{task}.h5")
-    place_and_pull(person, ticks)
-    check_placed(folder / "placed.h5")
+    node = place_and_pull(person, ticks)
+    check_placed(folder / "placed.h5", node)
     replay(person, "placed.h5")
     pygame.event.post(pygame.event.Event(pygame.QUIT))
     person.look()
