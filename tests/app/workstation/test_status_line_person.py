@@ -20,7 +20,7 @@ from sim.settings import BenchSettings
 from tests.virtual_pad import VirtualPad, plugged
 
 TRAIL_M = 0.075
-COVERS = 0.96
+COVERS = 0.99
 """Share of the cloth's length between where its free edge lands and where the held one does."""
 HOLD_TICKS = 12
 
@@ -82,7 +82,7 @@ class Layer:
             contact, ticks = self._recording.glance.contact_portion, self._recording.glance.ticks
             if contact > best + 0.003:
                 best, since = contact, ticks
-            if contact > 0.975 or ticks - since > 12 or ticks - began > 40:
+            if contact > 0.975 or ticks - since > 25 or ticks - began > 60:
                 return
             self._stick(0.35 if contact < 0.93 else 0.2, 0)
             yield
