@@ -152,6 +152,7 @@ def place_and_pull(person: Person, ticks: int | None) -> int | None:
     person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
     if ticks is None:
         person.wait(lambda: person.state() == "placed", "it to be placed", 90.0)
+    moment = person.moment()
     pulled = person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
     if ticks is None:
         person.wait(lambda: person.state() == "repairing", "the repair")
@@ -162,6 +163,11 @@ def place_and_pull(person: Person, ticks: int | None) -> int | None:
     person.press("keep")
     person.wait(lambda: mode.finished, "it to be kept")
     mode.stop()
+    assert moment is not None
+    assert pulled is not None
+    # A fold may hide the node that is aimed at; what is taken instead is seen there.
+    aimed, taken = (person.window.pane.orbit.project(moment.nodes[[k]], (700, 600))[0][0] for k in (45, pulled))
+    assert np.linalg.norm(aimed - taken) < 30
     return pulled
 
 
@@ -201,6 +207,7 @@ def use_it_all(window: Window, task: Task, ticks: int | None) -> None:
     check_recorded(folder / f"{task}.h5", task, lengths)
     train(person, f"{task}.h5")
     node = place_and_pull(person, ticks)
+    assert node == 45 or task == "pickers"
     check_placed(folder / "placed.h5", node)
     replay(person, "placed.h5")
     pygame.event.post(pygame.event.Event(pygame.QUIT))
