@@ -24,16 +24,16 @@ demo: $(VENV)/.installed
 	@$(BIN)/layflat demo --out "$(OUT)" --episodes $(EPISODES) $(if $(wildcard $(OUT)/report.html),--force)
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/pytest -m "not slow"
 
 slow: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m slow --timeout 1800
+	$(BIN)/pytest -m slow --timeout 1800
 
 screenshots: $(VENV)/.installed-dev
-	$(BIN)/python -m tests.app.workstation.screenshots docs/images runs/screenshots
+	$(BIN)/python -m layflat.tests.app.workstation.screenshots docs/images runs/screenshots
 
 word-study: $(VENV)/.installed
-	$(BIN)/python -m app.wordstudy --out runs/word-study
+	$(BIN)/python -m layflat.app.benchmarks.word_study --out runs/word-study
 
 reproduce: $(VENV)/.installed
 	$(BIN)/layflat reproduce --out runs/reproduction
@@ -41,8 +41,9 @@ reproduce: $(VENV)/.installed
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	@mkdir -p .cache/typing && ln -sfn ../.. .cache/typing/layflat
 	$(BIN)/mypy
-	PYTHONPATH=. $(BIN)/lint-imports --cache-dir .cache/import-linter
+	$(BIN)/lint-imports --cache-dir .cache/import-linter
 
 check: lint test
 

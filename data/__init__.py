@@ -1,15 +1,15 @@
 """What an episode is, and keeping it safe: numpy and h5py only. docs/data.md shows it in use."""
 
-from data.info import DemoInfo
-from data.journal import JournalTicket, JournalWriter
-from data.operations import filter_session, merge, split, trim
-from data.recorder import KeptEpisode, SessionRecorder
-from data.repair import RepairReport, repair
-from data.running import Running
-from data.stats import ColumnStats, SessionStats, session_stats
-from data.store import EpisodeView, Session, open_session
-from data.types import DataError, DisturbanceRecord, Episode, Observation, Provenance, Pull, Step, Truth
-from data.validate import Violation, validate
+from layflat.data.session.demo_info import DemoInfo
+from layflat.data.session.episode_writer import Running
+from layflat.data.session.journal import JournalTicket, JournalWriter
+from layflat.data.session.reader import EpisodeView, Session, open_session
+from layflat.data.session.recorder import KeptEpisode, SessionRecorder
+from layflat.data.tools.operations import filter_session, merge, split, trim
+from layflat.data.tools.repair import RepairReport, repair
+from layflat.data.tools.stats import ColumnStats, SessionStats, session_stats
+from layflat.data.tools.validate import Violation, validate
+from layflat.data.types import DataError, DisturbanceRecord, Episode, Observation, Provenance, Pull, Step, Truth
 
 __all__ = [
     "ColumnStats",

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.errors import PerceptionError
-from perception.percept import Percept
-from perception.pinhole import Pinhole
-from perception.tableview import BoolArray
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.rectified_view import BoolArray
+from layflat.perception.cloth.pipeline import Percept
+from layflat.perception.errors import PerceptionError
 
 Colour: TypeAlias = tuple[int, int, int]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from data.types import FloatArray, Observation, StoppedBy, Task, frozen_array, frozen_hand
+from layflat.data.types import FloatArray, Observation, StoppedBy, Task, frozen_array, frozen_hand
 
 
 class PolicyError(ValueError):
@@ -17,7 +17,7 @@ class Decision:
     """What to do in one tick."""
 
     action: FloatArray
-    """(A,) m per tick, world axes, in the order of data.types.ACTION_NAMES."""
+    """(A,) m per tick, world axes, in the order of layflat.data.types.ACTION_NAMES."""
     std: FloatArray | None = None
     """(A,) m, standard deviation of the action where the policy knows one."""
     stop: StoppedBy | None = None

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.types import TASKS, FloatArray, Observation, Step, Task
-from policy.base import PolicyError
+from layflat.data.types import TASKS, FloatArray, Observation, Step, Task
+from layflat.policy.base import PolicyError
 
 Column = Callable[[Observation], float]
 

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any, Protocol
 
-from data.types import Episode, Provenance, Task
-from policy import finish
-from policy.base import Policy, PolicyError
-from policy.dmp import DmpPolicy
-from policy.dmp_model import DmpModel
-from policy.features import input_set
-from policy.field_policy import FieldPolicy
-from policy.gp_model import GpModel
-from policy.learned import Field, Learned
-from policy.recovery import Recovery
-from policy.simple import Hold, RandomMoves, drag_rule, stretch_right
-from policy.steady import Steady
+from layflat.data.types import Episode, Provenance, Task
+from layflat.policy import finishing_policy
+from layflat.policy.base import Policy, PolicyError
+from layflat.policy.dmp.model import DmpModel
+from layflat.policy.dmp.policy import DmpPolicy
+from layflat.policy.features import input_set
+from layflat.policy.gp.model import GpModel
+from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.scripted.baselines import Hold, RandomMoves, drag_rule, stretch_right
+from layflat.policy.trained_model import Field, Learned
+from layflat.policy.wrappers.recovery import Recovery
+from layflat.policy.wrappers.swing_damping import Steady
 
 
 class Trainer(Protocol):
@@ -63,7 +63,7 @@ def _learner(module: str, name: str, inputs: str) -> Trainer:
         if not episodes:
             raise PolicyError("there are no demonstrations to learn from; at least one is needed")
         # Imported here: who only rolls out need not have, nor wait for, what only training needs.
-        fit = import_module(f"policy.{module}").fit
+        fit = import_module(f"layflat.policy.{module}").fit
         layout = input_set(episodes[0].task, inputs)
         model: Learned = fit(
             episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress, **options
@@ -76,14 +76,14 @@ def _learner(module: str, name: str, inputs: str) -> Trainer:
 TRAINED: Mapping[str, Trainer] = {
     name: _learner(module, name, inputs)
     for name, module, inputs in (
-        ("gp-word", "gp", "all"),
-        ("gp-baseline", "gp", "position"),
-        ("gp-contact", "gp", "position+contact"),
-        ("gp-direction", "gp", "position+word"),
-        (finish.NAME, "gp", "all"),
-        ("gmr", "gmr", "all"),
-        ("dmp", "dmp", "position"),
-        ("nearest", "nearest_model", "all"),
+        ("gp-word", "gp.fit", "all"),
+        ("gp-baseline", "gp.fit", "position"),
+        ("gp-contact", "gp.fit", "position+contact"),
+        ("gp-direction", "gp.fit", "position+word"),
+        (finishing_policy.NAME, "gp.fit", "all"),
+        ("gmr", "gmr.fit", "all"),
+        ("dmp", "dmp.policy", "position"),
+        ("nearest", "nearest.model", "all"),
     )
 }
 """Policies that are learned from demonstrations: the thesis's two, the ablations of what they see in between, and other
@@ -110,14 +110,14 @@ def train(
     progress: Callable[[int, int, str], None] | None = None,
     intervention_weight: int = 1,
 ) -> Learned:
-    """A model of a trainable policy; ``intervention_weight`` is as in policy.gp.FitOptions, for Gaussian processes."""
+    """A model of a trainable policy; ``intervention_weight`` is as in layflat.policy.gp.fit.FitOptions, for Gaussian processes."""
     if name not in TRAINED:
         raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE)}")
     options: dict[str, Any] = {}
     if intervention_weight != 1:
         if not name.startswith("gp-"):
             raise PolicyError(f"{name} cannot weight what a person corrected; the policies that can begin with gp-")
-        from policy.gp import FitOptions
+        from layflat.policy.gp.fit import FitOptions
 
         options["options"] = FitOptions(intervention_weight=intervention_weight)
     return TRAINED[name](episodes, seed=seed, provenance=provenance, progress=progress, **options)
@@ -127,8 +127,8 @@ def from_model(model: Learned) -> Policy:
     """The policy that a trained model makes."""
     if model.policy not in TRAINED:
         raise PolicyError(f"the model's policy {model.policy!r} is unknown; it must be one of {', '.join(TRAINABLE)}")
-    if model.policy == finish.NAME and isinstance(model, GpModel):
-        return finish.FinishPolicy(model)
+    if model.policy == finishing_policy.NAME and isinstance(model, GpModel):
+        return finishing_policy.FinishPolicy(model)
     if isinstance(model, DmpModel):
         return DmpPolicy(model)
     if isinstance(model, Field):

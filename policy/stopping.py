@@ -12,8 +12,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from data.types import FloatArray, Observation, StoppedBy
-from policy.base import PolicyError
+from layflat.data.types import FloatArray, Observation, StoppedBy
+from layflat.policy.base import PolicyError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,11 +1,11 @@
 """The bench: cloth, table, holders, camera and disturbances in PyBullet, and two gymnasium environments.
 
-``import sim`` registers ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``; what they are is in ``sim.env``.
+``import sim`` registers ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``; what they are is in ``layflat.sim.env``.
 """
 
 from gymnasium.envs.registration import register
 
-import sim.quiet  # noqa: F401  # before anything else imports PyBullet
+import layflat.sim.physics.bullet.suppress_output  # noqa: F401  # before anything else imports PyBullet
 
 MAX_EPISODE_STEPS = 200
 """Ticks after which an environment truncates: 20 s."""
@@ -13,7 +13,7 @@ MAX_EPISODE_STEPS = 200
 for _name, _task in (("HangerPlace", "hanger"), ("PickersPlace", "pickers")):
     register(
         id=f"layflat/{_name}-v0",
-        entry_point="sim.env:PlaceEnv",
+        entry_point="layflat.sim.env:PlaceEnv",
         max_episode_steps=MAX_EPISODE_STEPS,
         kwargs={"task": _task},
     )

@@ -14,12 +14,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from data.types import ACTION_LIMIT_M, FloatArray, Observation, Task, action_size
-from sim.camera import default_pinhole
-from sim.disturbances import disturbance_spec
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.world import SimError
+from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, Task, action_size
+from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.presets import disturbance_spec
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
 
 RENDER_SIZE = (640, 480)
 SPACE_LIMIT_M = 2.0
@@ -37,7 +37,7 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     Action: Box(-1, 1, (2,) or (6,)), displacement of this tick / ACTION_LIMIT_M in the order of ACTION_NAMES; cut off
     at the limits. SimError for a wrong shape or a value that is not finite.
 
-    Observation: what a policy may see (``data.types.Observation``), float64; with ``images`` also rgb and depth.
+    Observation: what a policy may see (``layflat.data.types.Observation``), float64; with ``images`` also rgb and depth.
 
     Reward: gain of the camera's contact portion in this tick, so that an episode's rewards add up to the portion at its
     end less that at its start. The flat area, which is what counts, is in ``info`` and not in the reward: it is the

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, Episode, Observation, Provenance, Step, Task, Truth
+from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, Episode, Observation, Provenance, Step, Task, Truth
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell that starts the tests in its background has them ignore Ctrl-C, and with them what they start.
@@ -97,5 +97,5 @@ def _differences(a: Any, b: Any, where: str) -> list[str]:
 
 @pytest.fixture(scope="session")
 def differences() -> Callable[[Any, Any], list[str]]:
-    """``differences(a, b)``: where two values of data.types differ, arrays bit by bit; empty where they are equal."""
+    """``differences(a, b)``: where two values of layflat.data.types differ, arrays bit by bit; empty where they are equal."""
     return lambda a, b: _differences(a, b, type(a).__name__)

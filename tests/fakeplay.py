@@ -17,13 +17,13 @@ from typing import Literal, get_args
 import cv2
 import numpy as np
 
-from app.batch.plan import Case, Entrant, Group, Plan
-from app.batch.run import run_batch
-from app.errors import run_guarded
-from app.progress import Progress
-from app.schedule import ScheduledDisturbance, When
-from data.types import Episode, Observation, Phase, Step, Truth
-from sim.disturbances import DISTURBANCES
+from layflat.app.evaluation.plan import Case, Entrant, Group, Plan
+from layflat.app.evaluation.run import run_batch
+from layflat.app.support.errors import run_guarded
+from layflat.app.support.progress import Progress
+from layflat.app.workers.schedule import ScheduledDisturbance, When
+from layflat.data.types import Episode, Observation, Phase, Step, Truth
+from layflat.sim.disturbances.presets import DISTURBANCES
 
 Fault = Literal["kill", "segfault", "hang", "exception", "exit", "disk"]
 FAULTS: tuple[Fault, ...] = get_args(Fault)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from data.types import Observation, Task
-from policy.base import Decision
-from policy.simple import along_z
+from layflat.data.types import Observation, Task
+from layflat.policy.base import Decision
+from layflat.policy.scripted.baselines import along_z
 
 
 class Down:

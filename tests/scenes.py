@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.lens import Lens
-from perception.pinhole import Pinhole
+from layflat.perception.camera.intrinsics import Lens
+from layflat.perception.camera.pinhole import Pinhole
 
 Rgb = tuple[float, float, float]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.workstation.inputs import sdl
+from layflat.app.workstation.teleop import sdl
 
 CONTROLLER, UNKNOWN = 1, 0
 """SDL_JOYSTICK_TYPE_GAMECONTROLLER, SDL_JOYSTICK_TYPE_UNKNOWN."""

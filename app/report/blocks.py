@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from app.strips import Frame
-from app.tables import Table
+from layflat.app.media.frames import Frame
+from layflat.app.report.tables import Table
 
 
 @dataclass(frozen=True, kw_only=True)

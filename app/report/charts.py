@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.figures import DPI, STYLE, colour_of
-from app.moments import stretches
-from app.summary import confidence_interval
-from data.types import Episode, FloatArray
+from layflat.app.evaluation.phases import stretches
+from layflat.app.report.figures import DPI, STYLE, colour_of
+from layflat.app.support.statistics import confidence_interval
+from layflat.data.types import Episode, FloatArray
 
 QUARTILES = (25.0, 50.0, 75.0)
 JITTER = 0.12

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from app import figures, strips, tables
-from app.atomic import write_text
-from app.figures import FieldModel, Panel
-from app.report.inline import film_uri, png_uri, strip_view, template
-from app.rows import disturbed_tick
-from app.strips import Draw
-from app.thesis_numbers import BASELINE, PROPOSED
-from data.types import FLAT_AREA, Episode, Provenance, Task
+from layflat.app.media import frames
+from layflat.app.media.frames import Draw
+from layflat.app.report import figures, tables
+from layflat.app.report.figures import FieldModel, Panel
+from layflat.app.report.html_assets import film_uri, png_uri, strip_view, template
+from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.app.support.atomic_write import write_text
+from layflat.app.support.metrics import disturbed_tick
+from layflat.data.types import FLAT_AREA, Episode, Provenance, Task
 
 FRAME_WIDTH = 300
 FILM_WIDTH = 480
@@ -50,7 +51,7 @@ class TaskResults:
     """Policy name -> model, for the attractor fields."""
     runs: Mapping[str, tuple[Episode, ...]]
     """Policy name -> its episodes, by seed; the first with images is pictured and filmed."""
-    draw: Draw = strips.plain_draw
+    draw: Draw = frames.plain_draw
     """Picture of an observation with what perception makes of it (contact, WORD as an arrow)."""
 
 
@@ -80,7 +81,7 @@ def write_report(path: Path, content: ReportInput, *, tick: Tick | None = None) 
 
 def pictured_run(runs: Sequence[Episode]) -> Episode | None:
     """The run to show: the first with images, one with a disturbance before one without."""
-    with_images = [run for run in runs if strips.has_images(run)]
+    with_images = [run for run in runs if frames.has_images(run)]
     disturbed = [run for run in with_images if disturbed_tick(run) is not None]
     return next(iter(disturbed + with_images), None)
 
@@ -146,9 +147,9 @@ def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: Tick) -> d
         return view
     say(f"{run.task}: pictures of {name}")
     view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "ticks": len(run.steps)}
-    view["placing"] = strip_view(strips.strip(run, strips.placing_ticks(run), draw, FRAME_WIDTH))
-    view["disturbance"] = strip_view(strips.strip(run, strips.disturbance_ticks(run), draw, FRAME_WIDTH))
-    view["film"] = film_uri(strips.film_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
+    view["placing"] = strip_view(frames.strip(run, frames.placing_ticks(run), draw, FRAME_WIDTH))
+    view["disturbance"] = strip_view(frames.strip(run, frames.disturbance_ticks(run), draw, FRAME_WIDTH))
+    view["film"] = film_uri(frames.film_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
     return view
 
 

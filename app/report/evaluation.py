@@ -11,15 +11,15 @@ from typing import Any, Protocol
 import numpy as np
 import pandas as pd
 
-from app.report import charts
-from app.report.blocks import Block, Card, Figure, Film, Page, Section, Strip, TableBlock, Text
-from app.report.page import Tick, write_page
-from app.report.painter import Painter, drawable, key_ticks
-from app.report.rows import GROUP_NOTE, every_table, failed_table, group_table, policies_of
-from app.report.sentences import compared, difference_sentence, paired_table
-from app.tables import percent, points
-from app.thesis_numbers import BASELINE
-from data.types import Episode, FloatArray
+from layflat.app.report import charts
+from layflat.app.report.blocks import Block, Card, Figure, Film, Page, Section, Strip, TableBlock, Text
+from layflat.app.report.comparison_sentences import compared, difference_sentence, paired_table
+from layflat.app.report.episode_renderer import Painter, drawable, key_ticks
+from layflat.app.report.page import Tick, write_page
+from layflat.app.report.result_tables import GROUP_NOTE, every_table, failed_table, group_table, policies_of
+from layflat.app.report.tables import percent, points
+from layflat.app.report.thesis_numbers import BASELINE
+from layflat.data.types import Episode, FloatArray
 
 CONDITION = ("task", "cloth", "disturbance")
 """What has a section of its own."""

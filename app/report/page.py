@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from app.atomic import write_text
-from app.report.blocks import Block, Figure, Film, Page, Strip, TableBlock, Text
-from app.report.inline import film_uri, png_uri, strip_view, template
-from app.tables import Table
+from layflat.app.report.blocks import Block, Figure, Film, Page, Strip, TableBlock, Text
+from layflat.app.report.html_assets import film_uri, png_uri, strip_view, template
+from layflat.app.report.tables import Table
+from layflat.app.support.atomic_write import write_text
 
 Tick = Callable[[str], None]
 

@@ -6,13 +6,15 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app import thesis_numbers as thesis
-from app.report.blocks import Block, TableBlock, Text
-from app.report.rows import policies_of
-from app.report.sentences import difference_sentence
-from app.reproduce.material import MISSING, Claim, Material, Shown
-from app.reproduce.studies import DISTURBANCE, Trial, placing, second_cloth
-from app.reproduce.words import (
+from layflat.app.report import thesis_numbers as thesis
+from layflat.app.report.blocks import Block, TableBlock, Text
+from layflat.app.report.comparison_sentences import difference_sentence
+from layflat.app.report.result_tables import policies_of
+from layflat.app.report.tables import Table, percent, points
+from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.studies import DISTURBANCE, Trial, placing, second_cloth
+from layflat.app.reproduce.table_cells import (
     NO,
     PART,
     UNKNOWN,
@@ -28,10 +30,8 @@ from app.reproduce.words import (
     range_cell,
     values,
 )
-from app.summary import confidence_interval
-from app.tables import Table, percent, points
-from app.thesis_numbers import BASELINE, PROPOSED
-from data.types import FloatArray
+from layflat.app.support.statistics import confidence_interval
+from layflat.data.types import FloatArray
 
 HEADER = (
     "",

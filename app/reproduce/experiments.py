@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
-from app.reproduce import disturbance, field, flattening, inputs, limits, placing, studies, sweeps
-from app.reproduce.material import Material, Shown
-from app.reproduce.studies import Size, Trial
+from layflat.app.reproduce import disturbance, field, flattening, inputs, limits, placing, studies, sweeps
+from layflat.app.reproduce.experiment_results import Material, Shown
+from layflat.app.reproduce.studies import Size, Trial
 
 
 @dataclass(frozen=True, kw_only=True)

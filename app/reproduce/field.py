@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app import figures
-from app.report.blocks import Block, Figure, Text
-from app.reproduce.material import MISSING, Claim, Material, Shown
-from app.reproduce.studies import placing
-from app.reproduce.words import NO, UNKNOWN, YES
-from data.types import Episode, Task
-from policy.learned import Field
+from layflat.app.report import figures
+from layflat.app.report.blocks import Block, Figure, Text
+from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.studies import placing
+from layflat.app.reproduce.table_cells import NO, UNKNOWN, YES
+from layflat.data.types import Episode, Task
+from layflat.policy.trained_model import Field
 
 
 def show(material: Material) -> Shown:

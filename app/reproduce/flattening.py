@@ -6,14 +6,15 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app import thesis_numbers as thesis
-from app.report import charts
-from app.report.blocks import Block, Figure, TableBlock, Text
-from app.report.rows import policies_of
-from app.report.sentences import difference_sentence
-from app.reproduce.material import MISSING, Claim, Material, Shown
-from app.reproduce.studies import flattening
-from app.reproduce.words import (
+from layflat.app.report import charts
+from layflat.app.report import thesis_numbers as thesis
+from layflat.app.report.blocks import Block, Figure, TableBlock, Text
+from layflat.app.report.comparison_sentences import difference_sentence
+from layflat.app.report.result_tables import policies_of
+from layflat.app.report.tables import Table, percent, points
+from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.studies import flattening
+from layflat.app.reproduce.table_cells import (
     END_HEADER,
     NO,
     UNKNOWN,
@@ -30,9 +31,8 @@ from app.reproduce.words import (
     range_cell,
     values,
 )
-from app.tables import Table, percent, points
-from data.types import FloatArray
-from policy.flatten import CONTROLLERS, FLAT_CONTACT
+from layflat.data.types import FloatArray
+from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, FLAT_CONTACT
 
 HEADER = (
     "controller",

@@ -6,14 +6,16 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app.pairs import LEAST, Paired
-from app.report import charts
-from app.report.blocks import Block, Figure, TableBlock, Text
-from app.report.rows import policies_of
-from app.report.sentences import difference_sentence
-from app.reproduce.material import MISSING, Material, Shown
-from app.reproduce.studies import CONTACT, DIRECTION, DISTURBANCE, RULED, TUG, inputs, placing
-from app.reproduce.words import (
+from layflat.app.evaluation.paired import LEAST, Paired
+from layflat.app.report import charts
+from layflat.app.report.blocks import Block, Figure, TableBlock, Text
+from layflat.app.report.comparison_sentences import difference_sentence
+from layflat.app.report.result_tables import policies_of
+from layflat.app.report.tables import Table, interval, points
+from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.app.reproduce.experiment_results import MISSING, Material, Shown
+from layflat.app.reproduce.studies import CONTACT, DIRECTION, DISTURBANCE, RULED, TUG, inputs, placing
+from layflat.app.reproduce.table_cells import (
     area_cell,
     difference,
     difference_cell,
@@ -24,9 +26,7 @@ from app.reproduce.words import (
     mean_cell,
     values,
 )
-from app.tables import Table, interval, points
-from app.thesis_numbers import BASELINE, PROPOSED
-from data.types import TASKS, Task
+from layflat.data.types import TASKS, Task
 
 NONE = "none"
 SEES = {

@@ -6,17 +6,26 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app import thesis_numbers as thesis
-from app.batch.summary import with_measures
-from app.report.blocks import Block, TableBlock, Text
-from app.report.rows import policies_of
-from app.reproduce.disturbance import disturbance_table
-from app.reproduce.material import MISSING, Claim, Material, Shown
-from app.reproduce.placing import placing_table
-from app.reproduce.studies import FOLD, Trial, bad_contact, placing
-from app.reproduce.words import UNKNOWN, by_share, contact_sentence, disturbed, enough, first_note, flat_cell, values
-from app.tables import percent
-from app.thesis_numbers import PROPOSED
+from layflat.app.evaluation.summary import with_measures
+from layflat.app.report import thesis_numbers as thesis
+from layflat.app.report.blocks import Block, TableBlock, Text
+from layflat.app.report.result_tables import policies_of
+from layflat.app.report.tables import percent
+from layflat.app.report.thesis_numbers import PROPOSED
+from layflat.app.reproduce.disturbance import disturbance_table
+from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.placing import placing_table
+from layflat.app.reproduce.studies import FOLD, Trial, bad_contact, placing
+from layflat.app.reproduce.table_cells import (
+    UNKNOWN,
+    by_share,
+    contact_sentence,
+    disturbed,
+    enough,
+    first_note,
+    flat_cell,
+    values,
+)
 
 NOTE = (
     "Contact portion of the camera at the end; a folded part hides from it, which is why flat area, of the mesh, "

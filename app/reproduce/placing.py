@@ -6,13 +6,15 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from app import thesis_numbers as thesis
-from app.report.blocks import Block, TableBlock, Text
-from app.report.rows import policies_of
-from app.report.sentences import difference_sentence
-from app.reproduce.material import MISSING, Claim, Material, Shown
-from app.reproduce.studies import Trial, placing
-from app.reproduce.words import (
+from layflat.app.report import thesis_numbers as thesis
+from layflat.app.report.blocks import Block, TableBlock, Text
+from layflat.app.report.comparison_sentences import difference_sentence
+from layflat.app.report.result_tables import policies_of
+from layflat.app.report.tables import Table, interval, percent
+from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.studies import Trial, placing
+from layflat.app.reproduce.table_cells import (
     END_HEADER,
     NO,
     UNKNOWN,
@@ -30,9 +32,7 @@ from app.reproduce.words import (
     undisturbed,
     values,
 )
-from app.summary import statistics
-from app.tables import Table, interval, percent
-from app.thesis_numbers import BASELINE, PROPOSED
+from layflat.app.support.statistics import statistics
 
 HEADER = ("", "n", "max", "mean", "min", "95\u00a0%\u00a0CI of mean", *END_HEADER)
 NOTE = (

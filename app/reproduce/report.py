@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.provenance import provenance_now
-from app.report.blocks import Page, Section, TableBlock
-from app.report.page import Tick, write_markdown, write_page
-from app.reproduce.experiments import EXPERIMENTS, Experiment
-from app.reproduce.material import Claim, Material, Shown
-from app.reproduce.studies import DISTURBANCE, FIRST_SEED, Size
-from app.tables import Table
-from data.types import Provenance
+from layflat.app.report.blocks import Page, Section, TableBlock
+from layflat.app.report.page import Tick, write_markdown, write_page
+from layflat.app.report.tables import Table
+from layflat.app.reproduce.experiment_results import Claim, Material, Shown
+from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
+from layflat.app.reproduce.studies import DISTURBANCE, FIRST_SEED, Size
+from layflat.app.support.provenance import provenance_now
+from layflat.data.types import Provenance
 
 TITLE = "The thesis's experiments, ours beside its"
 CLAIMS_HEADER = ("the thesis says", "where", "thesis", "ours", "agrees")

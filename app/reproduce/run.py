@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from app import checks
-from app.errors import WrongCall
-from app.progress import Progress
-from app.reproduce.experiments import EXPERIMENTS, Experiment
-from app.reproduce.material import Material
-from app.reproduce.report import write_reports
-from app.reproduce.studies import FULL, QUICK, Size, Trial
-from app.reproduce.trials import run_trial, trial_seconds
-from app.reproduce.workshop import Workshop
-from app.rows import write_json
-from sim.starts import STARTS
+from layflat.app.reproduce.artifact_store import Workshop
+from layflat.app.reproduce.experiment_results import Material
+from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
+from layflat.app.reproduce.report import write_reports
+from layflat.app.reproduce.studies import FULL, QUICK, Size, Trial
+from layflat.app.reproduce.trials import run_trial, trial_seconds
+from layflat.app.support import validators
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.metrics import write_json
+from layflat.app.support.progress import Progress
+from layflat.sim.cloth.starts import STARTS
 
 ASKED = "reproduction.json"
 MODEL_S = 40.0
@@ -38,7 +38,7 @@ def reproduce(
     """Run what DIR does not hold yet, and write DIR/report.html and DIR/table.md; returns the page's path."""
     wanted = chosen(only)
     size = size_of(quick, seeds)
-    checks.writable_folder(out)
+    validators.writable_folder(out)
     _check_asked(out, size, seed)
     workshop = Workshop(out, seed=seed)
     trials = trials_of(wanted, size)
@@ -59,7 +59,7 @@ def reproduce(
 def chosen(only: Sequence[str]) -> list[Experiment]:
     """Experiments by name, all for none; WrongCall lists the known ones."""
     for name in only:
-        checks.known_name("experiment", name, EXPERIMENTS)
+        validators.known_name("experiment", name, EXPERIMENTS)
     return [experiment for name, experiment in EXPERIMENTS.items() if not only or name in only]
 
 

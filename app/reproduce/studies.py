@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from app.thesis_numbers import BASELINE, PROPOSED
-from data.types import TASKS, Task
-from policy.flatten import CONTROLLERS
-from policy.registry import TRAINABLE
+from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.data.types import TASKS, Task
+from layflat.policy.registry import TRAINABLE
+from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"
 RULE = "drag-rule"

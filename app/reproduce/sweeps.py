@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
-from app.report import charts
-from app.report.blocks import Block, Figure, TableBlock, Text
-from app.report.rows import policies_of
-from app.report.sentences import difference_sentence
-from app.reproduce.material import MISSING, Material, Shown
-from app.reproduce.studies import (
+from layflat.app.report import charts
+from layflat.app.report.blocks import Block, Figure, TableBlock, Text
+from layflat.app.report.comparison_sentences import difference_sentence
+from layflat.app.report.result_tables import policies_of
+from layflat.app.report.tables import Table
+from layflat.app.report.thesis_numbers import PROPOSED
+from layflat.app.reproduce.experiment_results import MISSING, Material, Shown
+from layflat.app.reproduce.studies import (
     NAPKIN,
     TOWEL,
     Trial,
@@ -20,7 +22,7 @@ from app.reproduce.studies import (
     placing,
     second_cloth,
 )
-from app.reproduce.words import (
+from layflat.app.reproduce.table_cells import (
     area_cell,
     difference,
     disturbed,
@@ -32,9 +34,7 @@ from app.reproduce.words import (
     undisturbed,
     values,
 )
-from app.tables import Table
-from app.thesis_numbers import PROPOSED
-from data.types import TASKS, FloatArray
+from layflat.data.types import TASKS, FloatArray
 
 HEADER = (
     "",

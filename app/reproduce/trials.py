@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from app.batch.plan import Case, Entrant, Plan
-from app.batch.results import Results
-from app.batch.run import run_batch
-from app.progress import Progress
-from app.reproduce.studies import FIRST_SEED, Trial
-from app.reproduce.workshop import Workshop
-from app.schedule import ScheduledDisturbance
-from data.types import DataError
-from sim.disturbances import DISTURBANCES
-from sim.starts import STARTS
+from layflat.app.evaluation.plan import Case, Entrant, Plan
+from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.run import run_batch
+from layflat.app.reproduce.artifact_store import Workshop
+from layflat.app.reproduce.studies import FIRST_SEED, Trial
+from layflat.app.support.progress import Progress
+from layflat.app.workers.schedule import ScheduledDisturbance
+from layflat.data.types import DataError
+from layflat.sim.cloth.starts import STARTS
+from layflat.sim.disturbances.presets import DISTURBANCES
 
 CORE_S = {"crumpled": 6.0}
 USUAL_CORE_S = 7.0

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from data.types import ACTION_NAMES, Episode, FloatArray, Observation, Step, Task, Truth
-from policy.features import FeatureLayout, input_set
-from sim.cloth import cloth_spec
+from layflat.data.types import ACTION_NAMES, Episode, FloatArray, Observation, Step, Task, Truth
+from layflat.policy.features import FeatureLayout, input_set
+from layflat.sim.cloth.cloth import cloth_spec
 
 PLACE, DISTURB, REPAIR = 60, 10, 25
 EpisodeMaker = Callable[..., Episode]

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.types import FLAT_AREA, FloatArray, Observation, Truth, action_size
-from policy.base import Decision
-from sim.disturbances import DisturbanceSpec, Plan, disturbance_spec
-from sim.settings import BenchSettings
-from sim.world import SimError
+from layflat.data.types import FLAT_AREA, FloatArray, Observation, Truth, action_size
+from layflat.policy.base import Decision
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.presets import DisturbanceSpec, Plan, disturbance_spec
+from layflat.sim.physics.bullet.world import SimError
 
 ACTING_TICKS = 4
 """A fake disturbance acts so long, settling included."""

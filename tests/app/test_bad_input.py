@@ -11,13 +11,13 @@ import h5py
 import numpy as np
 import pytest
 
-from app import cli
-from app.measure import random_model
-from data.recorder import SessionRecorder
-from policy import model as model_files
-from policy.registry import DECORATORS
-from sim.cloth import CLOTHS
-from sim.disturbances import DISTURBANCES
+from layflat.app.benchmarks.measure import random_model
+from layflat.app.cli import main
+from layflat.data.session.recorder import SessionRecorder
+from layflat.policy import model_io as model_files
+from layflat.policy.registry import DECORATORS
+from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.disturbances.presets import DISTURBANCES
 
 Refused = Callable[..., str]
 
@@ -65,7 +65,7 @@ def refused(things, capsys, monkeypatch) -> Refused:
     def run(*arguments: str) -> str:
         before = _contents(things)
         with pytest.raises(SystemExit) as stop:
-            cli.main(arguments)
+            main.main(arguments)
         out, err = capsys.readouterr()
         assert stop.value.code == 2, err
         assert out == ""
@@ -197,7 +197,7 @@ def test_counts_below_one(command, count, refused):
 
 def test_the_program_itself_exits_so(things):
     done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "train", str(things / "short-hanger.h5"), str(things / "m.npz")],
+        [sys.executable, "-m", "layflat.app.cli.main", "train", str(things / "short-hanger.h5"), str(things / "m.npz")],
         capture_output=True,
         text=True,
     )

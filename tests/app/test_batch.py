@@ -12,20 +12,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.batch import ledger
-from app.batch.plan import Case, Entrant, Plan
-from app.batch.results import Results
-from app.batch.run import run_batch
-from app.errors import LayflatError, WrongCall
-from app.rows import COLUMNS, row_of
-from app.schedule import ScheduledDisturbance
-from data import validate
-from data.durable import WriterLock
-from data.store import open_session
-from data.types import DataError
-from policy.model import load, save
-from sim.disturbances import DISTURBANCES
-from tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fake_plan, key_of
+from layflat.app.evaluation import results_csv
+from layflat.app.evaluation.plan import Case, Entrant, Plan
+from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.run import run_batch
+from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.metrics import COLUMNS, row_of
+from layflat.app.workers.schedule import ScheduledDisturbance
+from layflat.data import validate
+from layflat.data.atomic_files import WriterLock
+from layflat.data.session.reader import open_session
+from layflat.data.types import DataError
+from layflat.policy.model_io import load, save
+from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fake_plan, key_of
 
 FAKE = Scripted()
 
@@ -135,7 +135,7 @@ def test_another_thing_under_the_same_name_is_refused_and_force_begins_anew(tmp_
 
 
 def test_a_model_is_known_by_its_numbers_not_by_its_file(tmp_path):
-    from app.measure import random_model
+    from layflat.app.benchmarks.measure import random_model
 
     model = random_model("hanger", 20)
     save(model, tmp_path / "m.npz")
@@ -208,7 +208,7 @@ def test_a_full_disk_ends_the_batch_in_one_sentence_and_loses_nothing(tmp_path):
 
 def test_no_room_for_the_table_itself(tmp_path, monkeypatch):
     plan = fake_plan(seeds=3)
-    monkeypatch.setattr(ledger.os, "fsync", _full_at_the_fourth())
+    monkeypatch.setattr(results_csv.os, "fsync", _full_at_the_fourth())
     with pytest.raises(LayflatError, match=r"takes no more files: No space left.*goes on from there"):
         _run(plan, tmp_path)
     monkeypatch.undo()

@@ -19,13 +19,13 @@ import pandas as pd
 import psutil
 import pytest
 
-from app.batch.plan import Plan
-from app.batch.results import Results
-from app.batch.run import run_batch
-from app.errors import LayflatError
-from app.rows import COLUMNS, row_of
-from data.durable import WriterLock
-from tests.fakeplay import FAULTS, PLACING, Fault, Scripted, fake_episode, fake_plan, key_of
+from layflat.app.evaluation.plan import Plan
+from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.run import run_batch
+from layflat.app.support.errors import LayflatError
+from layflat.app.support.metrics import COLUMNS, row_of
+from layflat.data.atomic_files import WriterLock
+from layflat.tests.fakeplay import FAULTS, PLACING, Fault, Scripted, fake_episode, fake_plan, key_of
 
 DISK_SHARE, HANG_SHARE = 0.04, 0.05
 LIMIT_S = 4.0
@@ -110,7 +110,15 @@ def start(tmp_path) -> Iterator:
     running: list[subprocess.Popen] = []
 
     def run(seeds: int = 6, workers: int = 2, tick_s: float = 0.3) -> subprocess.Popen:
-        words = [sys.executable, "-m", "tests.fakeplay", str(tmp_path / "out"), str(seeds), str(workers), str(tick_s)]
+        words = [
+            sys.executable,
+            "-m",
+            "layflat.tests.fakeplay",
+            str(tmp_path / "out"),
+            str(seeds),
+            str(workers),
+            str(tick_s),
+        ]
         child = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
         running.append(child)
         return child

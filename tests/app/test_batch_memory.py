@@ -8,14 +8,14 @@ from dataclasses import replace
 import psutil
 import pytest
 
-from app.batch import ledger
-from app.batch.local import GroupEnd
-from app.batch.plan import Case, Plan
-from app.batch.run import run_batch
-from app.rows import row_of
-from app.schedule import ScheduledDisturbance
-from sim.disturbances import DISTURBANCES
-from tests.fakeplay import Scripted, fake_episode, fake_plan
+from layflat.app.evaluation import results_csv
+from layflat.app.evaluation.local_engine import GroupEnd
+from layflat.app.evaluation.plan import Case, Plan
+from layflat.app.evaluation.run import run_batch
+from layflat.app.support.metrics import row_of
+from layflat.app.workers.schedule import ScheduledDisturbance
+from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.tests.fakeplay import Scripted, fake_episode, fake_plan
 
 pytestmark = pytest.mark.slow
 
@@ -68,7 +68,7 @@ def _at_once(next_group, folder, play):
 
 
 def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundred(tmp_path, monkeypatch):
-    monkeypatch.setattr(ledger.os, "fsync", lambda descriptor: None)  # Of memory, not of the disk.
+    monkeypatch.setattr(results_csv.os, "fsync", lambda descriptor: None)  # Of memory, not of the disk.
     memory = Memory()
     results = run_batch(_ten_thousand(), tmp_path, engine=_at_once, progress=memory)  # type: ignore[arg-type]
     assert len(results.rows) == TEN_THOUSAND

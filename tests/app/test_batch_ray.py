@@ -12,14 +12,14 @@ import pandas as pd
 import psutil
 import pytest
 
-from app.batch.cluster import ray_engine
-from app.batch.plan import Entrant, Plan
-from app.batch.results import Results
-from app.batch.run import run_batch
-from app.batch.server import Server
-from app.batch.suites import cases_of
-from app.errors import LayflatError
-from tests.fakeplay import PLACING, Scripted, fake_plan, key_of
+from layflat.app.evaluation.fork_server import Server
+from layflat.app.evaluation.plan import Entrant, Plan
+from layflat.app.evaluation.ray_engine import ray_engine
+from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.suites import cases_of
+from layflat.app.support.errors import LayflatError
+from layflat.tests.fakeplay import PLACING, Scripted, fake_plan, key_of
 
 
 def test_without_ray_there_is_one_sentence(monkeypatch):
@@ -95,7 +95,11 @@ def test_a_lost_worker_costs_what_it_was_at(cluster, tmp_path):
 
 
 def _servers() -> list[int]:
-    return [p.pid for p in psutil.process_iter(["cmdline"]) if "app.batch.server" in (p.info["cmdline"] or [])]
+    return [
+        p.pid
+        for p in psutil.process_iter(["cmdline"])
+        if "layflat.app.evaluation.fork_server" in (p.info["cmdline"] or [])
+    ]
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.batch.ledger import ALL_COLUMNS
-from app.batch.summary import summary_of, wilson
+from layflat.app.evaluation.results_csv import ALL_COLUMNS
+from layflat.app.evaluation.summary import summary_of, wilson
 
 
 def _rows(*lines: dict) -> pd.DataFrame:

@@ -9,11 +9,18 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from app import bench, measure, measure_batch, measure_data, measure_recipes, measure_sight
-from data.types import TASKS, TICK_S
-from perception.word import AXIAL, LETTER
-from sim.recipes import RECIPES, SITUATIONS
-from tests.fakeplay import Scripted
+from layflat.app.benchmarks import (
+    bench,
+    measure,
+    measure_batch,
+    measure_data,
+    measure_perception,
+    measure_solver_settings,
+)
+from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS
+from layflat.data.types import TASKS, TICK_S
+from layflat.perception.descriptors.word import AXIAL, LETTER
+from layflat.tests.fakeplay import Scripted
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
@@ -27,7 +34,7 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "fine seeing": ("flat", "drag", "capture", "perceive", "keep"),
         "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
         "predicting": ("predict", "GPy"),
-        "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_recipes.OURS, *RECIPES)),
+        "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *RECIPES)),
         "batch": tuple(str(workers) for workers in measure_batch.WORKERS),
         "recording": ("tick", "hand over", "journal", "keep", "raw", "size", *PACKED),
         "opening": ("open", "read", "arrays", "growth", "episodes"),
@@ -107,7 +114,7 @@ def test_what_is_timed_beside_gpy_gives_gpys_numbers(task):
 
 @pytest.mark.parametrize("config", [AXIAL, LETTER], ids=["word-axial", "word"])
 def test_the_fast_way_gives_the_plain_ways_numbers(config):
-    assert measure_sight.same_numbers(config) < 1e-5
+    assert measure_perception.same_numbers(config) < 1e-5
 
 
 @pytest.mark.slow
@@ -124,7 +131,7 @@ def test_a_short_real_run(task, tmp_path):
 
 def test_recipes_are_compared_with_ours_of_as_many_nodes():
     rows = {row.name: row for row in _all_rows()}
-    for across in measure_recipes.ACROSS:
+    for across in measure_solver_settings.ACROSS:
         for name in RECIPES:
             row = rows[f"bare cloth {across} x {across} flat / {name}"]
             assert row.unit == bench.RTF
@@ -143,9 +150,9 @@ def test_a_batch_is_really_shared_by_workers(tmp_path):
 @pytest.mark.slow
 def test_recipes_really_run():
     with bench.fresh_processes(1) as pool:
-        samples = pool.schedule(measure_recipes.recipes, args=(10, "towel", 0.1, 2)).result()
+        samples = pool.schedule(measure_solver_settings.recipes, args=(10, "towel", 0.1, 2)).result()
     assert all((walls > 0).all() and len(walls) == 2 for walls in samples.values())
-    assert len(measure_recipes.lines_of(10, samples)) == 4
+    assert len(measure_solver_settings.lines_of(10, samples)) == 4
 
 
 @pytest.mark.slow

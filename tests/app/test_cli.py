@@ -9,13 +9,14 @@ from typing import get_args
 
 import pytest
 
-from app import checks, cli, cli_learning, cli_options
-from app.errors import LayflatError, WrongCall
-from app.workstation.inputs.registry import SOURCES
-from data.types import TASKS
-from perception.descriptors import DESCRIPTORS
-from policy.flatten import CONTROLLERS
-from policy.registry import TRAINABLE
+from layflat.app.cli import learning, main, options
+from layflat.app.support import validators
+from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.workstation.teleop.registry import SOURCES
+from layflat.data.types import TASKS
+from layflat.perception.descriptors.registry import DESCRIPTORS
+from layflat.policy.registry import TRAINABLE
+from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 
 COMMANDS = (
     "demo",
@@ -38,7 +39,7 @@ COMMANDS = (
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
-        cli.main(arguments)
+        main.main(arguments)
     out, err = capsys.readouterr()
     return int(stop.value.code or 0), out, err
 
@@ -132,17 +133,17 @@ def test_help_of_every_command(command, capsys):
 
 
 def test_choices_are_those_of_the_packages():
-    assert set(get_args(cli_options.TaskName)) == set(TASKS)
-    assert set(get_args(cli_learning.SourceName)) == {"scripted", *SOURCES}
-    assert set(get_args(cli_learning.PolicyName)) == set(TRAINABLE)
-    assert set(get_args(cli.ControllerName)) == set(CONTROLLERS)
-    assert set(get_args(cli_options.DescriptorName)) == set(DESCRIPTORS)
+    assert set(get_args(options.TaskName)) == set(TASKS)
+    assert set(get_args(learning.SourceName)) == {"scripted", *SOURCES}
+    assert set(get_args(learning.PolicyName)) == set(TRAINABLE)
+    assert set(get_args(main.ControllerName)) == set(CONTROLLERS)
+    assert set(get_args(options.DescriptorName)) == set(DESCRIPTORS)
 
 
 def test_help_imports_nothing_heavy():
     heavy = ("numpy", "pybullet", "cv2", "GPy", "matplotlib", "h5py", "scipy", "pandas", "pygame")
     program = (
-        "import sys\nfrom app.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "import sys\nfrom layflat.app.cli.main import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
         f"print([m for m in {heavy} if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -150,7 +151,7 @@ def test_help_imports_nothing_heavy():
 
 
 def test_another_interpreter_gets_one_sentence(capsys, monkeypatch):
-    monkeypatch.setattr(checks, "SUPPORTED_PYTHONS", ((3, 8),))
+    monkeypatch.setattr(validators, "SUPPORTED_PYTHONS", ((3, 8),))
     status, _, err = _run(capsys, "place", "x.npz")
     assert status == 1
     assert err.count("\n") == 1
@@ -159,24 +160,24 @@ def test_another_interpreter_gets_one_sentence(capsys, monkeypatch):
 
 
 def test_a_missing_simulator_gets_one_sentence(monkeypatch):
-    monkeypatch.setattr(checks.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(validators.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(LayflatError, match="PyBullet is not installed"):
-        checks.require_simulator()
+        validators.require_simulator()
 
 
 def test_unknown_cloth_lists_the_known_ones():
     with pytest.raises(WrongCall, match="cloth 'silk' is unknown; known ones are napkin, towel"):
-        checks.known_name("cloth", "silk", ["towel", "napkin"])
-    assert checks.known_name("cloth", "towel", ["towel", "napkin"]) == "towel"
+        validators.known_name("cloth", "silk", ["towel", "napkin"])
+    assert validators.known_name("cloth", "towel", ["towel", "napkin"]) == "towel"
 
 
 def test_existing_output_needs_force(tmp_path):
     path = tmp_path / "m.npz"
     path.write_bytes(b"old")
     with pytest.raises(WrongCall, match="--force"):
-        checks.writable_file(path, force=False)
-    assert checks.writable_file(path, force=True) == path
-    assert checks.writable_file(path, force=False, append=True) == path
+        validators.writable_file(path, force=False)
+    assert validators.writable_file(path, force=True) == path
+    assert validators.writable_file(path, force=False, append=True) == path
     assert path.read_bytes() == b"old"
 
 
@@ -185,11 +186,11 @@ def test_output_that_cannot_be_written_is_found_before_the_work(tmp_path):
     blocker.touch()
     for path in (blocker / "m.npz", Path("/proc/nowhere/m.npz"), Path("/dev/null/m.npz")):
         with pytest.raises(WrongCall, match="cannot be written"):
-            checks.writable_file(path, force=False)
+            validators.writable_file(path, force=False)
     with pytest.raises(WrongCall, match="is a folder"):
-        checks.writable_file(tmp_path, force=True)
+        validators.writable_file(tmp_path, force=True)
 
 
 def test_a_good_output_path_leaves_nothing_behind(tmp_path):
-    checks.writable_file(tmp_path / "new" / "m.npz", force=False)
+    validators.writable_file(tmp_path / "new" / "m.npz", force=False)
     assert not list((tmp_path / "new").iterdir())

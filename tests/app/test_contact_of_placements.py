@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.jobs import EpisodeJob, run_jobs
-from data.types import Episode
+from layflat.app.workers.episode_pool import EpisodeJob, run_jobs
+from layflat.data.types import Episode
 
 JOBS = [
     EpisodeJob(task=task, cloth=cloth, seed=seed, disturbance=disturbance)

@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 import pytest
 
-from app import cli
-from app.data_info import told as words
-from app.video import count_frames
-from data import DisturbanceRecord, SessionRecorder, open_session
+from layflat.app.cli import main
+from layflat.app.commands.dataset_info import told as words
+from layflat.app.media.video import count_frames
+from layflat.data import DisturbanceRecord, SessionRecorder, open_session
 
 COMMANDS = (
     "info", "validate", "stats", "split", "filter", "merge", "trim", "repair", "export", "import", "video", "plot",
@@ -58,7 +58,7 @@ def run(folder, capsys):
 
     def call(*arguments: str) -> tuple[int, str, str]:
         with pytest.raises(SystemExit) as stop:
-            cli.main(("data", *arguments))
+            main.main(("data", *arguments))
         out, err = capsys.readouterr()
         return int(stop.value.code or 0), out, err
 
@@ -344,7 +344,7 @@ def test_outputs_are_not_replaced_unasked(command, run, folder):
 
 def test_help_imports_nothing_heavy():
     program = (
-        "import sys\nfrom app.cli import main\ntry:\n    main(['data', '--help'])\nexcept SystemExit:\n    pass\n"
+        "import sys\nfrom layflat.app.cli.main import main\ntry:\n    main(['data', '--help'])\nexcept SystemExit:\n    pass\n"
         "print([m for m in ('numpy', 'h5py', 'pyarrow', 'matplotlib') if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -9,19 +9,18 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from app import cli
-from app.demo import DEMONSTRATIONS, FINISHER, RULE, _clear
-from app.rows import COLUMNS
-from data.store import open_session
+from layflat.app.cli import main
+from layflat.app.commands.demo import DEMONSTRATIONS, FINISHER, RULE, _clear
+from layflat.app.support.metrics import COLUMNS
+from layflat.data.session.reader import open_session
 
 
 def status_of(*arguments: str) -> int:
     with pytest.raises(SystemExit) as stopped:
-        cli.main(["demo", *arguments])
+        main.main(["demo", *arguments])
     return int(stopped.value.code or 0)
 
 
@@ -81,8 +80,19 @@ def test_force_removes_only_what_a_demo_writes(tmp_path):
 @pytest.mark.timeout(900)
 def test_the_whole_story_goes_on_after_ctrl_c(tmp_path):
     out = tmp_path / "demo"
-    command = [sys.executable, "-m", "app.cli", "demo", "--out", str(out), "--episodes", "1", "--task", "hanger"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parent.parent)}
+    command = [
+        sys.executable,
+        "-m",
+        "layflat.app.cli.main",
+        "demo",
+        "--out",
+        str(out),
+        "--episodes",
+        "1",
+        "--task",
+        "hanger",
+    ]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
     kept = []
     assert first.stderr is not None

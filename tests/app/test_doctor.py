@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from app import doctor
-from app.errors import LayflatError
+from layflat.app.commands import doctor
+from layflat.app.support.errors import LayflatError
 
-ROOT = Path(doctor.__file__).parents[1]
+ROOT = Path(doctor.__file__).parents[3]
 
 
 def test_this_machine_is_fit(capsys):
@@ -43,7 +43,7 @@ def test_it_needs_nothing_but_the_standard_library():
             "-I",
             "-S",
             "-c",
-            f"import sys; sys.path.insert(0, {str(ROOT)!r}); import app.doctor as d; d.doctor()",
+            f"import sys; sys.path.insert(0, {str(ROOT)!r}); import layflat.app.commands.doctor as d; d.doctor()",
         ],
         capture_output=True,
         text=True,

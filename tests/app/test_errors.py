@@ -8,10 +8,10 @@ import sys
 
 import pytest
 
-from app.errors import LayflatError, WrongCall, run_guarded
-from data.types import DataError
-from perception.errors import PerceptionError
-from policy.base import PolicyError
+from layflat.app.support.errors import LayflatError, WrongCall, run_guarded
+from layflat.data.types import DataError
+from layflat.perception.errors import PerceptionError
+from layflat.policy.base import PolicyError
 
 
 def _raise(error: BaseException) -> int:
@@ -63,7 +63,7 @@ def test_nothing_raised_is_zero():
 
 
 def test_a_reader_that_closes_stdout_sees_no_traceback():
-    program = "from app.errors import run_guarded; run_guarded(lambda: [print(i) for i in range(200000)] and 0)"
+    program = "from layflat.app.support.errors import run_guarded; run_guarded(lambda: [print(i) for i in range(200000)] and 0)"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as child:

@@ -7,18 +7,18 @@ import json
 import pandas as pd
 import pytest
 
-from app.batch.plan import Case, Entrant, Plan
-from app.batch.run import run_batch
-from app.batch.suites import cases_of
-from app.cli import main
-from app.errors import WrongCall
-from app.evaluate import entrants_of
-from app.measure import random_model
-from app.rows import COLUMNS
-from app.schedule import ScheduledDisturbance, When
-from data.types import Episode
-from policy.model import save
-from sim.disturbances import DISTURBANCES
+from layflat.app.benchmarks.measure import random_model
+from layflat.app.cli.main import main
+from layflat.app.commands.evaluate import entrants_of
+from layflat.app.evaluation.plan import Case, Entrant, Plan
+from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.suites import cases_of
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.metrics import COLUMNS
+from layflat.app.workers.schedule import ScheduledDisturbance, When
+from layflat.data.types import Episode
+from layflat.policy.model_io import save
+from layflat.sim.disturbances.presets import DISTURBANCES
 
 
 @pytest.fixture(scope="module")

@@ -11,20 +11,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.batch.summary import with_measures
-from app.moments import rounds, stretches
-from app.pairs import paired
-from app.report import charts
-from app.report.evaluation import evaluation_page, examples
-from app.report.page import markdown, table_markdown, write_page
-from app.report.painter import Painter, key_ticks
-from app.report.rows import failures, group_table
-from app.report.sentences import verdict
-from app.rows import row_of
-from app.tables import Table
-from data.types import Truth
-from sim.cloth import cloth_spec
-from tests.browser import measured, needs_chromium, screenshot
+from layflat.app.evaluation.paired import paired
+from layflat.app.evaluation.phases import rounds, stretches
+from layflat.app.evaluation.summary import with_measures
+from layflat.app.report import charts
+from layflat.app.report.comparison_sentences import verdict
+from layflat.app.report.episode_renderer import Painter, key_ticks
+from layflat.app.report.evaluation import evaluation_page, examples
+from layflat.app.report.page import markdown, table_markdown, write_page
+from layflat.app.report.result_tables import failures, group_table
+from layflat.app.report.tables import Table
+from layflat.app.support.metrics import row_of
+from layflat.data.types import Truth
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.tests.browser import measured, needs_chromium, screenshot
 
 POLICIES = ("gp-baseline", "gp-word", "gp-baseline+drag-rule")
 CONDITIONS = (("hanger", False), ("pickers", True))

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from app import flatten
-from app.errors import LayflatError
-from app.jobs import EpisodeJob, JobFailure, run_jobs
-from app.rows import COLUMNS
-from app.video import count_frames
-from data.types import Episode
-from policy.flatten import CONTROLLERS
+from layflat.app.commands import flatten
+from layflat.app.media.video import count_frames
+from layflat.app.support.errors import LayflatError
+from layflat.app.support.metrics import COLUMNS
+from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_jobs
+from layflat.data.types import Episode
+from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 
 
 @pytest.fixture

@@ -14,12 +14,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.measure import random_model
-from data import repair, validate
-from data.recorder import SessionRecorder
-from data.store import open_session
-from perception.descriptors import DEFAULT
-from policy import model as model_files
+from layflat.app.benchmarks.measure import random_model
+from layflat.data import repair, validate
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.perception.descriptors.registry import DEFAULT
+from layflat.policy import model_io as model_files
 
 LONG = 20
 """Episodes that are asked for, far more than are waited for."""
@@ -32,7 +32,7 @@ def start() -> Iterator:
 
     def run(*arguments: object) -> subprocess.Popen:
         child = subprocess.Popen(
-            [sys.executable, "-u", "-m", "app.cli", *map(str, arguments)],
+            [sys.executable, "-u", "-m", "layflat.app.cli.main", *map(str, arguments)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

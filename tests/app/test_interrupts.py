@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from app.interrupts import interrupts_wait
+from layflat.app.workers.interrupts import interrupts_wait
 
 
 @pytest.fixture(autouse=True)

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.episode import run_episode
-from data import open_session, validate
-from data.opening import parts_folder
-from data.recorder import SessionRecorder
-from data.recovery import journals, read_journal
-from data.types import TASKS
-from policy.simple import Hold
-from sim.disturbances import DISTURBANCES
-from sim.placing import Placing
-from sim.settings import BenchSettings
+from layflat.app.workers.rollout import run_episode
+from layflat.data import open_session, validate
+from layflat.data.format.opening import parts_folder
+from layflat.data.session.journal_reader import journals, read_journal
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import TASKS
+from layflat.policy.scripted.baselines import Hold
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.simulation import Placing
 
 
 @pytest.fixture(params=TASKS)

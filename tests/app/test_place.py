@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from app import jobs, place, record
-from app.errors import LayflatError
-from app.jobs import JobFailure
-from app.measure import random_model
-from app.rows import COLUMNS
-from data import open_session, validate
-from policy import model as model_files
+from layflat.app.benchmarks.measure import random_model
+from layflat.app.commands import place, record
+from layflat.app.support.errors import LayflatError
+from layflat.app.support.metrics import COLUMNS
+from layflat.app.workers import episode_pool
+from layflat.app.workers.episode_pool import JobFailure
+from layflat.data import open_session, validate
+from layflat.policy import model_io as model_files
 
 
 def _beginning(episode):
@@ -49,7 +50,7 @@ def placed(tmp_path, monkeypatch, make_episode):
             )
 
     def call(*endings, recorded=False) -> Path:
-        for module in (jobs, record):
+        for module in (episode_pool, record):
             monkeypatch.setattr(module, "run_numbered", lambda asked, *, workers: run(endings, asked))
         place.place(
             tmp_path / "m.npz", episodes=len(endings), seed=7, disturb=None,

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.plots import COLOURS, PERSON_COLOUR, aligned_curves, curves_of, plot_session
-from app.strips import befalls, caption
-from data.types import TASKS, DisturbanceRecord, Pull
+from layflat.app.media.episode_plots import COLOURS, PERSON_COLOUR, aligned_curves, curves_of, plot_session
+from layflat.app.media.frames import befalls, caption
+from layflat.data.types import TASKS, DisturbanceRecord, Pull
 
 
 @pytest.mark.parametrize("task", TASKS)

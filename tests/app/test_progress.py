@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from app.progress import Progress, duration
+from layflat.app.support.progress import Progress, duration
 
 
 class Clock:

@@ -6,17 +6,17 @@ from collections.abc import Callable
 
 import pytest
 
-from app.episode import disturb_and_repair, place
-from app.jobs import EpisodeJob, policy_of
-from app.run import Run
-from app.schedule import Watch
-from data.types import FLAT_AREA, TASKS, Episode, Task
-from policy.base import Policy
-from policy.steady import Steady
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.starts import Start
-from tests.lowering import Down
+from layflat.app.workers.episode_pool import EpisodeJob, policy_of
+from layflat.app.workers.rollout import disturb_and_repair, place
+from layflat.app.workers.runner import Run
+from layflat.app.workers.schedule import Watch
+from layflat.data.types import FLAT_AREA, TASKS, Episode, Task
+from layflat.policy.base import Policy
+from layflat.policy.wrappers.swing_damping import Steady
+from layflat.sim.cloth.starts import Start
+from layflat.sim.config import BenchSettings
+from layflat.sim.simulation import Placing
+from layflat.tests.lowering import Down
 
 
 def episode(task: Task, start: Start, seed: int, *around: str) -> Episode:

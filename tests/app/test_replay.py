@@ -12,32 +12,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.errors import WrongCall
-from app.replay import compare, differences, rerun, settings_of, state_report
-from app.video import count_frames
-from data import SessionRecorder
-from data.types import TASKS, DisturbanceRecord, Truth
-from sim.cloth import cloth_spec
-from sim.disturbances import DISTURBANCES, Plan
-from sim.world import SimError
+from layflat.app.commands.replay import compare, differences, rerun, settings_of, state_report
+from layflat.app.media.video import count_frames
+from layflat.app.support.errors import WrongCall
+from layflat.data import SessionRecorder
+from layflat.data.types import TASKS, DisturbanceRecord, Truth
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.disturbances.presets import DISTURBANCES, Plan
+from layflat.sim.physics.bullet.world import SimError
 
 SCRIPT = """
 import json, sys
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
-from app.episode import run_episode
-from app.jobs import fresh_processes
-from app.replay import action_report, compare, read_episode, rerun
-from app.run import Run
-from app.schedule import ScheduledDisturbance, When
+from layflat.app.workers.rollout import run_episode
+from layflat.app.workers.episode_pool import fresh_processes
+from layflat.app.commands.replay import action_report, compare, read_episode, rerun
+from layflat.app.workers.runner import Run
+from layflat.app.workers.schedule import ScheduledDisturbance, When
 from data import SessionRecorder
-from data.types import Pull
-from policy.base import Decision
-from policy.simple import Hold, RandomMoves
-from sim.disturbances import DISTURBANCES
-from sim.placing import Placing
-from sim.settings import BenchSettings
+from layflat.data.types import Pull
+from layflat.policy.base import Decision
+from layflat.policy.scripted.baselines import Hold, RandomMoves
+from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.simulation import Placing
+from layflat.sim.config import BenchSettings
 
 class Short(RandomMoves):
     left = 6
@@ -103,7 +103,7 @@ PLAN = DISTURBANCES["push"].schedule(np.random.default_rng(0), cloth_spec("towel
 
 
 def _replay(path: Path, *arguments: str) -> subprocess.CompletedProcess:
-    call = [sys.executable, "-m", "app.cli", "replay", str(path), "--episode", "0", *arguments]
+    call = [sys.executable, "-m", "layflat.app.cli.main", "replay", str(path), "--episode", "0", *arguments]
     return subprocess.run(call, capture_output=True, text=True, check=False)
 
 
@@ -164,7 +164,19 @@ def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp
 @pytest.mark.parametrize("task", TASKS)
 def test_a_whole_demonstration_runs_again_to_the_bit(task, tmp_path):
     path = tmp_path / "s.h5"
-    call = [sys.executable, "-m", "app.cli", "record", str(path), "--task", task, "--episodes", "1", "--seed", "7"]
+    call = [
+        sys.executable,
+        "-m",
+        "layflat.app.cli.main",
+        "record",
+        str(path),
+        "--task",
+        task,
+        "--episodes",
+        "1",
+        "--seed",
+        "7",
+    ]
     subprocess.run(call, check=True)
     report = _again(path)
     assert report["identical"] is True

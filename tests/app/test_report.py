@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from app import figures, strips, tables, thesis_numbers
-from app.provenance import provenance_now
-from app.report.demo import ReportInput, TaskResults, pictured_run, write_report
-from app.video import count_frames
+from layflat.app.media import frames
+from layflat.app.media.video import count_frames
+from layflat.app.report import figures, tables, thesis_numbers
+from layflat.app.report.demo import ReportInput, TaskResults, pictured_run, write_report
+from layflat.app.support.provenance import provenance_now
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -64,7 +65,7 @@ def test_the_page_is_self_contained(report):
 def test_every_picture_and_film_decodes(tmp_path, report, hanger):
     page = report.read_text(encoding="utf-8")
     pictures = re.findall(r"data:image/[a-z]+;base64,([A-Za-z0-9+/=]+)", page)
-    assert len(pictures) == 2 * 2 * strips.STRIP_FRAMES + 2
+    assert len(pictures) == 2 * 2 * frames.STRIP_FRAMES + 2
     for picture in pictures:
         assert cv2.imdecode(np.frombuffer(base64.b64decode(picture), np.uint8), cv2.IMREAD_COLOR) is not None
     films = re.findall(r"data:video/webm;base64,([A-Za-z0-9+/=]+)", page)
@@ -117,9 +118,9 @@ def test_every_run_is_in_the_page(report):
 
 def test_strips_show_start_stop_disturbance_and_end(make_episode):
     episode = make_episode(images=True)
-    placing = strips.strip(episode, strips.placing_ticks(episode), strips.plain_draw, 80)
+    placing = frames.strip(episode, frames.placing_ticks(episode), frames.plain_draw, 80)
     assert (len(placing), placing[0].word, placing[-1].word) == (10, "start", "stopped")
-    disturbance = strips.strip(episode, strips.disturbance_ticks(episode), strips.plain_draw, 80)
+    disturbance = frames.strip(episode, frames.disturbance_ticks(episode), frames.plain_draw, 80)
     assert [frame.word for frame in disturbance] == [
         "start", "placing", "stopped", "disturbance", "disturbed", *["repair"] * 4, "end",
     ]  # fmt: skip
@@ -133,8 +134,8 @@ def test_strips_take_the_nearest_frame_that_has_an_image(make_episode):
         replace(step, observation=replace(step.observation, rgb=None)) if tick % 7 else step
         for tick, step in enumerate(episode.steps)
     )
-    frames = strips.strip(replace(episode, steps=steps), [0, 6, 10], strips.plain_draw, 80)
-    assert [frame.tick for frame in frames] == [0, 7, 7]
+    shown = frames.strip(replace(episode, steps=steps), [0, 6, 10], frames.plain_draw, 80)
+    assert [frame.tick for frame in shown] == [0, 7, 7]
 
 
 def test_the_run_that_is_pictured_has_images_and_a_disturbance(make_episode):
@@ -194,8 +195,8 @@ def test_a_browser_lays_the_page_out(tmp_path, report):
 
 def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
     episode = make_episode(images=True)
-    rows = [strips.strip(episode, ticks, strips.plain_draw, 80) for ticks in ([0, 5, 10], [12, 15, 20])]
-    picture = strips.sheet(rows)
+    rows = [frames.strip(episode, ticks, frames.plain_draw, 80) for ticks in ([0, 5, 10], [12, 15, 20])]
+    picture = frames.sheet(rows)
     height, width = rows[0][0].image.shape[:2]
     assert picture.shape == (2 * (height + 4), 3 * (width + 4), 3)
     for j in range(2):
@@ -204,4 +205,4 @@ def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
             shown = picture[top : top + height - height // 2, left : left + width]
             np.testing.assert_array_equal(shown, rows[j][k].image[height // 2 :])
     with pytest.raises(ValueError, match="one length"):
-        strips.sheet([rows[0], rows[1][:2]])
+        frames.sheet([rows[0], rows[1][:2]])

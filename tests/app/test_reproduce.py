@@ -10,27 +10,27 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.batch.run import run_batch
-from app.errors import WrongCall
-from app.progress import Progress
-from app.provenance import provenance_now
-from app.report.page import markdown
-from app.reproduce import inputs, run, studies
-from app.reproduce.experiments import EXPERIMENTS
-from app.reproduce.material import Material
-from app.reproduce.report import page_of, write_reports
-from app.reproduce.studies import FULL, QUICK
-from app.reproduce.trials import plan_of, trial_folder, trial_seconds
-from app.reproduce.workshop import Workshop
-from app.thesis_numbers import BASELINE, PROPOSED
-from data.recorder import SessionRecorder
-from data.types import TASKS, Task
-from perception.descriptors import DEFAULT
-from policy import registry
-from policy.learned import Learned
-from policy.registry import TRAINABLE
-from tests.browser import measured, needs_chromium
-from tests.fakeplay import Scripted
+from layflat.app.evaluation.run import run_batch
+from layflat.app.report.page import markdown
+from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.app.reproduce import inputs, run, studies
+from layflat.app.reproduce.artifact_store import Workshop
+from layflat.app.reproduce.experiment_results import Material
+from layflat.app.reproduce.experiments import EXPERIMENTS
+from layflat.app.reproduce.report import page_of, write_reports
+from layflat.app.reproduce.studies import FULL, QUICK
+from layflat.app.reproduce.trials import plan_of, trial_folder, trial_seconds
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.progress import Progress
+from layflat.app.support.provenance import provenance_now
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import TASKS, Task
+from layflat.perception.descriptors.registry import DEFAULT
+from layflat.policy import registry
+from layflat.policy.registry import TRAINABLE
+from layflat.policy.trained_model import Learned
+from layflat.tests.browser import measured, needs_chromium
+from layflat.tests.fakeplay import Scripted
 
 
 class Taught(Workshop):

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.episode import disturb_and_repair, place, rerun_episode, run_episode
-from app.errors import WrongCall
-from app.replay import compare
-from app.run import Run
-from app.schedule import ScheduledDisturbance, Watch, When
-from data import SessionRecorder, open_session, validate
-from data.opening import parts_folder
-from data.recovery import journals, read_journal
-from data.types import Pull
-from policy.base import Decision
-from sim.disturbances import DISTURBANCES, disturbance_spec
-from sim.settings import BenchSettings
-from tests.app.fake_bench import ACTING_TICKS, FakeBench, Forward
+from layflat.app.commands.replay import compare
+from layflat.app.support.errors import WrongCall
+from layflat.app.workers.rollout import disturb_and_repair, place, rerun_episode, run_episode
+from layflat.app.workers.runner import Run
+from layflat.app.workers.schedule import ScheduledDisturbance, Watch, When
+from layflat.data import SessionRecorder, open_session, validate
+from layflat.data.format.opening import parts_folder
+from layflat.data.session.journal_reader import journals, read_journal
+from layflat.data.types import Pull
+from layflat.policy.base import Decision
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
+from layflat.tests.app.fake_bench import ACTING_TICKS, FakeBench, Forward
 
 SEED = 3
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from app.batch.suites import cases_of, parse, shipped
-from app.errors import WrongCall
-from app.schedule import When
-from sim.disturbances import DISTURBANCES
+from layflat.app.evaluation.suites import cases_of, parse, shipped
+from layflat.app.support.errors import WrongCall
+from layflat.app.workers.schedule import When
+from layflat.sim.disturbances.presets import DISTURBANCES
 
 GOOD = """
 schema = 1

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app import cli
-from app.train import successful_demonstrations
-from data.recorder import SessionRecorder
-from policy import model as model_files
+from layflat.app.cli import main
+from layflat.app.commands.train import successful_demonstrations
+from layflat.data.session.recorder import SessionRecorder
+from layflat.policy import model_io as model_files
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
-        cli.main(arguments)
+        main.main(arguments)
     out, err = capsys.readouterr()
     return int(stop.value.code or 0), out, err
 

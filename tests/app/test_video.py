@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import LayflatError
-from app.video import count_frames, write_video
+from layflat.app.media.video import count_frames, write_video
+from layflat.app.support.errors import LayflatError
 
 
 def test_frames_come_back_in_number_order_and_colour(tmp_path):

@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 import pytest
 
-from app import cli
-from perception.descriptors import DESCRIPTORS
-from perception.pinhole import Pinhole
-from sim.camera import TARGET_M
-from sim.cloth import cloth_spec
-from sim.mesh import MeshMaker
-from sim.sensor import DepthNoise, DepthSensor
-from sim.view import View
-from tests.scenes import CLOTHS, Scene, shoot, stand
+from layflat.app.cli import main
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.descriptors.registry import DESCRIPTORS
+from layflat.sim.camera.camera import TARGET_M
+from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
+from layflat.sim.camera.renderer import View
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.mesh import MeshMaker
+from layflat.tests.scenes import CLOTHS, Scene, shoot, stand
 
 CONTRACT = {
     "schema",
@@ -43,7 +43,7 @@ def run(capsys, monkeypatch, tmp_path) -> Run:
 
     def call(*arguments: object) -> tuple[int, str, str]:
         with pytest.raises(SystemExit) as stop:
-            cli.main(["word", *map(str, arguments)])
+            main.main(["word", *map(str, arguments)])
         out, err = capsys.readouterr()
         return int(stop.value.code or 0), out, err
 

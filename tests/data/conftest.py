@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from data import SessionRecorder
-from data.types import Episode
+from layflat.data import SessionRecorder
+from layflat.data.types import Episode
 
 
 def _beginning(episode: Episode) -> Episode:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from data.types import DisturbanceRecord
+from layflat.data.types import DisturbanceRecord
 
 FILES = Path(__file__).parent / "files"
 PLAN = {"nodes": [1, 2], "path_m": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.02]]}

@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from data import SessionRecorder, open_session
-from data.types import DataError
+from layflat.data import SessionRecorder, open_session
+from layflat.data.types import DataError
 
 
 @pytest.fixture

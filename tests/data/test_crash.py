@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from data import SessionRecorder, open_session
-from data.opening import parts_folder
-from data.types import DataError, Episode
+from layflat.data import SessionRecorder, open_session
+from layflat.data.format.opening import parts_folder
+from layflat.data.types import DataError, Episode
 
 
 @pytest.fixture

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from data import SessionRecorder, open_session
-from data.importing import UNKNOWN_SEED, UNKNOWN_SOURCE
-from data.robomimic import export_robomimic, import_robomimic, train_and_valid
-from data.table import EPISODES_CSV, TICKS_CSV, export_csv
-from data.types import FLAT_AREA, OUTCOMES, TASKS, DataError
-from tests.data.test_round_trip import episodes as any_episode
+from layflat.data import SessionRecorder, open_session
+from layflat.data.exchange.csv_export import EPISODES_CSV, TICKS_CSV, export_csv
+from layflat.data.exchange.robomimic import export_robomimic, import_robomimic, train_and_valid
+from layflat.data.exchange.robomimic_import import UNKNOWN_SEED, UNKNOWN_SOURCE
+from layflat.data.types import FLAT_AREA, OUTCOMES, TASKS, DataError
+from layflat.tests.data.test_round_trip import episodes as any_episode
 
 FEW = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from data import SessionRecorder, open_session, repair, validate
-from data.journal import SYNC_S, JournalTicket
-from data.opening import parts_folder
-from data.recovery import journals, read_journal
-from data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Pull, Step
-from tests.data.old_files import FILES, version_2_episode
+from layflat.data import SessionRecorder, open_session, repair, validate
+from layflat.data.format.opening import parts_folder
+from layflat.data.session.journal import SYNC_S, JournalTicket
+from layflat.data.session.journal_reader import journals, read_journal
+from layflat.data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Pull, Step
+from layflat.tests.data.old_files import FILES, version_2_episode
 
 
 @pytest.fixture

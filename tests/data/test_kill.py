@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from data import SessionRecorder, open_session, repair, validate
-from data.types import Episode
+from layflat.data import SessionRecorder, open_session, repair, validate
+from layflat.data.types import Episode
 
 TICKS = 12
 

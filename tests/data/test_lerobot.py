@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data import SessionRecorder, extras, open_session
-from data.lerobot import export_lerobot
-from data.types import ACTION_NAMES, OUTCOMES, TASKS, DataError
+from layflat.data import SessionRecorder, open_session
+from layflat.data.exchange import optional_imports
+from layflat.data.exchange.lerobot import export_lerobot
+from layflat.data.types import ACTION_NAMES, OUTCOMES, TASKS, DataError
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 pandas = pytest.importorskip("pandas")
@@ -217,8 +218,8 @@ def test_the_sidecar_tells_which_episode_is_which(session_of, make_episode, tmp_
 
 
 def test_a_new_file_begins_where_one_has_become_large(session_of, make_episode, tmp_path, monkeypatch):
-    monkeypatch.setattr("data.lerobot.DATA_FILE_MB", 0)
-    monkeypatch.setattr("data.lerobot.CHUNKS_SIZE", 2)
+    monkeypatch.setattr("layflat.data.exchange.lerobot.DATA_FILE_MB", 0)
+    monkeypatch.setattr("layflat.data.exchange.lerobot.CHUNKS_SIZE", 2)
     with session_of([make_episode(seed=i) for i in range(5)]) as session:
         export_lerobot(session, tmp_path / "lr")
     files = sorted(str(path.relative_to(tmp_path / "lr/data")) for path in (tmp_path / "lr/data").glob("*/*"))
@@ -262,7 +263,9 @@ def test_an_export_that_fails_leaves_the_old_one(session_of, make_episode, tmp_p
     with session_of([make_episode()]) as session:
         export_lerobot(session, tmp_path / "lr")
         before = (tmp_path / "lr/meta/info.json").read_bytes()
-        monkeypatch.setattr("data.lerobot._write_meta", lambda *a, **k: (_ for _ in ()).throw(OSError("full")))
+        monkeypatch.setattr(
+            "layflat.data.exchange.lerobot._write_meta", lambda *a, **k: (_ for _ in ()).throw(OSError("full"))
+        )
         with pytest.raises(OSError, match="full"):
             export_lerobot(session, tmp_path / "lr")
     assert (tmp_path / "lr/meta/info.json").read_bytes() == before
@@ -273,7 +276,7 @@ def test_a_missing_package_is_one_sentence(session_of, make_episode, tmp_path, m
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(extras.importlib, "import_module", missing)
+    monkeypatch.setattr(optional_imports.importlib, "import_module", missing)
     with session_of([make_episode()]) as session, pytest.raises(DataError, match=r"pyarrow.*pip install 'layflat\[ex"):
         export_lerobot(session, tmp_path / "lr")
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]

@@ -14,11 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
-from data.opening import parts_folder
-from data.schema import SCHEMA_VERSION
-from data.types import DataError, DisturbanceRecord, Pull
-from tests.data.old_files import FILES, version_2_episodes
+from layflat.data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
+from layflat.data.format.opening import parts_folder
+from layflat.data.format.schema import SCHEMA_VERSION
+from layflat.data.types import DataError, DisturbanceRecord, Pull
+from layflat.tests.data.old_files import FILES, version_2_episodes
 
 
 def _by_uid(path):

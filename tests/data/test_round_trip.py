@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from data import SessionRecorder, open_session
-from data.types import (
+from layflat.data import SessionRecorder, open_session
+from layflat.data.types import (
     ACTION_LIMIT_M,
     ACTION_NAMES,
     DESCRIPTORS,

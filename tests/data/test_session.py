@@ -13,13 +13,12 @@ import h5py
 import numpy as np
 import pytest
 
-import data.types
-import perception.descriptors
-from data import SessionRecorder, open_session, session_stats, validate
-from data.assemble import SessionFile
-from data.encode import LIBVER
-from data.schema import SCHEMA_VERSION
-from data.types import DataError
+from layflat.data import SessionRecorder, open_session, session_stats, validate
+from layflat.data.format.encode import LIBVER
+from layflat.data.format.schema import SCHEMA_VERSION
+from layflat.data.session.session_writer import SessionFile
+from layflat.data.types import DESCRIPTORS, DataError
+from layflat.perception.descriptors import registry
 
 
 @pytest.fixture
@@ -164,7 +163,7 @@ def test_every_data_set_says_its_unit_frame_and_columns(path):
 
 
 def test_the_descriptors_are_those_of_perception():
-    assert set(data.types.DESCRIPTORS) == set(perception.descriptors.DESCRIPTORS)
+    assert set(DESCRIPTORS) == set(registry.DESCRIPTORS)
 
 
 def test_statistics_are_those_of_all_rows_together(path, made):

@@ -12,12 +12,12 @@ import h5py
 import numpy as np
 import pytest
 
-from data import open_session, repair, validate
-from data.durable import PART_SUFFIX
-from data.isolated import Isolated, isolated
-from data.opening import parts_folder
-from data.types import DataError
-from data.validate import violations
+from layflat.data import open_session, repair, validate
+from layflat.data.atomic_files import PART_SUFFIX
+from layflat.data.format.opening import parts_folder
+from layflat.data.tools.sandbox import Isolated, isolated
+from layflat.data.tools.validate import violations
+from layflat.data.types import DataError
 
 
 @pytest.fixture

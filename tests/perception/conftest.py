@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import pytest
 
-from perception.pinhole import Pinhole
-from perception.sheet import Drawing, Frame, Light, Sheet, Wave, draw_sheet
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.synthetic_sheet import Drawing, Frame, Light, Sheet, Wave, draw_sheet
 
 
 def one_wave(

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.colour import hue_name, learn_hsv, suggest_hsv
-from perception.errors import PerceptionError
-from perception.segmentation import HsvRange, segment
-from tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
+from layflat.perception.cloth.color_calibration import hue_name, learn_hsv, suggest_hsv
+from layflat.perception.cloth.segmentation import HsvRange, segment
+from layflat.perception.errors import PerceptionError
+from layflat.tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
 
 CAMERA, LENS = stand(width=320, height=240)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from perception.contact import (
+from layflat.perception.cloth.contact import (
     HIGHEST_M,
     LOWEST_M,
     MOST_STRETCH,
@@ -17,7 +17,7 @@ from perception.contact import (
     covered_pixels,
     smooth_height,
 )
-from perception.errors import PerceptionError
+from layflat.perception.errors import PerceptionError
 
 HEIGHTS = arrays(np.float32, (9, 11), elements=st.floats(-(2**-7), 3 * 2**-6, width=32))
 MASKS = arrays(np.bool_, (9, 11))

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from perception.descriptor import Descriptor, Direction
-from perception.descriptors import DESCRIPTORS, descriptor
-from perception.errors import PerceptionError
-from perception.tableview import ClothView
+from layflat.perception.camera.rectified_view import ClothView
+from layflat.perception.descriptors.base import Descriptor, Direction
+from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
+from layflat.perception.errors import PerceptionError
 
 ALL = [pytest.param(make(), id=name) for name, make in DESCRIPTORS.items()]
 LEANING = {"word"}

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.frame import SeenFrame, see_frame
-from perception.percept import Perceiver
-from perception.plane import TablePlane
-from perception.segmentation import HsvRange
-from tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
+from layflat.perception.camera.table_plane import TablePlane
+from layflat.perception.cloth.analyze_frame import SeenFrame, see_frame
+from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.segmentation import HsvRange
+from layflat.perception.errors import PerceptionError
+from layflat.tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
 
 BLUE = HsvRange()
 

@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.colour import learn_hsv, suggest_hsv
-from perception.errors import PerceptionError
-from perception.frame import SeenFrame, see_frame
-from perception.lens import Lens
-from perception.percept import Perceiver
-from perception.plane import TablePlane, fit_plane
-from perception.segmentation import HsvRange
-from tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
+from layflat.perception.camera.intrinsics import Lens
+from layflat.perception.camera.table_plane import TablePlane, fit_plane
+from layflat.perception.cloth.analyze_frame import SeenFrame, see_frame
+from layflat.perception.cloth.color_calibration import learn_hsv, suggest_hsv
+from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.segmentation import HsvRange
+from layflat.perception.errors import PerceptionError
+from layflat.tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.errors import PerceptionError
-from perception.gabor import GaborParams, gabor_bank, gabor_kernel, responses
-from perception.pinhole import WHOLE
+from layflat.perception.camera.pinhole import WHOLE
+from layflat.perception.descriptors.gabor import GaborParams, gabor_bank, gabor_kernel, responses
+from layflat.perception.errors import PerceptionError
 
 PARAMS = st.builds(
     GaborParams,

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.hog import HogConfig, HogDescriptor
-from perception.tableview import ClothView
+from layflat.perception.camera.rectified_view import ClothView
+from layflat.perception.descriptors.hog import HogConfig, HogDescriptor
+from layflat.perception.errors import PerceptionError
 
 
 def striped(normal: float, *, rows: int = 140, columns: int = 140) -> ClothView:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.signal import oaconvolve
 
-from perception.errors import PerceptionError
-from perception.gabor import gabor_bank
-from perception.how import HowConfig, HowDescriptor
-from perception.prepare import PrepareConfig, prepare
-from perception.tableview import ClothView
+from layflat.perception.camera.rectified_view import ClothView
+from layflat.perception.descriptors.gabor import gabor_bank
+from layflat.perception.descriptors.how import HowConfig, HowDescriptor
+from layflat.perception.descriptors.preprocess import PrepareConfig, prepare
+from layflat.perception.errors import PerceptionError
 
 HOW = HowDescriptor()
 

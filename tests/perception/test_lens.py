@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.lens import Lens
+from layflat.perception.camera.intrinsics import Lens
+from layflat.perception.errors import PerceptionError
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.lowest import LEAST_PX, lowest_part
-from perception.pinhole import Pinhole
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.cloth.free_edge import LEAST_PX, lowest_part
 
 CAMERA = Pinhole.look_at((0.15, -0.72, 0.86), (0.285, 0.065, 0.0), width=320, height=240, fx=307.5)
 

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.overlay import ARROW, ARROW_M, CONTACT, draw_percept
-from perception.percept import Perceiver
-from perception.pinhole import Pinhole
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.errors import PerceptionError
+from layflat.perception.overlay import ARROW, ARROW_M, CONTACT, draw_percept
 
 
 @pytest.mark.parametrize("scale", [1, 3])

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.percept import Perceiver, Percept, PerceptionConfig
-from perception.pinhole import Pinhole
-from perception.sheet import Drawing, Light, Sheet, draw_sheet
-from perception.tableview import TableGrid
-from perception.word import WordDescriptor
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.rectified_view import TableGrid
+from layflat.perception.cloth.pipeline import Perceiver, Percept, PerceptionConfig
+from layflat.perception.descriptors.word import WordDescriptor
+from layflat.perception.errors import PerceptionError
+from layflat.perception.synthetic_sheet import Drawing, Light, Sheet, draw_sheet
 
 FLAT = round(0.35**2 / 0.0025**2)
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.errors import PerceptionError
-from perception.pinhole import Pinhole
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.errors import PerceptionError
 
 POSITIONS = st.tuples(st.floats(-0.5, 0.8), st.floats(-0.9, -0.3), st.floats(0.3, 1.2))
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.pinhole import Pinhole
-from perception.plane import TablePlane, fit_plane
-from tests.scenes import CLOTHS, Scene, Shot, shoot, stand
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.table_plane import TablePlane, fit_plane
+from layflat.perception.errors import PerceptionError
+from layflat.tests.scenes import CLOTHS, Scene, Shot, shoot, stand
 
 ROOM = Scene(box=CLOTHS["red"], amplitude=0.003)
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.errors import PerceptionError
-from perception.segmentation import HsvRange, segment
+from layflat.perception.cloth.segmentation import HsvRange, segment
+from layflat.perception.errors import PerceptionError
 
 
 def painted(colour: tuple[int, ...]) -> np.ndarray:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.errors import PerceptionError
-from perception.pinhole import Pinhole
-from perception.sheet import CLOTH_RGB, Drawing, Light, Sheet, Wave, draw_sheet
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.errors import PerceptionError
+from layflat.perception.synthetic_sheet import CLOTH_RGB, Drawing, Light, Sheet, Wave, draw_sheet
 
 RIPPLED = Sheet(waves=(Wave(normal=0.6, amplitude_m=0.003), Wave(normal=-0.9, wavelength_m=0.09, amplitude_m=0.002)))
 

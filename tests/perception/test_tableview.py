@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.errors import PerceptionError
-from perception.pinhole import Pinhole
-from perception.tableview import TableGrid, TableView, bounding_window, touches_border
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.rectified_view import TableGrid, TableView, bounding_window, touches_border
+from layflat.perception.errors import PerceptionError
 
 GRID = TableGrid()
 

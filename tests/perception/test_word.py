@@ -12,12 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from perception.descriptor import axial_mean
-from perception.errors import PerceptionError
-from perception.gabor import gabor_bank
-from perception.prepare import relative_brightness
-from perception.tableview import ClothView
-from perception.word import AXIAL, LETTER, WordConfig, WordDescriptor, compute_word, word_axial, wrinkle_sums
+from layflat.perception.camera.rectified_view import ClothView
+from layflat.perception.descriptors.base import axial_mean
+from layflat.perception.descriptors.gabor import gabor_bank
+from layflat.perception.descriptors.preprocess import relative_brightness
+from layflat.perception.descriptors.word import (
+    AXIAL,
+    LETTER,
+    WordConfig,
+    WordDescriptor,
+    compute_word,
+    word_axial,
+    wrinkle_sums,
+)
+from layflat.perception.errors import PerceptionError
 
 FLAT_HEIGHT_M = 0.004
 CONFIG = AXIAL

@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from data.types import Episode, Observation, Step, Task, Truth, action_size
-from policy import registry
-from policy.features import input_set
-from policy.gp_kernel import Hyperparameters, weights
-from policy.gp_model import GpModel
-from policy.learned import Learned
+from layflat.data.types import Episode, Observation, Step, Task, Truth, action_size
+from layflat.policy import registry
+from layflat.policy.features import input_set
+from layflat.policy.gp.kernel import Hyperparameters, weights
+from layflat.policy.gp.model import GpModel
+from layflat.policy.trained_model import Learned
 
 GP_INPUTS = {
     "gp-word": "all",

@@ -9,10 +9,11 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from policy import gp, registry
-from policy.base import PolicyError
-from policy.features import input_set
-from policy.gp_kernel import JITTER
+from layflat.policy import registry
+from layflat.policy.base import PolicyError
+from layflat.policy.features import input_set
+from layflat.policy.gp import fit
+from layflat.policy.gp.kernel import JITTER
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +33,8 @@ def disagreeing(observe, episode_of):
 
 
 def _fit(episodes, weight):
-    options = gp.FitOptions(intervention_weight=weight)
-    return gp.fit(episodes, input_set("hanger", "all"), policy="gp-word", options=options)
+    options = fit.FitOptions(intervention_weight=weight)
+    return fit.fit(episodes, input_set("hanger", "all"), policy="gp-word", options=options)
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +85,6 @@ def test_without_corrections_a_weight_changes_nothing(disagreeing):
 
 def test_what_cannot_be_weighted_is_refused(disagreeing):
     with pytest.raises(PolicyError, match="is 0; it must be at least 1"):
-        gp.FitOptions(intervention_weight=0)
+        fit.FitOptions(intervention_weight=0)
     with pytest.raises(PolicyError, match="gmr cannot weight"):
         registry.train("gmr", disagreeing, intervention_weight=2)

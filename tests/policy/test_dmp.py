@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policy import dmp
-from policy.base import PolicyError
-from policy.dmp import DmpPolicy
-from policy.dmp_model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, features, path
-from policy.features import input_set
-from policy.stopping import AnyOf
+from layflat.policy.base import PolicyError
+from layflat.policy.dmp import policy as dmp
+from layflat.policy.dmp.model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, features, path
+from layflat.policy.dmp.policy import DmpPolicy
+from layflat.policy.features import input_set
+from layflat.policy.stopping import AnyOf
 
 TICKS = 80
 

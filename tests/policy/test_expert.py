@@ -7,8 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data.types import ACTION_LIMIT_M, TASKS, Observation, Truth, action_size
-from policy.expert import DRAG_STEP_M, FLAT_CONTACT, LAND_STEP_M, LAY_STEP_M, ScriptedExpert, _tautly
+from layflat.data.types import ACTION_LIMIT_M, TASKS, Observation, Truth, action_size
+from layflat.policy.scripted.demonstrator import (
+    DRAG_STEP_M,
+    FLAT_CONTACT,
+    LAND_STEP_M,
+    LAY_STEP_M,
+    ScriptedExpert,
+    _tautly,
+)
 
 LENGTH_M = 0.35
 WIDTH_M = 0.36

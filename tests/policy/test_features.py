@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data.types import TASKS, Observation
-from policy.base import PolicyError
-from policy.features import COLUMNS, INPUT_SETS, FeatureLayout, input_set
+from layflat.data.types import TASKS, Observation
+from layflat.policy.base import PolicyError
+from layflat.policy.features import COLUMNS, INPUT_SETS, FeatureLayout, input_set
 
 finite = st.floats(-1, 1)
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policy import finish, gp
-from policy.base import Policy
-from policy.features import input_set
-from policy.field_policy import FieldPolicy
-from policy.finish import FinishPolicy
-from policy.simple import along_x
-from policy.stopping import AnyOf
+from layflat.policy import finishing_policy
+from layflat.policy.base import Policy
+from layflat.policy.features import input_set
+from layflat.policy.finishing_policy import FinishPolicy
+from layflat.policy.gp import fit
+from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.scripted.baselines import along_x
+from layflat.policy.stopping import AnyOf
 
 GOAL = np.array([0.4, 0.02])
 STARTS = 20
@@ -41,7 +42,7 @@ def model(observe, episode_of):
             moves.append(towards(place) + rng.normal(0, 2e-4, 2))
             place = place + moves[-1]
         episodes.append(episode_of(seen, np.array(moves), seed=seed))
-    return gp.fit(episodes, input_set("hanger", "position"), policy="gp-finish")
+    return fit.fit(episodes, input_set("hanger", "position"), policy="gp-finish")
 
 
 def starts(model, distance: float) -> np.ndarray:
@@ -89,7 +90,7 @@ def test_the_mean_alone_fades_and_this_does_not(model, observe):
 
 def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
     policy = FinishPolicy(model, stop=AnyOf())
-    useful = np.linalg.norm(along_x("hanger", finish.USEFUL_M))
+    useful = np.linalg.norm(along_x("hanger", finishing_policy.USEFUL_M))
     places = model.inputs + 0.003
     taught = places[np.linalg.norm(model.predict(places)[0], axis=1) >= useful]
     assert len(taught) > 20
@@ -107,7 +108,7 @@ def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, observe
     place = model.inputs[0] + np.array([-away_m, away_m])
     near = policy.nearest(place)
     gaps = np.linalg.norm((model.inputs - near.query) / model.input_scale, axis=1)
-    assert gaps.min() == pytest.approx(finish.RADIUS, abs=1e-9)
+    assert gaps.min() == pytest.approx(finishing_policy.RADIUS, abs=1e-9)
     homeward = model.inputs[np.linalg.norm(model.inputs - place, axis=1).argmin()] - place
     assert near.way_back @ homeward > 0
     decision = policy.act(observe(*place))
@@ -125,7 +126,7 @@ def test_on_the_table_nothing_is_pushed_back(model, observe):
 def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
     still = FinishPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
     wrinkled = still.act(observe(*GOAL, contact=0.9))
-    np.testing.assert_allclose(wrinkled.action, along_x("hanger", finish.USEFUL_M), atol=1e-9)
+    np.testing.assert_allclose(wrinkled.action, along_x("hanger", finishing_policy.USEFUL_M), atol=1e-9)
     assert not still.act(observe(*GOAL, contact=0.995)).action.any()
 
 
@@ -136,7 +137,7 @@ def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of)
     ticks[:, 1], ticks[:, 4] = 0.3, 0.4
     ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
     policy = FinishPolicy(replace(model, inputs=ticks, alpha=0 * model.alpha), stop=AnyOf())
-    for z, want in ((0.018, finish.PULL * (0.008 - 0.018)), (0.004, 0.0), (0.3, -finish.USEFUL_M)):
+    for z, want in ((0.018, finishing_policy.PULL * (0.008 - 0.018)), (0.004, 0.0), (0.3, -finishing_policy.USEFUL_M)):
         assert policy.act(observe(0.2, z, contact=0.9)).action[1] == pytest.approx(want, abs=1e-9)
 
 
@@ -151,7 +152,7 @@ def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
     policy = FinishPolicy(model, stop=AnyOf())
     near = policy.nearest(model.layout.vector(seen))
     mean = model.predict([near.query])[0][0]
-    assert np.linalg.norm(mean) >= finish.USEFUL_M
+    assert np.linalg.norm(mean) >= finishing_policy.USEFUL_M
     limit = model.action_limit_m
     np.testing.assert_allclose(policy.act(seen).action, np.clip(mean, -limit, limit), atol=1e-12)
 
@@ -173,7 +174,7 @@ def test_it_gives_up_where_it_pulls_and_nothing_yields(model, observe):
     """A heap of cloth that has less contact than any gain counts from, and holds the holder back."""
     policy = FinishPolicy(model)
     policy.reset(0)
-    decisions = [policy.act(observe(0.3 + 0.0001 * k, 0.1, contact=0.1)) for k in range(finish.STUCK_TICKS)]
+    decisions = [policy.act(observe(0.3 + 0.0001 * k, 0.1, contact=0.1)) for k in range(finishing_policy.STUCK_TICKS)]
     assert all(decision.stop is None for decision in decisions[:-1])
     assert decisions[-1].stop == "converged"
     assert "stayed within" in decisions[-1].reason

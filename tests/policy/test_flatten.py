@@ -5,10 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.types import ACTION_LIMIT_M
-from policy.base import PolicyError
-from policy.flatten import CONTROLLERS, FLAT_CONTACT, FLAT_TICKS, STEP_M, WordFlatten, controller
-from policy.simple import X_LIMIT_M
+from layflat.data.types import ACTION_LIMIT_M
+from layflat.policy.base import PolicyError
+from layflat.policy.scripted.baselines import X_LIMIT_M
+from layflat.policy.scripted.wrinkle_removal import (
+    CONTROLLERS,
+    FLAT_CONTACT,
+    FLAT_TICKS,
+    STEP_M,
+    WordFlatten,
+    controller,
+)
 
 ANGLES = np.radians([-90, -60, -10, 10, 45, 90])
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from policy import gmr
-from policy.base import PolicyError
-from policy.features import input_set
-from policy.gmr_model import GmrModel
+from layflat.policy.base import PolicyError
+from layflat.policy.features import input_set
+from layflat.policy.gmr import fit
+from layflat.policy.gmr.model import GmrModel
 
 SCALE_M = 0.01
 
@@ -105,12 +105,12 @@ def test_the_mixture_finds_clusters_that_are_known():
     joint = np.vstack(
         [rng.multivariate_normal([0, 0, 0], truth[0], 6000), rng.multivariate_normal([40, 0, 0], truth[1], 2000)]
     )
-    mixture = gmr.mixture_of(joint, 2, seed=0)
+    mixture = fit.mixture_of(joint, 2, seed=0)
     order = np.argsort(mixture.means_[:, 0])
     np.testing.assert_allclose(mixture.weights_[order], [0.75, 0.25], atol=1e-6)
     for component, rows in zip(order, (joint[:6000], joint[6000:]), strict=True):
         np.testing.assert_allclose(mixture.means_[component], rows.mean(axis=0), atol=1e-6)
-        want = np.cov(rows.T, bias=True) + gmr.REGULARISATION * np.eye(3)
+        want = np.cov(rows.T, bias=True) + fit.REGULARISATION * np.eye(3)
         np.testing.assert_allclose(mixture.covariances_[component], want, atol=1e-6)
 
 
@@ -120,7 +120,7 @@ def test_two_ways_of_acting_need_two_components(observe, episode_of):
     heights = np.concatenate([rng.uniform(0.3, 0.4, 60), rng.uniform(0.0, 0.1, 60)])
     seen = [observe(rng.uniform(0, 0.1), z) for z in heights]
     moves = np.where(heights[:, None] > 0.2, [0.008, 0.0], [0.0, -0.008]) + rng.normal(0, 2e-4, (120, 2))
-    model = gmr.fit([episode_of(seen, moves)], input_set("hanger", "position"), policy="gmr")
+    model = fit.fit([episode_of(seen, moves)], input_set("hanger", "position"), policy="gmr")
     assert model.points >= 2
     high, low = model.predict([[0.05, 0.35], [0.05, 0.05]])[0]
     np.testing.assert_allclose([high, low], [[0.008, 0.0], [0.0, -0.008]], atol=5e-4)
@@ -131,7 +131,7 @@ def test_same_seed_same_model(observe, episode_of):
     rng = np.random.default_rng(6)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
     episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))
-    first, again = (gmr.fit([episode], input_set("hanger", "all"), policy="gmr", seed=3) for _ in range(2))
+    first, again = (fit.fit([episode], input_set("hanger", "all"), policy="gmr", seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.covariances, again.covariances)
 
 

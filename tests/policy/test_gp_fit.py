@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from data.types import Episode
-from policy import gp, registry
-from policy.base import PolicyError
-from policy.features import input_set
-from policy.field_policy import FieldPolicy
-from policy.gp_kernel import JITTER
-from policy.stopping import AnyOf
+from layflat.data.types import Episode
+from layflat.policy import registry
+from layflat.policy.base import PolicyError
+from layflat.policy.features import input_set
+from layflat.policy.gp import fit
+from layflat.policy.gp.kernel import JITTER
+from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.stopping import AnyOf
 
 GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
 ROOT = Path(__file__).parents[2]
@@ -71,8 +72,8 @@ def models(drags):
 
 @pytest.mark.parametrize("ard", [False, True])
 def test_prediction_is_gpys_own_to_the_digit(drags, ard):
-    gpy, layout = gp.import_gpy(), input_set("hanger", "all")
-    model = gp.fit(drags[:2], layout, policy="gp-word", options=gp.FitOptions(ard=ard))
+    gpy, layout = fit.import_gpy(), input_set("hanger", "all")
+    model = fit.fit(drags[:2], layout, policy="gp-word", options=fit.FitOptions(ard=ard))
     scaled = model.inputs / model.input_scale
     targets = np.concatenate([[step.action for step in e.steps] for e in drags[:2]]) / model.output_scale_m
     queries = np.random.default_rng(0).normal(size=(20, 5))
@@ -90,7 +91,7 @@ def test_hyperparameters_are_as_likely_as_their_neighbours_by_scikit_learn():
     rng = np.random.default_rng(2)
     inputs = rng.uniform(-2, 2, (60, 2))
     targets = np.sin(2 * inputs[:, :1]) * np.cos(inputs[:, 1:]) + rng.normal(0, 0.1, (60, 1))
-    hyper = gp.fit_hyperparameters(inputs, targets)
+    hyper = fit.fit_hyperparameters(inputs, targets)
     kernel = ConstantKernel(hyper.variance[0]) * RBF(hyper.length_scales[0, 0]) + WhiteKernel(hyper.noise[0])
     regressor = GaussianProcessRegressor(kernel, alpha=JITTER, optimizer=None).fit(inputs, targets[:, 0])
     theta = regressor.kernel_.theta
@@ -104,11 +105,11 @@ def test_hyperparameters_are_as_likely_as_their_neighbours_by_scikit_learn():
 def test_poor_data_does_not_degenerate(target):
     rng = np.random.default_rng(4)
     values = {"zeros": np.zeros((40, 1)), "noise": rng.normal(0, 1, (40, 1)), "constant": np.ones((40, 1))}[target]
-    hyper = gp.fit_hyperparameters(np.repeat(rng.normal(size=(20, 3)), 2, axis=0), values, ard=True)
+    hyper = fit.fit_hyperparameters(np.repeat(rng.normal(size=(20, 3)), 2, axis=0), values, ard=True)
     for value, (low, high) in (
-        (hyper.length_scales, gp.LENGTH_SCALE_BOUNDS),
-        (hyper.variance, gp.VARIANCE_BOUNDS),
-        (hyper.noise, gp.NOISE_BOUNDS),
+        (hyper.length_scales, fit.LENGTH_SCALE_BOUNDS),
+        (hyper.variance, fit.VARIANCE_BOUNDS),
+        (hyper.noise, fit.NOISE_BOUNDS),
     ):
         assert (value >= low * (1 - 1e-6)).all()
         assert (value <= high * (1 + 1e-6)).all()
@@ -116,16 +117,16 @@ def test_poor_data_does_not_degenerate(target):
 
 def test_the_likeliest_of_the_starts_is_kept(monkeypatch):
     ends = iter([(5.0, np.ones(1), 1.0, 0.1), (-3.0, np.ones(1), 2.0, 0.1), (1.0, np.ones(1), 3.0, 0.1)])
-    monkeypatch.setattr(gp, "_optimise", lambda *_: next(ends))
-    assert gp.fit_hyperparameters(np.zeros((4, 2)), np.zeros((4, 1)), starts=3).variance == 2.0
+    monkeypatch.setattr(fit, "_optimise", lambda *_: next(ends))
+    assert fit.fit_hyperparameters(np.zeros((4, 2)), np.zeros((4, 1)), starts=3).variance == 2.0
 
 
 def test_same_seed_same_model_whatever_numpys_global_state(drags):
     layout = input_set("hanger", "all")
     np.random.seed(1)  # noqa: NPY002  GPy draws from the global state when asked to restart; a fit must not
-    first = gp.fit(drags[:2], layout, policy="gp-word", seed=3)
+    first = fit.fit(drags[:2], layout, policy="gp-word", seed=3)
     np.random.seed(2)  # noqa: NPY002
-    second = gp.fit(drags[:2], layout, policy="gp-word", seed=3)
+    second = fit.fit(drags[:2], layout, policy="gp-word", seed=3)
     np.testing.assert_array_equal(first.alpha, second.alpha)
     np.testing.assert_array_equal(first.hyper.length_scales, second.hyper.length_scales)
 
@@ -134,7 +135,7 @@ def test_prior_mean_is_zero_however_large_the_demonstrated_moves(observe, episod
     """Not centred: far away a model of moves of +8 mm says 0, not +8 mm."""
     rng = np.random.default_rng(0)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 30)]
-    model = gp.fit([episode_of(seen, np.full((30, 2), 0.008))], input_set("hanger", "position"), policy="gp-baseline")
+    model = fit.fit([episode_of(seen, np.full((30, 2), 0.008))], input_set("hanger", "position"), policy="gp-baseline")
     near, _ = model.predict([[0.15, 0.1]])
     far, _ = model.predict([[50.0, 50.0]])
     np.testing.assert_allclose(near, 0.008, atol=5e-4)
@@ -146,20 +147,20 @@ def test_disturbed_ticks_are_not_learned_from(drags, observe, episode_of):
     wild = [observe(0.2, 0.2) for _ in range(12)]
     phases = ["place"] * 4 + ["disturb"] * 6 + ["repair"] * 2
     episode = episode_of(wild, np.zeros((12, 2)), phases=phases)
-    model = gp.fit([drags[0], episode], input_set("hanger", "all"), policy="gp-word", options=gp.FitOptions())
+    model = fit.fit([drags[0], episode], input_set("hanger", "all"), policy="gp-word", options=fit.FitOptions())
     assert model.points == model.points_available == len(drags[0].steps) + 6
 
 
 def test_more_points_than_allowed_make_a_sparse_process(drags):
-    options = gp.FitOptions(max_points=50, inducing_points=30)
-    model = gp.fit(drags, input_set("hanger", "all"), policy="gp-word", options=options)
+    options = fit.FitOptions(max_points=50, inducing_points=30)
+    model = fit.fit(drags, input_set("hanger", "all"), policy="gp-word", options=options)
     assert (model.points, model.points_available, model.demonstrations) == (30, 210, 6)
 
 
 @pytest.mark.parametrize("name", ["starts", "max_points", "inducing_points"])
 def test_options_that_make_no_sense_are_refused(name):
     with pytest.raises(PolicyError, match=f"{name} is 0"):
-        gp.FitOptions(**{name: 0})
+        fit.FitOptions(**{name: 0})
 
 
 def test_the_shared_start_ends_where_the_best_of_many_ends(drags):
@@ -167,14 +168,14 @@ def test_the_shared_start_ends_where_the_best_of_many_ends(drags):
     layout = input_set("hanger", "all")
     inputs = np.concatenate([layout.matrix(e.steps) for e in drags]) / layout.scales()
     targets = np.concatenate([[step.action for step in e.steps] for e in drags]) / 0.01
-    one, many = (gp.fit_hyperparameters(inputs, targets, starts=n) for n in (1, 6))
+    one, many = (fit.fit_hyperparameters(inputs, targets, starts=n) for n in (1, 6))
     np.testing.assert_allclose(one.length_scales[0], many.length_scales[0], rtol=1e-2)
     np.testing.assert_allclose(one.noise[0], many.noise[0], rtol=1e-2)
 
 
 @given(count=st.integers(1, 5000), most=st.integers(10, 1200))
 def test_thinning_is_even_and_keeps_the_ends(count, most):
-    rows = gp.thinned(count, most)
+    rows = fit.thinned(count, most)
     gaps = np.diff(rows)
     assert len(rows) == min(count, most)
     assert (rows[0], rows[-1]) == (0, count - 1)
@@ -183,8 +184,8 @@ def test_thinning_is_even_and_keeps_the_ends(count, most):
 
 def test_progress_names_each_output(drags):
     said: list[tuple[int, int, str]] = []
-    options = gp.FitOptions()
-    gp.fit(
+    options = fit.FitOptions()
+    fit.fit(
         drags, input_set("hanger", "all"), policy="gp-word", options=options, progress=lambda *told: said.append(told)
     )
     assert [(done, total) for done, total, _ in said] == [(1, 2), (2, 2)]
@@ -251,20 +252,20 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
         ([drags[0], episode_of(seen, np.zeros((4, 6)), task="pickers")], "is of task pickers"),
     ):
         with pytest.raises(PolicyError, match=message):
-            gp.fit(episodes, layout, policy="gp-word")
+            fit.fit(episodes, layout, policy="gp-word")
 
 
 def test_a_gpy_that_cannot_be_imported_is_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "GPy", None)
     with pytest.raises(PolicyError, match=r"GPy cannot be imported with numpy .*constraints"):
-        gp.fit_hyperparameters(np.zeros((4, 2)), np.zeros((4, 1)))
+        fit.fit_hyperparameters(np.zeros((4, 2)), np.zeros((4, 1)))
 
 
 def test_rolling_out_does_not_import_gpy():
-    code = "import sys, policy.registry, policy.model, policy.gp; sys.exit('GPy' in sys.modules)"
+    code = "import sys, layflat.policy.registry, layflat.policy.model_io, layflat.policy.gp.fit; sys.exit('GPy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
 
 
 def test_the_model_sees_by_the_descriptor_of_its_demonstrations(drags):
     taught = [replace(episode, descriptor="how") for episode in drags]
-    assert gp.fit(taught, input_set("hanger", "position"), policy="gp-word").descriptor == "how"
+    assert fit.fit(taught, input_set("hanger", "position"), policy="gp-word").descriptor == "how"

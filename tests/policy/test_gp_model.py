@@ -7,12 +7,12 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from data.types import DataError
-from policy.base import PolicyError
-from policy.field_policy import FieldPolicy
-from policy.gp_kernel import JITTER, Hyperparameters, held_out_errors, weights
-from policy.gp_model import GpModel
-from policy.stopping import AnyOf
+from layflat.data.types import DataError
+from layflat.policy.base import PolicyError
+from layflat.policy.gp.kernel import JITTER, Hyperparameters, held_out_errors, weights
+from layflat.policy.gp.model import GpModel
+from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.stopping import AnyOf
 
 
 def random_problem(seed: int, points: int, dims: int, ard: bool) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:

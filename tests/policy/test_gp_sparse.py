@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policy import gp, gp_sparse
-from policy import model as model_file
-from policy.base import PolicyError
-from policy.features import input_set
-from policy.gp_kernel import Hyperparameters, weights
-from policy.gp_model import GpModel
+from layflat.policy import model_io as model_file
+from layflat.policy.base import PolicyError
+from layflat.policy.features import input_set
+from layflat.policy.gp import fit, sparse
+from layflat.policy.gp.kernel import Hyperparameters, weights
+from layflat.policy.gp.model import GpModel
 
 NOISE_STD = 0.05
 
@@ -42,8 +42,8 @@ def made(points: np.ndarray, alpha: np.ndarray, hyper: Hyperparameters, inner: n
 def full_and_sparse(count: int, points: int = 120, shrink: float = 1.0) -> tuple[GpModel, GpModel]:
     inputs, targets, hyper = problem(points)
     hyper = replace(hyper, length_scales=shrink * hyper.length_scales)
-    inducing = gp_sparse.inducing_points(inputs, count, seed=0)
-    alpha, inner = gp_sparse.condensed(inducing, inputs, targets, hyper)
+    inducing = sparse.inducing_points(inputs, count, seed=0)
+    alpha, inner = sparse.condensed(inducing, inputs, targets, hyper)
     return made(inputs, weights(inputs, targets, hyper), hyper), made(inducing, alpha, hyper, inner)
 
 
@@ -68,8 +68,8 @@ def test_more_inducing_points_come_closer_to_the_full_process():
 
 def test_prediction_is_gpys_own():
     inputs, targets, hyper = problem()
-    gpy, inducing = gp.import_gpy(), gp_sparse.inducing_points(inputs, 25, seed=0)
-    alpha, inner = gp_sparse.condensed(inducing, inputs, targets, hyper)
+    gpy, inducing = fit.import_gpy(), sparse.inducing_points(inputs, 25, seed=0)
+    alpha, inner = sparse.condensed(inducing, inputs, targets, hyper)
     model = made(inducing, alpha, hyper, inner)
     mean, std = model.predict(QUERIES)
     for a in range(2):
@@ -98,12 +98,12 @@ def test_far_away_the_deviation_is_the_priors():
 
 def test_held_out_errors_are_those_of_models_trained_without_the_group():
     inputs, targets, hyper = problem(90)
-    inducing = gp_sparse.inducing_points(inputs, 20, seed=0)
+    inducing = sparse.inducing_points(inputs, 20, seed=0)
     groups = np.repeat([3, 1, 2], [40, 30, 20])
-    errors = gp_sparse.held_out_errors(inducing, inputs, targets, groups, hyper)
+    errors = sparse.held_out_errors(inducing, inputs, targets, groups, hyper)
     for group in (1, 2, 3):
         out = groups == group
-        alpha, inner = gp_sparse.condensed(inducing, inputs[~out], targets[~out], hyper)
+        alpha, inner = sparse.condensed(inducing, inputs[~out], targets[~out], hyper)
         mean, _ = made(inducing, alpha, hyper, inner).predict(inputs[out])
         np.testing.assert_allclose(errors[out], targets[out] - mean, atol=1e-6)
 
@@ -121,9 +121,9 @@ def long_lesson(observe, episode_of):
 
 
 def test_beyond_two_thousand_ticks_training_switches_by_itself(long_lesson, tmp_path):
-    options = gp.FitOptions(inducing_points=40)
-    model = gp.fit(long_lesson, input_set("hanger", "all"), policy="gp-word", options=options)
-    assert gp.MAX_POINTS == 2000 < model.points_available == 2100
+    options = fit.FitOptions(inducing_points=40)
+    model = fit.fit(long_lesson, input_set("hanger", "all"), policy="gp-word", options=options)
+    assert fit.MAX_POINTS == 2000 < model.points_available == 2100
     assert model.points == 40
     assert "sparse" in model.made_of
     assert model.heldout_rmse_m is not None
@@ -133,7 +133,7 @@ def test_beyond_two_thousand_ticks_training_switches_by_itself(long_lesson, tmp_
     assert isinstance(again, GpModel)
     for ours, theirs in zip(model.predict(model.inputs), again.predict(model.inputs), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    few = gp.fit(long_lesson[:1], input_set("hanger", "all"), policy="gp-word")
+    few = fit.fit(long_lesson[:1], input_set("hanger", "all"), policy="gp-word")
     assert few.inner is None
     assert few.points == 700
 
@@ -150,4 +150,4 @@ def test_inducing_points_on_top_of_each_other_are_refused():
     wide = replace(hyper, length_scales=np.full((2, 2), 1e6))
     huge = replace(wide, variance=np.full(2, 1e12))
     with pytest.raises(PolicyError, match="too close"):
-        gp_sparse.condensed(inputs, inputs, targets, huge)
+        sparse.condensed(inputs, inputs, targets, huge)

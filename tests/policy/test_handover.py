@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from policy import registry
-from policy.base import PolicyError
-from policy.handover import Handover
+from layflat.policy import registry
+from layflat.policy.base import PolicyError
+from layflat.policy.wrappers.sequential import Handover
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data.types import Provenance
-from policy import model as model_file
-from policy import registry
-from policy.base import PolicyError
-from policy.gp_model import GpModel
+from layflat.data.types import Provenance
+from layflat.policy import model_io as model_file
+from layflat.policy import registry
+from layflat.policy.base import PolicyError
+from layflat.policy.gp.model import GpModel
 
 ARRAYS = GpModel.ARRAYS
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
 
-from policy import nearest_model
-from policy.base import PolicyError
-from policy.features import input_set
+from layflat.policy.base import PolicyError
+from layflat.policy.features import input_set
+from layflat.policy.nearest import model as nearest_model
 
 
 @pytest.fixture

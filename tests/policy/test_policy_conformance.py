@@ -7,15 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from data.types import ACTION_LIMIT_M, STOPS, TASKS, Observation, Truth, action_size
-from policy import registry
-from policy.base import Policy
-from policy.expert import ScriptedExpert
-from policy.field_policy import FieldPolicy
-from policy.flatten import CONTROLLERS, controller
-from policy.handover import Handover
-from policy.recorded import Recorded
-from policy.takeover import Takeover
+from layflat.data.types import ACTION_LIMIT_M, STOPS, TASKS, Observation, Truth, action_size
+from layflat.policy import registry
+from layflat.policy.base import Policy
+from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.scripted.demonstrator import ScriptedExpert
+from layflat.policy.scripted.replay import Recorded
+from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, controller
+from layflat.policy.wrappers.sequential import Handover
+from layflat.policy.wrappers.takeover import Takeover
 
 HANDOVER = "handover"
 TAKEOVER = "takeover"

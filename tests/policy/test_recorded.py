@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from policy.recorded import Recorded
+from layflat.policy.scripted.replay import Recorded
 
 
 def test_actions_come_in_order_without_those_of_the_disturbance(make_episode):

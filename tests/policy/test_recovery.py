@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data.types import ACTION_LIMIT_M, TASKS, Observation, Task, action_size
-from policy.base import Decision
-from policy.recovery import (
+from layflat.data.types import ACTION_LIMIT_M, TASKS, Observation, Task, action_size
+from layflat.policy.base import Decision
+from layflat.policy.scripted.baselines import along_x, along_z
+from layflat.policy.wrappers.recovery import (
     CLEAR_M,
     FLAT_CONTACT,
     PLATEAU_TICKS,
@@ -19,7 +20,6 @@ from policy.recovery import (
     WIPE_M,
     Recovery,
 )
-from policy.simple import along_x, along_z
 
 LENGTH_M = 0.35
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.types import ACTION_LIMIT_M, TASKS
-from policy import registry
-from policy.base import PolicyError
-from policy.simple import RandomMoves, along_x, drag_rule, stretch_right
+from layflat.data.types import ACTION_LIMIT_M, TASKS
+from layflat.policy import registry
+from layflat.policy.base import PolicyError
+from layflat.policy.scripted.baselines import RandomMoves, along_x, drag_rule, stretch_right
 
 
 @pytest.mark.parametrize("task", TASKS)

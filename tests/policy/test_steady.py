@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data.types import TASKS, Task
-from policy.steady import WAIT_TICKS, Steady
-from tests.lowering import Down
+from layflat.data.types import TASKS, Task
+from layflat.policy.wrappers.swing_damping import WAIT_TICKS, Steady
+from layflat.tests.lowering import Down
 
 LENGTH_M = 0.35
 PERIOD_TICKS = 10.0

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data.types import STOPS
-from policy.base import PolicyError
-from policy.stopping import (
+from layflat.data.types import STOPS
+from layflat.policy.base import PolicyError
+from layflat.policy.stopping import (
     AllOf,
     AnyOf,
     BelowThreshold,

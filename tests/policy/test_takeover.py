@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from policy import registry
-from policy.base import Decision, PolicyError
-from policy.takeover import Grip, Takeover
+from layflat.policy import registry
+from layflat.policy.base import Decision, PolicyError
+from layflat.policy.wrappers.takeover import Grip, Takeover
 
 
 class Counts:

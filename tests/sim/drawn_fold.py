@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.types import FloatArray
-from sim.cloth import ClothSpec
+from layflat.data.types import FloatArray
+from layflat.sim.cloth.cloth import ClothSpec
 
 RADIUS_MARGINS = 1.5
 """Of the fold / margin of the cloth: two layers are kept two margins apart."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.air import DRAG_LIMIT_M_S2, Air
-from sim.cloth import Cloth, ClothSpec
-from sim.pickers import Pickers
-from sim.world import GRAVITY_M_S2, World
+from layflat.sim.cloth.cloth import Cloth, ClothSpec
+from layflat.sim.physics.bullet.air_drag import DRAG_LIMIT_M_S2, Air
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
+from layflat.sim.robots.pickers import Pickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.15, width_m=0.15, rows=6, columns=6,

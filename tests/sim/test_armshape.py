@@ -6,10 +6,10 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from sim.armshape import arm_shape
-from sim.cloth import HELD_STRETCH, cloth_spec
-from sim.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics, load_arm
-from sim.world import SimError, World
+from layflat.sim.cloth.cloth import HELD_STRETCH, cloth_spec
+from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.robots.arm_shape import arm_shape
+from layflat.sim.robots.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics, load_arm
 
 
 @pytest.fixture(scope="module")

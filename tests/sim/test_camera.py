@@ -11,13 +11,13 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from perception.pinhole import Pinhole
-from perception.segmentation import HsvRange, segment
-from perception.tableview import touches_border
-from sim.camera import Camera, default_pinhole
-from sim.cloth import Cloth, cloth_spec
-from sim.view import View
-from sim.world import World
+from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.rectified_view import touches_border
+from layflat.perception.cloth.segmentation import HsvRange, segment
+from layflat.sim.camera.camera import Camera, default_pinhole
+from layflat.sim.camera.renderer import View
+from layflat.sim.cloth.cloth import Cloth, cloth_spec
+from layflat.sim.physics.bullet.world import World
 
 SPEC = cloth_spec("towel")
 

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import qmc
 
-from sim.air import Air
-from sim.cloth import CLOTHS, CONTACT_TOLERANCE_M, HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from sim.pickers import Pickers
-from sim.starts import clip
-from sim.world import TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
-from tests.sim.drawn_fold import fold_corner
+from layflat.sim.cloth.cloth import CLOTHS, CONTACT_TOLERANCE_M, HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from layflat.sim.cloth.starts import clip
+from layflat.sim.physics.bullet.air_drag import Air
+from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
+from layflat.sim.robots.pickers import Pickers
+from layflat.tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
     name="small", length_m=0.2, width_m=0.16, rows=6, columns=5,

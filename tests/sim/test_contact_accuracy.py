@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from perception.percept import Perceiver
-from sim.camera import Camera
-from sim.cloth import Cloth, ClothSpec, cloth_spec
-from sim.world import World
+from layflat.perception.cloth.pipeline import Perceiver
+from layflat.sim.camera.camera import Camera
+from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
+from layflat.sim.physics.bullet.world import World
 
 LAID = (0.15, 0.4, 0.65, 0.9)
 

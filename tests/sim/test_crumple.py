@@ -8,14 +8,14 @@ import sys
 import numpy as np
 import pytest
 
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.world import SimError
+from layflat.sim.config import BenchSettings
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
 
 _SCRIPT = """
 import sys, hashlib
-from sim.placing import Placing
-from sim.settings import BenchSettings
+from layflat.sim.simulation import Placing
+from layflat.sim.config import BenchSettings
 bench = Placing(BenchSettings(task="pickers", start="crumpled", camera=False))
 bench.reset(int(sys.argv[1]))
 print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())

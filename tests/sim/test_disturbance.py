@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception import Perceiver
-from sim.camera import Camera
-from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from sim.disturbance import Disturbance
-from sim.disturbances import DISTURBANCES, DisturbanceSpec, disturbance_spec
-from sim.hands import HAND_MASS_KG
-from sim.pickers import Pickers
-from sim.world import GRAVITY_M_S2, SimError, World
+from layflat.perception import Perceiver
+from layflat.sim.camera.camera import Camera
+from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from layflat.sim.disturbances.controller import Disturbance
+from layflat.sim.disturbances.force_anchors import HAND_MASS_KG
+from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.robots.pickers import Pickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.2, width_m=0.2, rows=7, columns=7,
@@ -276,10 +276,10 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
 
 _SCRIPT = """
 import sys, hashlib, numpy as np
-from sim.cloth import Cloth, cloth_spec
-from sim.disturbance import Disturbance
-from sim.disturbances import disturbance_spec
-from sim.world import World
+from layflat.sim.cloth.cloth import Cloth, cloth_spec
+from layflat.sim.disturbances.controller import Disturbance
+from layflat.sim.disturbances.presets import disturbance_spec
+from layflat.sim.physics.bullet.world import World
 spec = cloth_spec("napkin")
 world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
 cloth = Cloth(world, spec)

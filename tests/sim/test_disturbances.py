@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.cloth import cloth_spec
-from sim.disturbances import DISTURBANCES, DisturbanceSpec, disturbance_spec
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.world import SimError
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
 
 TOWEL = cloth_spec("towel")
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from sim.air import Air
-from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from sim.pickers import Pickers
-from sim.starts import clip
-from sim.world import TABLE_CENTRE_M, TABLE_SIZE_M, World
+from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from layflat.sim.cloth.starts import clip
+from layflat.sim.physics.bullet.air_drag import Air
+from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, World
+from layflat.sim.robots.pickers import Pickers
 
 FINE = {"towel": (21, 21), "towel-fine": (21, 21), "napkin": (21, 17)}
 FINE_HZ = 800.0

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import sim
-from data.types import ACTION_LIMIT_M
-from sim.env import PlaceEnv
-from sim.world import SimError
+from layflat.data.types import ACTION_LIMIT_M
+from layflat.sim import MAX_EPISODE_STEPS
+from layflat.sim.env import PlaceEnv
+from layflat.sim.physics.bullet.world import SimError
 
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
 
@@ -38,7 +38,7 @@ def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
 
 def test_registered_with_a_limit_of_ticks() -> None:
     for name in IDS:
-        assert gymnasium.spec(name).max_episode_steps == sim.MAX_EPISODE_STEPS
+        assert gymnasium.spec(name).max_episode_steps == MAX_EPISODE_STEPS
 
 
 @pytest.mark.parametrize("name", IDS)

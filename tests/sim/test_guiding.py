@@ -8,13 +8,13 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from data.types import ACTION_LIMIT_M, FloatArray
-from sim import guiding, panda
-from sim.hanger import Hanger
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.world import SimError, World
-from tests.sim.test_hanger import START, bare_hanger, run_tick
+from layflat.data.types import ACTION_LIMIT_M, FloatArray
+from layflat.sim.config import BenchSettings
+from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.robots import hand_guiding, panda
+from layflat.sim.robots.hanger import Hanger
+from layflat.sim.simulation import Placing
+from layflat.tests.sim.test_hanger import START, bare_hanger, run_tick
 
 AXES = [0, 2]
 
@@ -94,7 +94,7 @@ class TestArm:
         """At 5 cm/s: the hand feels friction and damping, and lags by that over its own stiffness."""
         hanger = bare_hanger(world)
         hand = hanger.position()
-        felt_n = guiding.FRICTION_N + 12.0 * 0.05
+        felt_n = hand_guiding.FRICTION_N + 12.0 * 0.05
         for tick in range(25):
             hand = hand + 0.005 * np.array([direction[0], 0.0, direction[1]])
             guided_tick(world, hanger, hand)
@@ -109,7 +109,7 @@ class TestArm:
         for _ in range(40):
             before = hanger.position()
             guided_tick(world, hanger, rng.uniform(-3.0, 3.0, 3))
-            assert np.linalg.norm(hanger.hand_force_n()) <= guiding.HAND_LIMIT_N + 1e-9
+            assert np.linalg.norm(hanger.hand_force_n()) <= hand_guiding.HAND_LIMIT_N + 1e-9
             assert np.abs(hanger.position() - before).max() < ACTION_LIMIT_M
             assert (np.abs(hanger.joint_torques()) <= panda.TORQUE_LIMIT_N_M).all()
 
@@ -185,7 +185,7 @@ class TestOnTheBench:
             hands = bench.holder.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
             first = bench.guide(hands)
             assert first.shape == (6,)
-            fastest = guiding.HAND_SPEED_M_S * bench.settings.tick_s
+            fastest = hand_guiding.HAND_SPEED_M_S * bench.settings.tick_s
             np.testing.assert_allclose(np.linalg.norm(first.reshape(2, 3), axis=1), fastest, rtol=1e-6)
             for _ in range(3):
                 bench.guide(hands)

@@ -12,12 +12,12 @@ import pybullet as bullet
 import pybullet_data
 import pytest
 
-from data.types import FloatArray
-from sim import hanger as module
-from sim import impedance, panda
-from sim.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from sim.hanger import Hanger
-from sim.world import GRAVITY_M_S2, SimError, World
+from layflat.data.types import FloatArray
+from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.robots import hanger as module
+from layflat.sim.robots import impedance, panda
+from layflat.sim.robots.hanger import Hanger
 
 TICK_S = 0.1
 START = (0.0, 0.45)

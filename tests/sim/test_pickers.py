@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.cloth import HELD_STRETCH, Cloth, ClothSpec
-from sim.pickers import MAX_SPREAD, WORKSPACE_HIGH_M, WORKSPACE_LOW_M, Pickers
-from sim.world import World
+from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec
+from layflat.sim.physics.bullet.world import World
+from layflat.sim.robots.pickers import MAX_SPREAD, WORKSPACE_HIGH_M, WORKSPACE_LOW_M, Pickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.15, width_m=0.15, rows=6, columns=6,

@@ -8,18 +8,18 @@ import sys
 import numpy as np
 import pytest
 
-from data.types import TASKS, Task, action_size
-from sim.cloth import HELD_STRETCH
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.starts import START_MOVES, START_STEP_M, home_corners
-from sim.world import SimError
+from layflat.data.types import TASKS, Task, action_size
+from layflat.sim.cloth.cloth import HELD_STRETCH
+from layflat.sim.cloth.starts import START_MOVES, START_STEP_M, home_corners
+from layflat.sim.config import BenchSettings
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
 
 _SCRIPT = """
 import sys, hashlib, numpy as np
-from data.types import action_size
-from sim.placing import Placing
-from sim.settings import BenchSettings
+from layflat.data.types import action_size
+from layflat.sim.simulation import Placing
+from layflat.sim.config import BenchSettings
 task, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
 bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
 bench.reset(seed)
@@ -117,7 +117,7 @@ def test_impossible_settings_are_refused(wrong: dict) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_fine_mesh_survives_a_whole_demonstration(task: Task, seed: int) -> None:
     script = (
-        "import sys; from app.jobs import EpisodeJob, run_job\n"
+        "import sys; from layflat.app.workers.episode_pool import EpisodeJob, run_job\n"
         "episode = run_job(EpisodeJob(task=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
         "print(episode.stopped_by, episode.final_truth.flat_area)"
     )

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data.types import action_size
-from sim.cloth import Cloth, ClothSpec, cloth_spec
-from sim.placing import Placing
-from sim.pull import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, Pull, free_node, picked_node
-from sim.settings import BenchSettings
-from sim.world import GRAVITY_M_S2, SimError, World
-from tests.sim.drawn_fold import fold_corner
+from layflat.data.types import action_size
+from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, Pull, free_node, picked_node
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.simulation import Placing
+from layflat.tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
     name="small", length_m=0.2, width_m=0.2, rows=7, columns=7,
@@ -183,8 +183,8 @@ class TestOnTheBench:
 
 _SCRIPT = """
 import hashlib, sys, numpy as np
-from sim.placing import Placing
-from sim.settings import BenchSettings
+from layflat.sim.simulation import Placing
+from layflat.sim.config import BenchSettings
 bench = Placing(BenchSettings(task="hanger", cloth="napkin", camera=False, start="folded-corner"))
 bench.reset(3)
 rng = np.random.default_rng(int(sys.argv[1]))

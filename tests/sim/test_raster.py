@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.raster import rasterize
+from layflat.sim.camera.rasterizer import rasterize
 
 WIDTH, HEIGHT = 64, 48
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.cloth import CLOTHS
-from sim.recipes import HANG_LENGTHS, RECIPES, BareOurs, BareRecipe
+from layflat.app.benchmarks.solver_settings import HANG_LENGTHS, RECIPES, BareOurs, BareRecipe
+from layflat.sim.cloth.cloth import CLOTHS
 
 
 @pytest.mark.parametrize("name", RECIPES)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.types import TASKS, Task
-from sim.placing import Placing
-from sim.settings import BenchSettings
-from sim.stage import Stage
-from sim.world import SimError
+from layflat.data.types import TASKS, Task
+from layflat.sim.camera.replay_scene import Stage
+from layflat.sim.config import BenchSettings
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
 
 ARM_SHARE = 0.02
 """Of the pixels: the edges of the arm, whose joints follow from where its hanger was."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.types import TASKS, Task
-from sim.cloth import cloth_spec
-from sim.placing import Placing
-from sim.settings import BenchSettings
+from layflat.data.types import TASKS, Task
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.config import BenchSettings
+from layflat.sim.simulation import Placing
 
 TOWEL = cloth_spec("towel")
 

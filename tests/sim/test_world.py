@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from sim.cloth import Cloth, ClothSpec
-from sim.world import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
+from layflat.sim.cloth.cloth import Cloth, ClothSpec
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
 
 
 def _small(rows: int, columns: int) -> ClothSpec:
@@ -110,7 +110,14 @@ def test_two_worlds_do_not_meet() -> None:
     second.close()
 
 
-@pytest.mark.parametrize("call", ["import sim.world", "import sim.camera, pybullet", "import sim; import pybullet"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        "import layflat.sim.physics.bullet.world",
+        "import layflat.sim.camera.camera, pybullet",
+        "import sim; import pybullet",
+    ],
+)
 def test_imports_print_nothing(call: str) -> None:
     """PyBullet prints the time of its build."""
     done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=True, timeout=60)

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from perception.descriptors import DESCRIPTORS, descriptor
-from perception.percept import Perceiver
-from sim.camera import Camera
-from sim.cloth import Cloth, cloth_spec
-from sim.world import World
-from sim.wrinkled import Wrinkling, settled_wrinkles
-from sim.wrinkles import WrinkleTruth, wrinkle_truth
+from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
+from layflat.sim.camera.camera import Camera
+from layflat.sim.cloth.cloth import Cloth, cloth_spec
+from layflat.sim.cloth.wrinkle_generation import Wrinkling, settled_wrinkles
+from layflat.sim.cloth.wrinkle_ground_truth import WrinkleTruth, wrinkle_truth
+from layflat.sim.physics.bullet.world import World
 
 MIN_COHERENCE = 0.6
 """Of the mesh truth: below it the cloth has no one direction to be right about."""

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from sim.cloth import Cloth, cloth_spec
-from sim.world import SimError, World
-from sim.wrinkles import MAX_SLOPE, MIN_ENERGY, WrinkleTruth, wrinkle_truth
+from layflat.sim.cloth.cloth import Cloth, cloth_spec
+from layflat.sim.cloth.wrinkle_ground_truth import MAX_SLOPE, MIN_ENERGY, WrinkleTruth, wrinkle_truth
+from layflat.sim.physics.bullet.world import SimError, World
 
 SPEC = cloth_spec("towel")
 CELL_M = SPEC.length_m / (SPEC.rows - 1)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.workstation.inputs.reading import Control, Reading
-from app.workstation.inputs.source import Button
-from app.workstation.take import Glance, TakeLost
-from data.recorder import KeptEpisode, SessionRecorder
-from data.types import Episode, Outcome, Pull, StoppedBy, Task, action_size
+from layflat.app.workstation.session.episode_handle import Glance, TakeLost
+from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.teleoperator import Button
+from layflat.data.session.recorder import KeptEpisode, SessionRecorder
+from layflat.data.types import Episode, Outcome, Pull, StoppedBy, Task, action_size
 
 
 class DrawnTake:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from app.jobs import EpisodeJob
-from app.workstation import placing
-from app.workstation.host import Desk, Order
-from app.workstation.placing import PlacingWork
-from data.types import Truth
-from policy.base import Policy
-from policy.registry import decorated
-from tests.app.fake_bench import FakeBench, Forward
+from layflat.app.workers.episode_pool import EpisodeJob
+from layflat.app.workstation.session import place_task
+from layflat.app.workstation.session.bench_process import Desk, Order
+from layflat.app.workstation.session.place_task import PlacingWork
+from layflat.data.types import Truth
+from layflat.policy.base import Policy
+from layflat.policy.registry import decorated
+from layflat.tests.app.fake_bench import FakeBench, Forward
 
 
 class LyingBench(FakeBench):
@@ -30,5 +30,5 @@ def make_fake(order: Order, desk: Desk) -> PlacingWork:
     """The order's work with ``forward`` as the policy, whatever it says."""
     replaced: dict[str, Any] = {"Placing": LyingBench, "policy_of": _forward}
     for name, value in replaced.items():
-        setattr(placing, name, value)
+        setattr(place_task, name, value)
     return PlacingWork(order, desk)

@@ -7,9 +7,9 @@ import signal
 import time
 from typing import Any
 
-from app.workstation.cadence import Cadence
-from app.workstation.host import Desk, Order
-from sim.world import SimError
+from layflat.app.workstation.session.bench_process import Desk, Order
+from layflat.app.workstation.session.rate_limiter import Cadence
+from layflat.sim.physics.bullet.world import SimError
 
 TICK_S = 0.05
 

@@ -1,4 +1,4 @@
-"""The numbers of docs/workstation.md: ``python -m tests.app.workstation.measure FOLDER [SEEDS]``.
+"""The numbers of docs/workstation.md: ``python -m layflat.tests.app.workstation.measure FOLDER [SEEDS]``.
 
 Each comparison is made side by side, in turns, since what else the machine does changes from minute to minute.
 """
@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from app.workstation.inputs.reading import at_rest
-from app.workstation.link import BenchLink
-from app.workstation.modes.place import PlaceMode
-from app.workstation.settings import Settings
-from app.workstation.window import FRAMES_HZ, Window
-from app.workstation.works import make_work
-from tests.app.workstation.person import Person, headless
+from layflat.app.workstation.session.bench_client import BenchLink
+from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.teleop.teleop_input import at_rest
+from layflat.app.workstation.window.pages.place import PlaceMode
+from layflat.app.workstation.window.settings import Settings
+from layflat.app.workstation.window.window import FRAMES_HZ, Window
+from layflat.tests.app.workstation.person import Person, headless
 
 AIR, TABLE = range(2, 22), range(42, 66)
 """Ticks of the scripted demonstrator in which the towel hangs, and in which most of it lies."""

@@ -13,15 +13,15 @@ import pygame
 import pygame_menu
 from pygame_menu.widgets import Button, DropSelect, TextInput
 
-from app.workstation.inputs import sdl
-from app.workstation.inputs.pad import DEAD_ZONE
-from app.workstation.moment import Moment
-from app.workstation.window import FRAMES_HZ, Window
-from data.types import ACTION_LIMIT_M, Observation, Truth, as_task
-from policy.expert import ScriptedExpert
-from sim.cloth import HELD_STRETCH, cloth_spec
-from sim.pull import picked_node
-from tests.virtual_pad import VirtualPad
+from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.teleop import sdl
+from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE
+from layflat.app.workstation.window.window import FRAMES_HZ, Window
+from layflat.data.types import ACTION_LIMIT_M, Observation, Truth, as_task
+from layflat.policy.scripted.demonstrator import ScriptedExpert
+from layflat.sim.cloth.cloth import HELD_STRETCH, cloth_spec
+from layflat.sim.disturbances.mouse_drag import picked_node
+from layflat.tests.virtual_pad import VirtualPad
 
 PATIENCE_S = 90.0
 """For a machine that does ten other things."""

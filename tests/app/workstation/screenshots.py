@@ -1,6 +1,6 @@
 """`make screenshots`: the pictures of docs/workstation.md, taken of the real window while a person uses it.
 
-    python -m tests.app.workstation.screenshots docs/images runs/screenshots
+    python -m layflat.tests.app.workstation.screenshots docs/images runs/screenshots
 
 The pictures are SDL's own, so no display is needed. The second folder keeps what is recorded.
 """
@@ -16,14 +16,14 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from app.workstation import look
-from app.workstation.job import Job
-from app.workstation.modes.place import PlaceMode
-from app.workstation.modes.record import RecordMode
-from app.workstation.modes.replay import ReplayMode
-from app.workstation.window import Window
-from app.workstation.works import make_work
-from tests.app.workstation.person import Person, headless, unplug_all
+from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.pages.place import PlaceMode
+from layflat.app.workstation.window.pages.record import RecordMode
+from layflat.app.workstation.window.pages.replay import ReplayMode
+from layflat.app.workstation.window.subprocess_command import Job
+from layflat.app.workstation.window.window import Window
+from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
 COLOURS = 224
 """Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
@@ -59,7 +59,7 @@ class Album:
 
 def swatches(width: int) -> np.ndarray:
     """(H, W, 3): the window's own colours, so that a palette has them however little of them is seen."""
-    own = [value for value in vars(look).values() if isinstance(value, tuple) and len(value) == 3]
+    own = [value for value in vars(style).values() if isinstance(value, tuple) and len(value) == 3]
     return np.repeat(np.repeat(np.array(own, np.uint8)[:, None], 16, axis=0), width, axis=1)
 
 

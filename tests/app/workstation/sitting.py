@@ -1,6 +1,6 @@
 """One person in a process of its own, in the middle of something, until the process is ended from outside.
 
-``python -m tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it is. On
+``python -m layflat.tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it is. On
 whatever display there is; ``close`` clicks the window away at that moment. ``FOLDER once`` is `layflat record --source
 keyboard --episodes 1` with a person at its window, on a real display; more options may follow.
 """
@@ -16,15 +16,15 @@ from pathlib import Path
 
 import pygame
 
-from app import cli
-from app.errors import run_guarded
-from app.workstation import window as window_module
-from app.workstation.modes.place import PlaceMode
-from app.workstation.modes.replay import ReplayMode
-from app.workstation.modes.train import TrainMode
-from app.workstation.window import Window
-from app.workstation.works import make_work
-from tests.app.workstation.person import Person, post
+from layflat.app.cli import main
+from layflat.app.support.errors import run_guarded
+from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.window import window as window_module
+from layflat.app.workstation.window.pages.place import PlaceMode
+from layflat.app.workstation.window.pages.replay import ReplayMode
+from layflat.app.workstation.window.pages.train import TrainMode
+from layflat.app.workstation.window.window import Window
+from layflat.tests.app.workstation.person import Person, post
 
 
 def record(person: Person) -> None:
@@ -111,7 +111,7 @@ def once(folder: Path, more: list[str]) -> None:
     window_module.Window = Watched  # type: ignore[misc]
     threading.Thread(target=demonstrate_once, daemon=True).start()
     arguments = ["record", str(folder / "one.h5"), "--source", "keyboard", "--episodes", "1", "--task", "pickers"]
-    cli.main([*arguments, *more])
+    main.main([*arguments, *more])
 
 
 if __name__ == "__main__":

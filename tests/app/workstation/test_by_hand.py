@@ -17,10 +17,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app import cli
-from app.replay import replay
-from data.recorder import SessionRecorder
-from data.store import open_session
+from layflat.app.cli import main
+from layflat.app.commands.replay import replay
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
 
 PATIENCE_S = 60.0
 
@@ -36,7 +36,7 @@ class Terminal:
         self._read = 0
         environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", *map(str, arguments)],
+            [sys.executable, "-m", "layflat.app.cli.main", *map(str, arguments)],
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
@@ -231,7 +231,7 @@ def test_a_crash_of_the_simulation_costs_one_take(terminal, tmp_path):
 
 def _call(capsys, *arguments: object) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
-        cli.main([str(argument) for argument in arguments])
+        main.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return int(stop.value.code or 0), out, err
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app import cli
-from app.measure import random_model
-from app.replay import replay
-from app.workstation.inputs.reading import Control, Reading
-from data import open_session
-from policy import model as model_files
-from tests.app.workstation.test_by_hand import Terminal
-from tests.app.workstation.test_recording import Desk
+from layflat.app.benchmarks.measure import random_model
+from layflat.app.cli import main
+from layflat.app.commands.replay import replay
+from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.data import open_session
+from layflat.policy import model_io as model_files
+from layflat.tests.app.workstation.test_by_hand import Terminal
+from layflat.tests.app.workstation.test_recording import Desk
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_what_cannot_be_corrected_is_one_sentence(call, sentence, tmp_path, monk
     monkeypatch.chdir(tmp_path)
     model_files.save(random_model("pickers", 20), tmp_path / "m.npz")
     with pytest.raises(SystemExit) as stop:
-        cli.main(["record", "s.h5", *call])
+        main.main(["record", "s.h5", *call])
     assert stop.value.code == 2
     assert sentence in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]

@@ -12,22 +12,22 @@ import numpy as np
 import pygame
 import pytest
 
-from app import cli
-from app.measure import random_model
-from app.workstation import look
-from app.workstation.modes.place import PlaceMode
-from app.workstation.modes.replay import ReplayMode
-from app.workstation.window import Window
-from app.workstation.works import make_work
-from data import validate
-from data.store import open_session
-from data.types import Episode
-from policy import model as model_files
-from policy.takeover import REST_TICKS
-from tests.app.workstation.fake_placing import make_fake
-from tests.app.workstation.person import Person, headless, post, unplug_all
-from tests.app.workstation.test_ends import BASE, ROOT, display  # noqa: F401  # A fixture.
-from tests.app.workstation.test_workstation import leftovers
+from layflat.app.benchmarks.measure import random_model
+from layflat.app.cli import main
+from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.pages.place import PlaceMode
+from layflat.app.workstation.window.pages.replay import ReplayMode
+from layflat.app.workstation.window.window import Window
+from layflat.data import validate
+from layflat.data.session.reader import open_session
+from layflat.data.types import Episode
+from layflat.policy import model_io as model_files
+from layflat.policy.wrappers.takeover import REST_TICKS
+from layflat.tests.app.workstation.fake_placing import make_fake
+from layflat.tests.app.workstation.person import Person, headless, post, unplug_all
+from layflat.tests.app.workstation.test_ends import BASE, ROOT, display  # noqa: F401  # A fixture.
+from layflat.tests.app.workstation.test_workstation import leftovers
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -100,17 +100,17 @@ def test_a_pad_takes_over_and_the_window_says_who_leads(window):
     pad = person.plug_in()
     begin(person, "gamepad", "placed")
     assert leads(person) == "forward"
-    assert look.LED not in colours(one, place.status) | colours(one, place.contact)
+    assert style.LED not in colours(one, place.status) | colours(one, place.contact)
     pad.axis("left_x", -1.0)
     person.wait(lambda: leads(person) == "you", "the lead", 5.0)
     person.look()
-    assert one.mode.headline() == ("You lead", look.LED)
+    assert one.mode.headline() == ("You lead", style.LED)
     assert one.shop.message == "you have the lead; rest, and forward has it again"
-    assert look.LED in colours(one, place.status)
+    assert style.LED in colours(one, place.status)
     person.wait(lambda: person.moment().led, "the curve")
     person.watch(0.3)
-    assert look.LED in colours(one, place.contact)
-    assert look.LED in colours(one, place.word)
+    assert style.LED in colours(one, place.contact)
+    assert style.LED in colours(one, place.word)
     pad.axis("left_x", 0.0)
     person.wait(lambda: leads(person) == "forward", "it to be handed back", 5.0)
     # Again, and back by the button that says so.
@@ -143,7 +143,7 @@ def test_a_pad_takes_over_and_the_window_says_who_leads(window):
     mode.to(int(runs[0][0]))
     assert mode.history()[0].led == [False, *marked]
     assert "a person leads" in [row.value for row in mode.rows()]
-    assert look.LED in colours(one, place.contact)
+    assert style.LED in colours(one, place.contact)
 
 
 def test_a_pad_unplugged_in_the_middle_of_a_correction_is_said(window):
@@ -238,7 +238,7 @@ def still_model(folder: Path) -> Path:
 
 def layflat(*arguments: object) -> None:
     with pytest.raises(SystemExit) as stop:
-        cli.main([str(one) for one in arguments])
+        main.main([str(one) for one in arguments])
     assert stop.value.code == 0
 
 
@@ -279,7 +279,7 @@ def test_a_correction_at_the_window_is_learned_from(window, tmp_path, capsys):
 def test_record_corrects_a_model_in_its_window(tmp_path, display):  # noqa: F811
     """`layflat record --source keyboard --correct MODEL.npz` on an X server: the window, one line, one file."""
     environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "tests.app.workstation.sitting", str(tmp_path), "once", "--correct"]
+    command = [sys.executable, "-m", "layflat.tests.app.workstation.sitting", str(tmp_path), "once", "--correct"]
     done = subprocess.run(
         [*command, str(still_model(tmp_path))],
         cwd=ROOT, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=240,

@@ -13,10 +13,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.workstation.launch import NO_DISPLAY
-from data.recorder import SessionRecorder
-from data.store import open_session
-from data.validate import validate
+from layflat.app.workstation.window.launch import NO_DISPLAY
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.tools.validate import validate
 
 ROOT = Path(__file__).resolve().parents[3]
 BASE = {**os.environ, "PYTHONPATH": str(ROOT), "SDL_AUDIODRIVER": "dummy", "OMP_NUM_THREADS": "1"}
@@ -41,7 +41,7 @@ def add_demonstrations(folder: Path, seeds: range, make_episode: Callable, lying
 
 def sit_down(folder: Path, what: str, *more: str, environment: dict[str, str] = DUMMY) -> subprocess.Popen[str]:
     """The process of a person who is at work."""
-    command = [sys.executable, "-m", "tests.app.workstation.sitting", str(folder), what, *more]
+    command = [sys.executable, "-m", "layflat.tests.app.workstation.sitting", str(folder), what, *more]
     process = subprocess.Popen(
         command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -109,7 +109,7 @@ def test_a_window_that_is_killed_leaves_no_process_and_no_loss(folder, what):
 
 def test_without_a_display_it_says_what_works_instead(tmp_path):
     environment = {key: value for key, value in BASE.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "app.cli", "app", "--folder", str(tmp_path / "runs")]
+    command = [sys.executable, "-m", "layflat.app.cli.main", "app", "--folder", str(tmp_path / "runs")]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"layflat: {NO_DISPLAY}\n"
@@ -121,7 +121,7 @@ def test_a_display_that_does_not_answer_is_said(tmp_path, arguments):
     """SDL by itself would go on where nobody sees it."""
     environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
     done = subprocess.run(
-        [sys.executable, "-m", "app.cli", *arguments],
+        [sys.executable, "-m", "layflat.app.cli.main", *arguments],
         cwd=tmp_path,
         env={**environment, "DISPLAY": ":9999"},
         capture_output=True,
@@ -164,7 +164,7 @@ def test_on_a_real_display(folder, display):
 def test_record_in_its_window_ends_with_its_last_episode(tmp_path, display):
     """`layflat record --source keyboard --episodes 1`: one line, one file, status 0, and the window is gone."""
     environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "tests.app.workstation.sitting", str(tmp_path), "once"]
+    command = [sys.executable, "-m", "layflat.tests.app.workstation.sitting", str(tmp_path), "once"]
     done = subprocess.run(
         command, cwd=ROOT, env={**environment, "DISPLAY": display}, capture_output=True, text=True, timeout=240
     )

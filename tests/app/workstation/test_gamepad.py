@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.workstation.inputs.gamepad import CONTROLS, FINE_SPEED, SPEED, Gamepad, motion, speed
-from app.workstation.inputs.layouts import (
+from layflat.app.workstation.teleop.gamepad import CONTROLS, FINE_SPEED, SPEED, Gamepad, motion, speed
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, DEAD_ZONE, PadState, dead_zone
+from layflat.app.workstation.teleop.layouts import (
     LAYOUT_A,
     LAYOUT_B,
     LAYOUT_C,
@@ -22,12 +23,11 @@ from app.workstation.inputs.layouts import (
     Layout,
     raw_layout,
 )
-from app.workstation.inputs.mapping import mapping_file, write_mapping
-from app.workstation.inputs.pad import BUTTONS, DEAD_ZONE, PadState, dead_zone
-from app.workstation.inputs.reading import Control
-from app.workstation.inputs.source import Source
-from data.types import TASKS, action_size
-from tests.virtual_pad import VirtualPad, plugged
+from layflat.app.workstation.teleop.mapping import mapping_file, write_mapping
+from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.teleop.teleoperator import Source
+from layflat.data.types import TASKS, action_size
+from layflat.tests.virtual_pad import VirtualPad, plugged
 
 B_AXES = {"left_x": 0, "left_y": 1, "l2": 2, "right_x": 3, "right_y": 4, "r2": 5}
 C_AXES = {"left_x": 0, "left_y": 1, "right_x": 2, "l2": 3, "r2": 4, "right_y": 5}

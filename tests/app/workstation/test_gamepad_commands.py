@@ -11,22 +11,23 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app import cli, doctor
-from app import gamepad as commands
-from app.errors import LayflatError, WrongCall
-from app.workstation.inputs import sdl
-from app.workstation.inputs.calibration import Calibration
-from app.workstation.inputs.devices import Pads
-from app.workstation.inputs.gamepad import FINE_SPEED, Gamepad
-from app.workstation.inputs.layouts import Counts, Layout
-from app.workstation.inputs.mapping import mapping_file, read_mapping
-from app.workstation.inputs.pad import BUTTONS, STICKS, TRIGGERS
-from app.workstation.inputs.reading import Control
-from app.workstation.terminal import Screen, run_recording
-from data.store import open_session
-from tests.app.workstation.test_gamepad import B_AXES, B_BUTTONS
-from tests.app.workstation.test_recording import Desk
-from tests.virtual_pad import VirtualPad, plugged
+from layflat.app.cli import main
+from layflat.app.commands import doctor
+from layflat.app.commands import gamepad as commands
+from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.workstation.teleop import sdl
+from layflat.app.workstation.teleop.calibration import Calibration
+from layflat.app.workstation.teleop.devices import Pads
+from layflat.app.workstation.teleop.gamepad import FINE_SPEED, Gamepad
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS
+from layflat.app.workstation.teleop.layouts import Counts, Layout
+from layflat.app.workstation.teleop.mapping import mapping_file, read_mapping
+from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.terminal.display import Screen, run_recording
+from layflat.data.session.reader import open_session
+from layflat.tests.app.workstation.test_gamepad import B_AXES, B_BUTTONS
+from layflat.tests.app.workstation.test_recording import Desk
+from layflat.tests.virtual_pad import VirtualPad, plugged
 
 OPTIONAL = ("ps", "l3", "r3", "up", "down", "left", "right")
 
@@ -44,7 +45,7 @@ def plug() -> Iterator[Callable[..., VirtualPad]]:
 
 def _call(capsys, *arguments: object) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as stop:
-        cli.main([str(argument) for argument in arguments])
+        main.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return int(stop.value.code or 0), out, err
 

@@ -10,9 +10,9 @@ import numpy as np
 import psutil
 import pytest
 
-from app.workstation.inputs.reading import at_rest
-from app.workstation.link import BenchLink
-from tests.app.workstation.fake_work import TICK_S, FakeWork
+from layflat.app.workstation.session.bench_client import BenchLink
+from layflat.app.workstation.teleop.teleop_input import at_rest
+from layflat.tests.app.workstation.fake_work import TICK_S, FakeWork
 
 
 @pytest.fixture

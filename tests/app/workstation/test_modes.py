@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 import typer
 
-from app.cli_data import data_cli
-from app.workstation import settings
-from app.workstation.job import Job
-from app.workstation.layout import layout
-from app.workstation.modes.data import OPERATIONS, DataMode
-from app.workstation.modes.mode import Shop
-from app.workstation.settings import Settings
-from data.recorder import SessionRecorder
-from data.store import open_session
+from layflat.app.cli.data import data_cli
+from layflat.app.workstation.window import settings
+from layflat.app.workstation.window.layout import layout
+from layflat.app.workstation.window.pages.data import OPERATIONS, DataMode
+from layflat.app.workstation.window.pages.page import Shop
+from layflat.app.workstation.window.settings import Settings
+from layflat.app.workstation.window.subprocess_command import Job
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
 
 GENERAL = {"--json", "--force", "--debug", "--help"}
 """What a person at the window sees anyway, or has a switch of its own for."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.workstation.inputs import PersonPolicy, Reading
-from app.workstation.inputs.reading import at_rest
-from data.types import ACTION_LIMIT_M, TASKS, Observation, action_size
-from policy.base import Policy
+from layflat.app.workstation.teleop import PersonPolicy, Reading
+from layflat.app.workstation.teleop.teleop_input import at_rest
+from layflat.data.types import ACTION_LIMIT_M, TASKS, Observation, action_size
+from layflat.policy.base import Policy
 
 SEEN = Observation(
     time_s=0.0,

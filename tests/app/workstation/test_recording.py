@@ -11,14 +11,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.workstation.inputs.reading import Control, Reading
-from app.workstation.recording import COUNTDOWN_S, Recording
-from app.workstation.sofar import recorded_seeds, stored
-from app.workstation.take import TakeLost
-from data.recorder import SessionRecorder
-from data.store import open_session
-from data.types import Episode, Observation, Step, Truth
-from tests.app.workstation.conftest import DrawnTake
+from layflat.app.workstation.session.episode_handle import TakeLost
+from layflat.app.workstation.session.recording_session import COUNTDOWN_S, Recording
+from layflat.app.workstation.session.session_queries import recorded_seeds, stored
+from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import Episode, Observation, Step, Truth
+from layflat.tests.app.workstation.conftest import DrawnTake
 
 KEPT = re.compile(r"kept demo_\d+ (success|failure|partial) \d+ ticks contact [01]\.\d\d \S+")
 DISCARDED = re.compile(r"discarded seed \d+ \d+ ticks contact [01]\.\d\d \S+")

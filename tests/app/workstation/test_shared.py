@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from app.workstation.buffer import NewestValue
-from app.workstation.cadence import Cadence
-from app.workstation.inputs import Reading
-from app.workstation.mailbox import Mailbox
-from data.types import Pull
+from layflat.app.workstation.session.input_channel import Mailbox
+from layflat.app.workstation.session.latest_value import NewestValue
+from layflat.app.workstation.session.rate_limiter import Cadence
+from layflat.app.workstation.teleop import Reading
+from layflat.data.types import Pull
 
 CONTEXT = multiprocessing.get_context("forkserver")
 WIDE = np.dtype([("number", "i8"), ("filling", "i8", 20_000)])

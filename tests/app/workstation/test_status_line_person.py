@@ -9,15 +9,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from app.workstation.inputs.gamepad import Gamepad
-from app.workstation.recording import Recording
-from app.workstation.take_process import begin_takes
-from app.workstation.terminal import Screen, run_recording
-from data.recorder import SessionRecorder
-from data.store import open_session
-from data.types import FLAT_AREA, TASKS
-from sim.settings import BenchSettings
-from tests.virtual_pad import VirtualPad, plugged
+from layflat.app.workstation.session.episode_process import begin_takes
+from layflat.app.workstation.session.recording_session import Recording
+from layflat.app.workstation.teleop.gamepad import Gamepad
+from layflat.app.workstation.terminal.display import Screen, run_recording
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import FLAT_AREA, TASKS
+from layflat.sim.config import BenchSettings
+from layflat.tests.virtual_pad import VirtualPad, plugged
 
 TRAIL_M = 0.075
 COVERS = 0.99

@@ -12,14 +12,14 @@ import numpy as np
 import psutil
 import pytest
 
-from app.workstation.inputs.reading import Reading
-from app.workstation.take import TakeLost
-from app.workstation.take_process import TakeProcess, begin_takes
-from data import validate
-from data.recorder import SessionRecorder
-from data.store import open_session
-from data.types import ACTION_LIMIT_M, Pull
-from sim.settings import BenchSettings
+from layflat.app.workstation.session.episode_handle import TakeLost
+from layflat.app.workstation.session.episode_process import TakeProcess, begin_takes
+from layflat.app.workstation.teleop.teleop_input import Reading
+from layflat.data import validate
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import ACTION_LIMIT_M, Pull
+from layflat.sim.config import BenchSettings
 
 PATIENCE_S = 60.0
 DOWN = Reading(motion=np.array([0.0, -1.0]), speed=0.5)

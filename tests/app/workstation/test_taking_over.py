@@ -13,18 +13,19 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.workstation import look, placing
-from app.workstation.curves import LEAST_S, History, draw_contact
-from app.workstation.host import Channels, Desk, receive
-from app.workstation.inputs.reading import Control, Reading, at_rest
-from app.workstation.placing import PlacingWork
-from app.workstation.playback import Playback
-from data import validate
-from data.store import open_session
-from data.types import ACTION_LIMIT_M, Pull
-from policy.registry import decorated
-from policy.takeover import REST_TICKS
-from tests.app.fake_bench import FakeBench, Forward
+from layflat.app.workstation.session import place_task
+from layflat.app.workstation.session.bench_process import Channels, Desk, receive
+from layflat.app.workstation.session.place_task import PlacingWork
+from layflat.app.workstation.teleop.teleop_input import Control, Reading, at_rest
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.playback import Playback
+from layflat.app.workstation.window.time_series import LEAST_S, History, draw_contact
+from layflat.data import validate
+from layflat.data.session.reader import open_session
+from layflat.data.types import ACTION_LIMIT_M, Pull
+from layflat.policy.registry import decorated
+from layflat.policy.wrappers.takeover import REST_TICKS
+from layflat.tests.app.fake_bench import FakeBench, Forward
 
 PUSH = Reading(motion=np.array([-1.0, 0.0]), speed=0.5, device="a pad")
 REST = at_rest("hanger", device="a pad")
@@ -84,8 +85,8 @@ def table(monkeypatch) -> Iterator[Callable[..., Table]]:
         record: Path | None = None, *, source: str = "gamepad", enough: float = 2.0, around: tuple[str, ...] = ()
     ) -> Table:
         policy = Forward(enough)
-        monkeypatch.setattr(placing, "Placing", FakeBench)
-        monkeypatch.setattr(placing, "policy_of", lambda job, bench: decorated(policy, job.decorators))
+        monkeypatch.setattr(place_task, "Placing", FakeBench)
+        monkeypatch.setattr(place_task, "policy_of", lambda job, bench: decorated(policy, job.decorators))
         made.append(Table(record, source, policy, around))
         return made[-1]
 
@@ -200,7 +201,7 @@ def test_after_a_disturbance_what_the_person_leads_is_the_repair(table):
 
 def test_what_recovers_has_the_ticks_that_recovering_takes(table, monkeypatch):
     """The limit of a placing is longer by what the decorator says that it may need."""
-    monkeypatch.setitem(placing.LIMIT_TICKS, "placing", 4)
+    monkeypatch.setitem(place_task.LIMIT_TICKS, "placing", 4)
     bare, around = table(source=""), table(source="", around=("recovery", "steady"))
     for each in (bare, around):
         each.go(REST, 30)
@@ -211,7 +212,7 @@ def test_what_recovers_has_the_ticks_that_recovering_takes(table, monkeypatch):
 
 
 def test_who_leads_is_not_cut_off_by_the_limit_of_the_policy(table, monkeypatch):
-    monkeypatch.setitem(placing.LIMIT_TICKS, "placing", 5)
+    monkeypatch.setitem(place_task.LIMIT_TICKS, "placing", 5)
     one = table()
     one.go(REST, 3)
     assert one.go(PUSH, 10) == 10
@@ -297,10 +298,10 @@ def test_without_a_device_nobody_takes_over(table):
 def band(history: History, width: int = 300) -> np.ndarray:
     """Of each second's middle: whether the band of the person's lead is below the curve."""
     pygame.font.init()
-    look.fresh()
+    style.fresh()
     surface = pygame.Surface((width, 160))
     draw_contact(surface, history)
-    seen = (pygame.surfarray.array3d(surface) == look.LED).all(axis=2).any(axis=1)
+    seen = (pygame.surfarray.array3d(surface) == style.LED).all(axis=2).any(axis=1)
     left, right = 42, width - 14  # Of the plot on its card.
     return seen[[round(left + (s + 0.5) / LEAST_S * (right - left - 1)) for s in range(int(LEAST_S))]]
 

@@ -11,18 +11,25 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.errors import LayflatError
-from app.workstation.inputs import keys
-from app.workstation.inputs.reading import Control
-from app.workstation.inputs.source import Source
-from app.workstation.inputs.terminal_keyboard import REPEAT_S, TAP_S, TerminalKeyboard
-from app.workstation.inputs.terminal_keys import TerminalKeys, names_of
-from app.workstation.inputs.touch import TOUCHES, Touch
-from app.workstation.recording import COUNTDOWN_S
-from app.workstation.terminal import POLL_S, Screen, introduce, run_recording, status_line, stops_on_signals
-from data.types import TASKS, action_size
-from tests.app.workstation.conftest import HandSource
-from tests.app.workstation.test_recording import Desk
+from layflat.app.support.errors import LayflatError
+from layflat.app.workstation.session.recording_session import COUNTDOWN_S
+from layflat.app.workstation.teleop import key_map
+from layflat.app.workstation.teleop.contact_rumble import TOUCHES, Touch
+from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.teleop.teleoperator import Source
+from layflat.app.workstation.teleop.terminal_keyboard import REPEAT_S, TAP_S, TerminalKeyboard
+from layflat.app.workstation.teleop.terminal_keys import TerminalKeys, names_of
+from layflat.app.workstation.terminal.display import (
+    POLL_S,
+    Screen,
+    introduce,
+    run_recording,
+    status_line,
+    stops_on_signals,
+)
+from layflat.data.types import TASKS, action_size
+from layflat.tests.app.workstation.conftest import HandSource
+from layflat.tests.app.workstation.test_recording import Desk
 
 TICK_S = 0.1
 SMALL_S = 1e-9
@@ -269,18 +276,18 @@ def test_digits_set_the_speed_and_letters_the_controls():
 
 @pytest.mark.parametrize("task", TASKS)
 def test_every_key_does_one_thing_and_every_axis_has_a_key_each_way(task):
-    moves = keys.motions(task)
-    assert not set(moves) & (set(keys.CONTROLS) | set(keys.SPEEDS))
+    moves = key_map.motions(task)
+    assert not set(moves) & (set(key_map.CONTROLS) | set(key_map.SPEEDS))
     reach = np.array(list(moves.values()))
     assert (reach.max(axis=0) == 1).all()
     assert (reach.min(axis=0) == -1).all()
-    assert set(keys.CONTROLS.values()) == set(Control)
+    assert set(key_map.CONTROLS.values()) == set(Control)
 
 
 def test_a_sum_of_keys_stays_within_its_bounds():
-    moves = keys.motions("pickers")
-    assert np.abs(keys.summed("pickers", moves, moves)).max() <= 1.0
-    assert not keys.summed("pickers", moves, ["up", "down"]).any()
+    moves = key_map.motions("pickers")
+    assert np.abs(key_map.summed("pickers", moves, moves)).max() <= 1.0
+    assert not key_map.summed("pickers", moves, ["up", "down"]).any()
 
 
 @pytest.mark.parametrize(

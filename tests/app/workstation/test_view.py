@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.workstation.layout import layout
-from app.workstation.orbit import Orbit
-from app.workstation.view3d import Scene, View3d
-from sim.armshape import arm_shape
-from sim.cloth import cloth_spec
-from sim.panda import inverse_kinematics
+from layflat.app.workstation.window.layout import layout
+from layflat.app.workstation.window.orbit_camera import Orbit
+from layflat.app.workstation.window.view3d import Scene, View3d
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.robots.arm_shape import arm_shape
+from layflat.sim.robots.panda import inverse_kinematics
 
 SIZE = (640, 480)
 orbits = st.builds(

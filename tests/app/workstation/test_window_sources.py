@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.workstation.inputs import Source, WindowSource, keys, sdl
-from app.workstation.inputs.kinesthetic import GRASP_M, Kinesthetic, take_hold
-from app.workstation.inputs.mouse import REACH_PX, Mouse
-from app.workstation.inputs.reading import Control, Reading
-from app.workstation.inputs.registry import SOURCES, terminal_source, window_source
-from app.workstation.inputs.window_keyboard import WindowKeyboard
-from app.workstation.inputs.with_keys import WithKeys
-from app.workstation.orbit import Orbit
-from data.types import ACTION_LIMIT_M, TASKS, DataError, action_size
-from tests.app.workstation.conftest import HandSource
+from layflat.app.workstation.teleop import Source, WindowSource, key_map, sdl
+from layflat.app.workstation.teleop.combined_input import WithKeys
+from layflat.app.workstation.teleop.hand_guiding import GRASP_M, Kinesthetic, take_hold
+from layflat.app.workstation.teleop.mouse import REACH_PX, Mouse
+from layflat.app.workstation.teleop.registry import SOURCES, terminal_source, window_source
+from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
+from layflat.app.workstation.window.orbit_camera import Orbit
+from layflat.data.types import ACTION_LIMIT_M, TASKS, DataError, action_size
+from layflat.tests.app.workstation.conftest import HandSource
 
 sdl.start()
 import pygame  # noqa: E402  # SDL reads its settings when pygame is loaded.
@@ -107,16 +107,16 @@ def test_shortcuts_of_the_window_are_not_the_keyboard_s():
 def test_every_key_of_the_help_is_known_in_the_window():
     codes = {"enter": pygame.K_RETURN, "space": pygame.K_SPACE}
     for task in TASKS:
-        for name in (*keys.motions(task), *keys.CONTROLS):
+        for name in (*key_map.motions(task), *key_map.CONTROLS):
             plain = name.removeprefix("shift-")
             shift = pygame.KMOD_LSHIFT if name != plain or name.isupper() else 0
             one = WindowKeyboard(task)
             assert one.on_event(key(pygame.KEYDOWN, codes.get(name) or pygame.key.key_code(plain.lower()), shift))
             reading = one.poll()
-            if name in keys.CONTROLS:
-                assert reading.controls == (keys.CONTROLS[name],)
+            if name in key_map.CONTROLS:
+                assert reading.controls == (key_map.CONTROLS[name],)
             else:
-                assert (reading.motion == keys.motions(task)[name]).all()
+                assert (reading.motion == key_map.motions(task)[name]).all()
 
 
 @given(st.integers(-400, 400), st.integers(-400, 400))

@@ -13,19 +13,19 @@ import pygame
 import pytest
 from pygame_menu.widgets import ToggleSwitch
 
-from app.workstation.layout import LEAST
-from app.workstation.modes.data import OPERATIONS, DataMode
-from app.workstation.modes.place import PlaceMode
-from app.workstation.modes.record import RecordMode
-from app.workstation.modes.replay import ReplayMode
-from app.workstation.modes.train import TrainMode
-from app.workstation.window import Window
-from app.workstation.works import make_work
-from data.recorder import SessionRecorder
-from data.store import open_session
-from data.types import ACTION_LIMIT_M, Episode, Task, action_size
-from data.validate import validate
-from tests.app.workstation.person import Person, headless, unplug_all
+from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.window.layout import LEAST
+from layflat.app.workstation.window.pages.data import OPERATIONS, DataMode
+from layflat.app.workstation.window.pages.place import PlaceMode
+from layflat.app.workstation.window.pages.record import RecordMode
+from layflat.app.workstation.window.pages.replay import ReplayMode
+from layflat.app.workstation.window.pages.train import TrainMode
+from layflat.app.workstation.window.window import Window
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.tools.validate import validate
+from layflat.data.types import ACTION_LIMIT_M, Episode, Task, action_size
+from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
 pytestmark = pytest.mark.timeout(400)
 

@@ -1,0 +1,3 @@
+"""Layflat teaches a robot to lay cloth flat."""
+
+from __future__ import annotations

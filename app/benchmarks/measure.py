@@ -1,0 +1,230 @@
+"""What `layflat bench` measures; each function once in a fresh process, on one core.
+
+Wall time is that of blocks of whole ticks; of several blocks the median counts, so that what else the machine does
+now and then does not. Blocks that are compared with each other alternate.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from layflat.app.workers.rollout import run_episode
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import Episode, FloatArray, Task, action_size
+from layflat.perception.cloth.pipeline import Perceiver
+from layflat.policy.base import Policy
+from layflat.policy.features import input_set
+from layflat.policy.gp.fit import import_gpy
+from layflat.policy.gp.kernel import JITTER, Hyperparameters, covariance
+from layflat.policy.gp.model import GpModel
+from layflat.policy.scripted.baselines import Drag, Hold
+from layflat.policy.stopping import AnyOf
+from layflat.sim.config import BenchSettings
+from layflat.sim.simulation import Placing
+
+SEED = 0
+BLOCK_TICKS = 5
+SETTLE_TICKS = 1
+"""At the beginning of each block, not measured."""
+BLOCKS, FEWER_BLOCKS, DRAG_BLOCKS = 8, 4, 4
+DRAG_STEP_M = 0.003
+LAY_STEP_M = (0.014, 0.010)
+"""Forward and down in a tick while the cloth is laid down."""
+SEEING_TICKS = 12
+SEEING_BLOCKS = 3
+FRAMES = 30
+GP_POINTS = 400
+"""About what five demonstrations leave."""
+EPISODE_TICKS = 100
+"""Of the episode whose keeping is timed: about what a demonstration has."""
+
+
+def physics(task: Task, cloth: str, blocks: int = BLOCKS, ticks: int = BLOCK_TICKS) -> dict[str, FloatArray]:
+    """Without a camera. Wall s per tick: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
+    bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
+    try:
+        bench.reset(SEED)
+        samples = _side_by_side(bench, "air", blocks, ticks)
+        lay_down(bench)
+        drag = _moves(task, DRAG_STEP_M, 0.0)
+        samples["drag"] = np.array([_ours(bench, drag, ticks) for _ in range(DRAG_BLOCKS)])
+        samples |= _side_by_side(bench, "flat", blocks, ticks)
+        return samples
+    finally:
+        bench.close()
+
+
+def seeing(task: Task, cloth: str, folder: Path | None = None, ticks: int = SEEING_TICKS) -> dict[str, FloatArray]:
+    """With camera, perception and recording, on the table.
+
+    Wall s per tick of ``run_episode``, with the share of a tick in keeping the episode: ``flat``, ``drag``. Wall s each
+    of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_TICKS, durable in ``folder``).
+    """
+    bench = Placing(BenchSettings(task=task, cloth=cloth))
+    try:
+        bench.reset(SEED)
+        lay_down(bench)
+        with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
+            path = Path(place) / "session.h5"
+            with SessionRecorder(path, task=task, cloth=cloth) as recorder:
+                return _seeing(bench, recorder, ticks)
+    finally:
+        bench.close()
+
+
+def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, FloatArray]:
+    task = bench.settings.task
+    policies: dict[str, Policy] = {
+        "drag": Drag(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
+        "flat": Hold(task),
+    }
+    walls: dict[str, list[float]] = {}
+    episode = run_episode(bench, Hold(task), seed=SEED, max_ticks=2)
+    for name, policy in policies.items():
+        for _ in range(SEEING_BLOCKS):
+            began = time.perf_counter()
+            episode = run_episode(bench, policy, seed=SEED, max_ticks=ticks)
+            walls.setdefault(name, []).append((time.perf_counter() - began) / ticks)
+    kept = lengthened(episode)
+    keep = _repeat(lambda: recorder.keep(kept), 5)
+    frames = [bench.camera.capture() for _ in range(3)]
+    perceiver = Perceiver(bench.camera.pinhole, flat_pixels=1000)
+    return {name: np.array(wall) + np.median(keep) / len(kept.steps) for name, wall in walls.items()} | {
+        "keep": keep,
+        "capture": _repeat(bench.camera.capture, FRAMES),
+        "perceive": _repeat(lambda: perceiver.perceive(*frames[0]), FRAMES),
+    }
+
+
+def predicting(task: Task) -> dict[str, FloatArray]:
+    """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs: ours and GPy's."""
+    model = random_model(task)
+    here, there = np.zeros((1, model.layout.size)), np.zeros((1, model.layout.size))
+    theirs = as_gpy(model)
+    return alternating(
+        {"predict": lambda: model.predict(here), "GPy": lambda: [process.predict(there) for process in theirs]}, 200
+    )
+
+
+def as_gpy(model: GpModel) -> list[Any]:
+    """The same processes, one for each output, as GPy has them."""
+    gpy, scaled = import_gpy(), model.inputs / model.input_scale
+    processes = []
+    for a, alpha in enumerate(model.alpha):
+        noise = model.hyper.noise[a]
+        target = covariance(scaled, scaled, model.hyper, a) @ alpha + (noise + JITTER) * alpha
+        kernel = gpy.kern.RBF(
+            scaled.shape[1], variance=model.hyper.variance[a], lengthscale=model.hyper.length_scales[a, 0]
+        )
+        processes.append(gpy.models.GPRegression(scaled, target[:, np.newaxis], kernel, noise_var=noise))
+    return processes
+
+
+def random_model(task: Task, points: int = GP_POINTS) -> GpModel:
+    """As large as a trained one, and as good as chance."""
+    layout, outputs = input_set(task, "all"), action_size(task)
+    rng = np.random.default_rng(SEED)
+    return GpModel(
+        policy="gp-word",
+        layout=layout,
+        cloth="towel",
+        inputs=rng.uniform(-0.3, 0.5, (points, layout.size)),
+        input_scale=layout.scales(),
+        alpha=rng.normal(0.0, 1.0, (outputs, points)),
+        output_scale_m=0.01,
+        hyper=Hyperparameters(
+            kernel="se",
+            length_scales=np.ones((outputs, layout.size)),
+            variance=np.ones(outputs),
+            noise=np.full(outputs, 0.01),
+        ),
+    )
+
+
+def lay_down(bench: Placing, most_ticks: int = 100) -> None:
+    """Down until the free edge touches, then forward and down until the held edge is at rest height."""
+    task, spec = bench.settings.task, bench.settings.spec
+    forward, down = LAY_STEP_M
+    for _ in range(most_ticks):
+        height = float(bench.holder.position()[2])
+        if height < spec.margin_m + 0.002:
+            break
+        touches = bool(bench.truth().nodes[: spec.columns, 2].min() < 2 * spec.margin_m)
+        # Where the arm yields, its hanger stays a little above its set point: the steps never end before it is down.
+        step = max(min(down, 0.3 * height), 0.0005)
+        dx = forward * min(1.0, 0.3 + height / 0.05) if touches else 0.0
+        bench.step(_moves(task, dx, -step if touches else -down))
+    for _ in range(3):
+        bench.step(_moves(task, 0.0, 0.0))
+
+
+def _side_by_side(bench: Placing, name: str, blocks: int, ticks: int) -> dict[str, FloatArray]:
+    """Ticks without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
+    zeros = _moves(bench.settings.task, 0.0, 0.0)
+    walls = [(_bare(bench, ticks), _ours(bench, zeros, ticks)) for _ in range(blocks)]
+    bare, ours = np.array(walls).T
+    return {name: ours, f"{name} bare": bare}
+
+
+def _ours(bench: Placing, action: FloatArray, ticks: int) -> float:
+    """Wall s per tick."""
+    for _ in range(SETTLE_TICKS):
+        bench.step(action)
+    began = time.perf_counter()
+    for _ in range(ticks):
+        bench.step(action)
+    return (time.perf_counter() - began) / ticks
+
+
+def _bare(bench: Placing, ticks: int) -> float:
+    """Wall s per tick of stepping alone."""
+    world, substeps = bench.cloth.world, bench.settings.substeps
+    bench.holder.rest()
+    for _ in range(SETTLE_TICKS * substeps):
+        world.step()
+    began = time.perf_counter()
+    for _ in range(ticks * substeps):
+        world.step()
+    return (time.perf_counter() - began) / ticks
+
+
+def _repeat(work: Callable[[], object], times: int) -> FloatArray:
+    """(times,) s, after one call that is not counted."""
+    work()
+    walls = []
+    for _ in range(times):
+        began = time.perf_counter()
+        work()
+        walls.append(time.perf_counter() - began)
+    return np.array(walls)
+
+
+def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[str, FloatArray]:
+    """(times,) s of each, in turns, after one call each that is not counted."""
+    walls: dict[str, list[float]] = {name: [] for name in works}
+    for work in works.values():
+        work()
+    for _ in range(times):
+        for name, work in works.items():
+            began = time.perf_counter()
+            work()
+            walls[name].append(time.perf_counter() - began)
+    return {name: np.array(wall) for name, wall in walls.items()}
+
+
+def _moves(task: Task, dx: float, dz: float) -> FloatArray:
+    """(A,) m: the whole holder moves."""
+    return np.array([dx, dz] if task == "hanger" else [dx, 0.0, dz] * 2)
+
+
+def lengthened(episode: Episode) -> Episode:
+    """With its ticks repeated up to EPISODE_TICKS."""
+    times = -(-EPISODE_TICKS // len(episode.steps))
+    return replace(episode, steps=(episode.steps * times)[:EPISODE_TICKS])

@@ -1,0 +1,265 @@
+"""What `layflat bench` measures of keeping and opening data; each function once in a fresh process.
+
+Sizes count the bytes of an episode's arrays as they are in memory; MB are 10^6 bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.app.benchmarks.measure import DRAG_STEP_M, SEED, lay_down, lengthened
+from layflat.app.workers.rollout import run_episode
+from layflat.data.atomic_files import fsync_path
+from layflat.data.format.encode import LIBVER, arrays_of, attributes_of
+from layflat.data.session.episode_writer import Running
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.session_writer import SessionFile
+from layflat.data.types import ACTION_LIMIT_M, Episode, FloatArray, Observation, Step, Task, Truth, action_size
+from layflat.policy.scripted.baselines import Drag
+from layflat.policy.stopping import AnyOf
+from layflat.sim.config import BenchSettings
+from layflat.sim.simulation import Placing
+
+TASK: Task = "pickers"
+CLOTH = "towel"
+TICKS = 24
+REPEATS = 5
+EPISODES = 1000
+"""In the session whose opening is timed."""
+READ = 100
+"""Episodes of it that are read."""
+SHARE_GOAL = 2.0
+"""Percent of a tick that recording may cost on the thread that controls."""
+OPEN_GOAL_S = 2.0
+"""For 10,000 episodes."""
+SECONDS = {"recording": 20.0, "opening": 30.0}
+"""Expected wall time of each kind of measurement."""
+PACKINGS: Mapping[str, Mapping[str, object]] = {
+    "none": {},
+    "lzf": {"compression": "lzf"},
+    "gzip 1": {"compression": "gzip", "compression_opts": 1},
+    "gzip 4": {"compression": "gzip", "compression_opts": 4},
+}
+Line = tuple[str, float, str, float | None, int]
+"""Name, value, unit, baseline, how many samples."""
+
+
+@dataclass
+class _Timed:
+    """A running recording with a clock around what the loop waits for."""
+
+    running: Running
+    walls_s: list[float] = field(default_factory=list)
+
+    def on_tick(self, step: Step, tick: int) -> None:
+        began = time.perf_counter()
+        self.running.on_tick(step, tick)
+        self.walls_s.append(time.perf_counter() - began)
+
+
+def recording(folder: Path | None = None, ticks: int = TICKS) -> dict[str, FloatArray]:
+    """An episode of 320x240 RGB-D, recorded while the cloth is dragged.
+
+    Wall s per tick: ``tick`` (all of it), ``hand over`` (recording, on the loop's thread), ``journal`` (processor time
+    of both threads). MB/s: ``keep`` (durable) and ``raw`` (h5py, one file, no packing, flushed to the disk). MB:
+    ``size``, and by packing ``size none|lzf|gzip 1|gzip 4``; processor s of packing ``pack none|...``.
+    """
+    with _place(folder) as place:
+        with SessionRecorder(place / "s.h5", task=TASK, cloth=CLOTH, keep_images=True) as recorder:
+            samples, episode = _record(recorder, ticks)
+            samples["journal"] = np.array([_journal_alone(recorder, episode) for _ in range(REPEATS)])
+            episode = lengthened(episode)
+            arrays = arrays_of(episode, keep_images=True)
+            megabytes = sum(array.nbytes for array in arrays.values()) / 1e6
+            keep, raw = [], []
+            for _ in range(REPEATS):
+                keep.append(megabytes / _wall(lambda: recorder.keep(episode)))
+                raw.append(megabytes / _wall(lambda: _raw(place / "raw.h5", arrays)))
+        images = {key: rows for key, rows in arrays.items() if rows.ndim == 4}
+        for name, packing in PACKINGS.items():
+            samples |= _packed(place / "packed.h5", images, name, packing)
+        return samples | {"keep": np.array(keep), "raw": np.array(raw), "size": np.array([megabytes])}
+
+
+def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, FloatArray]:
+    """A session of made-up episodes without images, of 84 ticks and 285 nodes.
+
+    Wall s: ``open`` (all that info needs), ``read`` (one episode), ``arrays`` (two data sets of one episode). MB:
+    ``growth`` of the process while READ episodes are read one after another.
+    """
+    episode = _made_up(ticks=84, nodes=285)
+    with _place(folder) as place:
+        path = place / "s.h5"
+        write_copies(path, episode, episodes)
+        opened = [_wall(lambda: open_session(path).close()) for _ in range(REPEATS)]
+        with open_session(path) as session:
+            names = session.names[:READ]
+            walls = [_wall(partial(session.episode, name)) for name in names[: READ // 2]]
+            before = resident_mb()
+            walls += [_wall(partial(session.episode, name)) for name in names[READ // 2 :]]
+            growth = resident_mb() - before
+            arrays = [_wall(partial(session.arrays, ["obs/word", "action_m"], [name])) for name in names]
+    return {
+        "open": np.array(opened),
+        "read": np.array(walls),
+        "arrays": np.array(arrays),
+        "growth": np.array([growth]),
+        "episodes": np.array([float(episodes)]),
+    }
+
+
+def write_copies(path: Path, episode: Episode, count: int) -> None:
+    """A session of one episode again and again, each with a uid of its own."""
+    arrays = arrays_of(episode, keep_images=True)
+    with h5py.File(path, "x", libver=LIBVER) as file:
+        session = SessionFile(file)
+        for number in range(count):
+            session.write(f"demo_{number}", attributes_of(episode, uuid.uuid4().hex), arrays)
+        session.finish()
+
+
+def resident_mb() -> float:
+    """Memory of this process."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
+    """Lines of the table."""
+    middle = {key: float(np.median(values)) for key, values in samples.items()}
+    if kind == "opening":
+        count = middle["episodes"]
+        return [
+            (f"open {count:.0f} episodes", 1e3 * middle["open"], "ms", OPEN_GOAL_S * 1e3 * count / 1e4, REPEATS),
+            ("read an episode without images", 1e3 * middle["read"], "ms", None, READ),
+            ("memory while reading", middle["growth"], "MB", None, 1),
+        ]
+    share, cpu = (100 * middle[key] / middle["tick"] for key in ("hand over", "journal"))
+    lines: list[Line] = [
+        ("recording, loop's thread", share, "% of a tick", SHARE_GOAL, len(samples["hand over"])),
+        ("recording, both threads", cpu, "% of a tick", None, REPEATS),
+        ("keep, images, durable", middle["keep"], "MB / s", middle["raw"], REPEATS),
+    ]
+    for packing in list(PACKINGS)[1:]:
+        packed, plain = middle[f"size {packing}"], middle["size none"]
+        lines.append((f"images packed by {packing}", packed, "MB", plain, 1))
+        lines.append(
+            (f"time to pack by {packing}", 1e3 * middle[f"pack {packing}"], "ms", 1e3 * middle["pack none"], 1)
+        )
+    return lines
+
+
+def _record(recorder: SessionRecorder, ticks: int) -> tuple[dict[str, FloatArray], Episode]:
+    bench = Placing(BenchSettings(task=TASK, cloth=CLOTH))
+    timed: list[_Timed] = []
+
+    def begin(beginning: Episode) -> _Timed:
+        timed.append(_Timed(recorder.begin(beginning)))
+        return timed[0]
+
+    try:
+        bench.reset(SEED)
+        lay_down(bench)
+        policy = Drag(TASK, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
+        began = time.perf_counter()
+        episode = run_episode(bench, policy, seed=SEED, images=True, max_ticks=ticks, begin=begin)
+        wall_s = time.perf_counter() - began
+    finally:
+        bench.close()
+    timed[0].running.discard()
+    return {"tick": np.array([wall_s / ticks]), "hand over": np.array(timed[0].walls_s)}, episode
+
+
+def _journal_alone(recorder: SessionRecorder, episode: Episode) -> float:
+    """Processor time per tick of handing over, packing, writing and flushing."""
+    running = recorder.begin(episode)
+    began = time.process_time()
+    for step in episode.steps:
+        running.step(step)
+    running.close()
+    spent = time.process_time() - began
+    running.discard()
+    return spent / len(episode.steps)
+
+
+def _raw(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    with h5py.File(path, "w") as file:
+        for key, rows in arrays.items():
+            file.create_dataset(key, data=rows)
+    fsync_path(path)
+
+
+def _packed(
+    path: Path, images: dict[str, NDArray[Any]], name: str, packing: Mapping[str, object]
+) -> dict[str, FloatArray]:
+    began = time.process_time()
+    with h5py.File(path, "w") as file:
+        for key, rows in images.items():
+            file.create_dataset(key, data=rows, chunks=(1, *rows.shape[1:]), fletcher32=True, **packing)
+    spent_s = time.process_time() - began
+    return {f"pack {name}": np.array([spent_s]), f"size {name}": np.array([path.stat().st_size / 1e6])}
+
+
+def _made_up(*, ticks: int, nodes: int) -> Episode:
+    """Of the shape of a real one, without physics."""
+    rng = np.random.default_rng(SEED)
+
+    def observation(tick: int) -> Observation:
+        corners = rng.uniform(-0.3, 0.6, (2, 3))
+        return Observation(
+            time_s=0.1 * tick,
+            corner_positions=corners,
+            holder_position=corners.mean(axis=0),
+            word=np.array([1.0, 0.0]),
+            word_strength=0.1,
+            contact_portion=tick / ticks,
+        )
+
+    def truth(tick: int) -> Truth:
+        return Truth(nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=tick / ticks, flat_area=tick / ticks)
+
+    steps = [
+        Step(
+            observation=observation(tick),
+            truth=truth(tick),
+            action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, action_size(TASK)),
+        )
+        for tick in range(ticks)
+    ]
+    return Episode(
+        task=TASK,
+        cloth=CLOTH,
+        seed=SEED,
+        source="scripted",
+        steps=tuple(steps),
+        final_observation=observation(ticks),
+        final_truth=truth(ticks),
+        stopped_by="converged",
+        outcome="success",
+    )
+
+
+def _wall(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+@contextmanager
+def _place(folder: Path | None) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
+        yield Path(place)

@@ -1,0 +1,127 @@
+"""What `layflat bench` measures of perception: a whole percept, the plain way to the same numbers, and HOW.
+
+Frames are drawn, so that no simulation is needed; each function once in a fresh process, on one core.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.app.benchmarks.measure import alternating
+from layflat.data.types import FloatArray
+from layflat.perception.camera.rectified_view import ClothView
+from layflat.perception.cloth.contact import contact_mask, smooth_height
+from layflat.perception.cloth.pipeline import Perceiver, PerceptionConfig
+from layflat.perception.cloth.segmentation import segment
+from layflat.perception.descriptors.gabor import gabor_bank
+from layflat.perception.descriptors.how import HowConfig, HowDescriptor
+from layflat.perception.descriptors.preprocess import PrepareConfig
+from layflat.perception.descriptors.registry import descriptor
+from layflat.perception.descriptors.word import (
+    AXIAL,
+    WordConfig,
+    counting_masks,
+    less_noise,
+    light_image,
+    relief_image,
+    wrinkle_sums,
+)
+from layflat.perception.synthetic_sheet import Drawing, Frame, Sheet, Wave, draw_sheet
+from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
+
+FRAMES = 40
+
+
+def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
+    """Wall s of one frame of 320x240, the ways in turns: ``percept``, ``plain``, ``plain how``, and with other
+    descriptors ``how``, ``word``, ``hog``."""
+    camera = default_pinhole()
+    frame = wrinkled_frame()
+    perceivers = {
+        name: Perceiver(camera, PerceptionConfig(descriptor=descriptor(key)), flat_pixels=19600)
+        for name, key in (("percept", "word-axial"), ("how", "how"), ("word", "word"), ("hog", "hog"))
+    }
+    works: dict[str, Callable[[], object]] = {
+        name: partial(by.perceive, frame.rgb, frame.depth) for name, by in perceivers.items()
+    }
+    works["plain"] = partial(plain_percept, perceivers["percept"], frame, AXIAL)
+    works["plain how"] = partial(plain_how, perceivers["percept"], frame)
+    return alternating(works, frames)
+
+
+def wrinkled_frame(seed: int = 0) -> Frame:
+    """The bench's camera over a towel with wrinkles, sensor noise on."""
+    drawn = draw_sheet(default_pinhole(), Sheet(waves=(Wave(normal=0.5),)), Drawing(rgb_noise=3.0, seed=seed))
+    return Frame(drawn.rgb, DepthSensor(DepthNoise(), seed=seed).measure(drawn.depth))
+
+
+def plain_percept(perceiver: Perceiver, frame: Frame, config: WordConfig) -> tuple[int, NDArray[np.float64]]:
+    """Contact pixels and L of Algorithm 1, (n,), as one would write it down: each step on the whole image.
+
+    What ``Perceiver.perceive`` computes of a part of the image and by transforms; the numbers are the same.
+    """
+    view = plain_view(perceiver, frame)
+    return int(np.count_nonzero(view.contact)), plain_sums(view, config)
+
+
+def plain_how(perceiver: Perceiver, frame: Frame) -> NDArray[np.float64]:
+    """HOW as it is published: every filter over the whole image at its full resolution."""
+    return HowDescriptor(HowConfig(prepare=PrepareConfig(decimation=1))).describe(plain_view(perceiver, frame))
+
+
+def plain_view(perceiver: Perceiver, frame: Frame) -> ClothView:
+    """The whole table view."""
+    settings, camera = perceiver.config, perceiver.camera
+    cloth_seen = segment(frame.rgb, settings.colour, settings.min_area_px)
+    height_seen = smooth_height(camera.height_above_table(frame.depth), cloth_seen, settings.smoothing_px)
+    cloth = perceiver.view.rectify_mask(cloth_seen)
+    height = perceiver.view.rectify(height_seen)
+    return ClothView(
+        rgb=perceiver.view.rectify(frame.rgb),
+        cloth=cloth,
+        contact=contact_mask(cloth, height, settings.contact_height_m),
+        height=height,
+        mm_per_px=settings.grid.mm_per_px,
+    )
+
+
+def plain_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:
+    """L of Algorithm 1, (n,), with one ``filter2D`` of the whole view for each orientation."""
+    masks = counting_masks(view, config)
+    if masks is None:
+        return np.zeros(config.orientations)
+    sums = _plain_channel(light_image(view, config), masks[0], view, config)
+    if config.relief:
+        sums = sums + _plain_channel(relief_image(view, config), masks[0], view, config)
+    return sums
+
+
+def _plain_channel(
+    image: NDArray[np.float32], counted: NDArray[np.bool_], view: ClothView, config: WordConfig
+) -> NDArray[np.float64]:
+    means = []
+    for kernel in gabor_bank(config.gabor(view.mm_per_px), config.thetas, config.zero_mean):
+        response = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
+        size = np.maximum(response, 0) if config.half_wave else np.abs(response)
+        seen = size[counted].astype(np.float64)
+        means.append(float(np.sqrt(np.mean(seen**2)) if config.rms else seen.mean()))
+    return less_noise(np.array(means), config) if config.fill else np.array(means)
+
+
+def same_numbers(config: WordConfig = AXIAL) -> float:
+    """Largest relative difference of L between the fast and the plain way, over frames."""
+    perceiver = Perceiver(default_pinhole())
+    worst = 0.0
+    for seed in range(4):
+        frame = wrinkled_frame(seed)
+        view = perceiver.cloth_view(frame.rgb, frame.depth)
+        assert view is not None
+        fast, plain = wrinkle_sums(view, config)[0], plain_percept(perceiver, frame, config)[1]
+        worst = max(worst, float(np.abs(fast - plain).max() / plain.max()))
+    return worst

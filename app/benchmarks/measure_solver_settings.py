@@ -1,0 +1,64 @@
+"""What `layflat bench` measures of published cloth recipes: ours and theirs in one process, block by block in turns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS, BareOurs, BareRecipe
+from layflat.data.types import FloatArray
+from layflat.sim.cloth.cloth import cloth_spec
+
+OURS = "ours"
+ACROSS = (10, 13)
+"""Nodes along an edge: as DeformableRavens has, and as our default cloth has."""
+SETTLE_S, BLOCK_S, BLOCKS = 0.5, 0.1, 6
+"""Simulated time before anything is measured, of a block, and how many blocks."""
+Line = tuple[str, FloatArray, FloatArray]
+"""Name, ours and theirs, wall s per simulated s."""
+
+
+def recipes(across: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = BLOCKS) -> dict[str, FloatArray]:
+    """Wall s per simulated s of stepping alone, by "situation who"."""
+    spec = replace(cloth_spec(cloth), rows=across, columns=across)
+    samples: dict[str, FloatArray] = {}
+    for situation in SITUATIONS:
+        worlds: dict[str, BareOurs | BareRecipe] = {OURS: BareOurs(spec, situation)}
+        worlds |= {name: BareRecipe(recipe, across, situation) for name, recipe in RECIPES.items()}
+        try:
+            for world in worlds.values():
+                _stepped(world, settle_s)
+            walls: dict[str, list[float]] = {name: [] for name in worlds}
+            for _ in range(blocks):
+                for name, world in worlds.items():
+                    walls[name].append(_stepped(world, BLOCK_S))
+        finally:
+            for world in worlds.values():
+                world.close()
+        samples |= {f"{situation} {name}": np.array(wall) for name, wall in walls.items()}
+    return samples
+
+
+def lines_of(across: int, samples: Mapping[str, FloatArray]) -> list[Line]:
+    """Ours beside each recipe, in each situation."""
+    return [
+        (
+            f"bare cloth {across} x {across} {situation} / {name}",
+            samples[f"{situation} {OURS}"],
+            samples[f"{situation} {name}"],
+        )
+        for situation in SITUATIONS
+        for name in RECIPES
+    ]
+
+
+def _stepped(world: BareOurs | BareRecipe, simulated_s: float) -> float:
+    """Wall s per simulated s."""
+    steps = round(simulated_s / world.step_s)
+    began = time.perf_counter()
+    for _ in range(steps):
+        world.step()
+    return (time.perf_counter() - began) / (steps * world.step_s)

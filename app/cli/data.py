@@ -1,0 +1,255 @@
+"""The command line of `layflat data ...` and `layflat replay`: options in, one call, exit status out. No logic here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from layflat.app.cli.options import DataFile, Debug, Force, Json, Seed, maybe_count
+from layflat.app.support import validators
+
+FormatName = Literal["robomimic", "lerobot", "csv"]
+OutcomeName = Literal["success", "failure", "partial"]
+ModeName = Literal["state", "action"]
+
+
+def _episode(value: int | None) -> int | None:
+    return None if value is None else validators.episode_number(value)
+
+
+Episode = Annotated[int, typer.Option(callback=_episode, metavar="K", show_default=False, help="demo_K of the file.")]
+Session = Annotated[Path, typer.Option("--out", metavar="FILE.h5", show_default=False, help="The session to write.")]
+Outcome = Annotated[OutcomeName | None, typer.Option(help="Only episodes that ended so.")]
+
+data_cli = typer.Typer(
+    name="data",
+    help="Look at, check, change and convert recorded sessions.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@data_cli.command()
+def info(path: DataFile, json: Json = None, force: Force = False, debug: Debug = False) -> None:
+    """What a session holds, on one page.
+
+    Episodes, success, lengths, sources, contact at start and end.
+    """
+    from layflat.app.commands.dataset_info import info as run
+
+    run(path, json=json, force=force)
+
+
+@data_cli.command()
+def validate(path: DataFile, json: Json = None, force: Force = False, debug: Debug = False) -> None:
+    """Check everything in a session.
+
+    Prints each violation with its path in the file; exit status 2 if there is one.
+    """
+    from layflat.app.commands.dataset_info import validate as run
+
+    run(path, json=json, force=force)
+
+
+@data_cli.command()
+def stats(path: DataFile, json: Json = None, force: Force = False, debug: Debug = False) -> None:
+    """Minimum, maximum, mean and spread of all that was recorded."""
+    from layflat.app.commands.dataset_info import stats as run
+
+    run(path, json=json, force=force)
+
+
+@data_cli.command()
+def split(
+    path: DataFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for the parts.")],
+    share: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=SHARE", help="A part and its share; give one for each. Default: train and valid."),
+    ] = None,
+    seed: Seed = 0,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Deal the episodes out at random, into DIR/NAME.h5 each.
+
+    Without --share these are train=0.8 and valid=0.2.
+    """
+    from layflat.app.commands.dataset_operations import split as run
+
+    run(path, out, shares=share or ["train=0.8", "valid=0.2"], seed=seed, force=force)
+
+
+@data_cli.command(name="filter")
+def filter_(
+    path: DataFile,
+    out: Session,
+    outcome: Outcome = None,
+    source: Annotated[str | None, typer.Option(help="Only episodes from this source, such as scripted.")] = None,
+    cloth: Annotated[str | None, typer.Option(help="Only episodes with this cloth.")] = None,
+    min_ticks: Annotated[int | None, typer.Option(callback=maybe_count, help="At least so many ticks.")] = None,
+    max_ticks: Annotated[int | None, typer.Option(callback=maybe_count, help="At most so many ticks.")] = None,
+    min_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at least this, 0..1.")] = None,
+    max_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at most this, 0..1.")] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Keep the episodes that pass every given test."""
+    from layflat.app.commands.dataset_operations import filter_episodes as run
+
+    run(
+        path,
+        out,
+        outcome=outcome,
+        source=source,
+        cloth=cloth,
+        ticks=(min_ticks, max_ticks),
+        contact=(min_contact, max_contact),
+        force=force,
+    )
+
+
+@data_cli.command()
+def merge(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE.h5...", show_default=False, help="Sessions.")],
+    out: Session,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Put several sessions into one.
+
+    They agree in task, cloth and tick; an episode that is in two of them is taken once.
+    """
+    from layflat.app.commands.dataset_operations import merge as run
+
+    run(paths, out, force=force)
+
+
+@data_cli.command()
+def trim(
+    path: DataFile,
+    episode: Episode,
+    out: Session,
+    start: Annotated[int, typer.Option(help="First tick to keep.")] = 0,
+    stop: Annotated[int | None, typer.Option(help="Tick after the last to keep; the end by default.")] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Cut an episode to some of its ticks.
+
+    All other episodes stay as they are.
+    """
+    from layflat.app.commands.dataset_operations import trim as run
+
+    run(path, out, episode=episode, start=start, stop=stop, force=force)
+
+
+@data_cli.command()
+def repair(
+    path: DataFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.h5", help="Write the sound session there; in place by default.")
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Save what a killed recording or a damaged file holds.
+
+    In place nothing is thrown away: a damaged file stays as FILE.h5.damaged. Exit status 1 if something was lost.
+    """
+    from layflat.app.commands.dataset_operations import repair as run
+
+    run(path, out, force=force)
+
+
+@data_cli.command()
+def export(
+    path: DataFile,
+    out: Annotated[Path, typer.Option(metavar="PATH", show_default=False, help="File (robomimic) or folder.")],
+    form: Annotated[FormatName, typer.Option("--format", help="For whom.")] = "robomimic",
+    outcome: Outcome = None,
+    valid_share: Annotated[float, typer.Option(help="Share of the episodes under the filter key valid.")] = 0.1,
+    images: Annotated[bool, typer.Option("--images/--no-images", help="lerobot: with camera images.")] = True,
+    seed: Seed = 0,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Write a session in a form that other tools read.
+
+    robomimic: an exact copy with the filter keys train and valid; lerobot: a LeRobot v3.0 data set; csv: two tables.
+    """
+    from layflat.app.commands.dataset import export as run
+
+    run(path, out, form=form, outcome=outcome, valid_share=valid_share, images=images, seed=seed, force=force)
+
+
+@data_cli.command(name="import")
+def import_(
+    path: Annotated[Path, typer.Argument(metavar="FILE.hdf5", show_default=False, help="A robomimic data set.")],
+    out: Session,
+    cloth: Annotated[str | None, typer.Option(help="Which cloth it was, where the file does not tell.")] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Make a session of a robomimic data set in our layout."""
+    from layflat.app.commands.dataset import import_file as run
+
+    run(path, out, cloth=cloth, force=force)
+
+
+@data_cli.command()
+def video(
+    path: DataFile,
+    episode: Episode,
+    out: Annotated[Path, typer.Option(metavar="FILE.webm", show_default=False, help="The film to write.")],
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Film an episode as its camera saw it.
+
+    With contact and WORD drawn on it; where no images were recorded, they are drawn from the cloth's nodes.
+    """
+    validators.require_simulator()
+    from layflat.app.commands.dataset import film as run
+
+    run(path, out, episode=episode, force=force)
+
+
+@data_cli.command()
+def plot(
+    path: DataFile,
+    out: Annotated[Path, typer.Option(metavar="FILE.png", show_default=False, help="The picture to write.")],
+    episode: Annotated[
+        int | None, typer.Option(callback=_episode, metavar="K", help="Only demo_K of the file.")
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Plot a session as one picture.
+
+    Paths, starts, actions, contact portion and WORD.
+    """
+    from layflat.app.commands.dataset import plot as run
+
+    run(path, out, episode=episode, force=force)
+
+
+def replay(
+    path: DataFile,
+    episode: Episode,
+    mode: Annotated[ModeName, typer.Option(help="What was, or the actions once more.")] = "state",
+    json: Json = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film it.")] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Replay a recorded episode.
+
+    state shows what was; action runs the actions again from the same start and reports how far that leads elsewhere.
+    """
+    validators.require_simulator()
+    from layflat.app.commands.replay import replay as run
+
+    run(path, episode=episode, mode=mode, json=json, video=video, force=force)

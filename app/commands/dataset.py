@@ -1,0 +1,114 @@
+"""`layflat data export|import|video|plot`: recorded episodes in forms that other tools and people read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from layflat.app.media.episode_plots import curves_of, plot_session
+from layflat.app.media.episode_video import camera_frames, check_drawable, write_film
+from layflat.app.support import validators
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.progress import Progress
+from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
+from layflat.data.format import schema
+from layflat.data.session.reader import Session, open_session
+from layflat.data.types import Outcome
+
+Format: TypeAlias = Literal["robomimic", "lerobot", "csv"]
+EPISODE_S = 0.5
+"""Expected wall time of an episode's export to LeRobot, for the first estimate of the time left."""
+
+
+def export(
+    path: Path,
+    out: Path,
+    *,
+    form: Format,
+    outcome: Outcome | None,
+    valid_share: float,
+    images: bool,
+    seed: int,
+    force: bool,
+) -> None:
+    """Write a session, or its episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
+    if not images and form != "lerobot":
+        raise WrongCall(f"--no-images is for lerobot; the {form} export has images exactly where its form has a place")
+    with open_session(path) as session:
+        names = chosen_names(session, outcome)
+        if form == "robomimic":
+            validators.writable_file(out, force=force)
+            split = export_robomimic(session, out, names=names, valid_share=valid_share, seed=seed)
+            counts = ", ".join(f"{len(members)} {key}" for key, members in split.items())
+            print(f"exported {len(names)} episodes ({counts}) {out}")
+            return
+        new_folder(out, force=force)
+        if form == "lerobot":
+            from layflat.data.exchange.lerobot import export_lerobot
+
+            with Progress({"export": EPISODE_S * len(names)}) as progress:
+                progress.phase("export")
+                share = 1 / len(names)
+                written = export_lerobot(
+                    session, out, names=names, images=images, on_episode=lambda name: progress.advance(share, name)
+                )
+            what = "with images" if written.images else "without images"
+            print(f"exported {written.episodes} episodes, {written.frames} frames {what} {out}")
+        else:
+            from layflat.data.exchange.csv_export import export_csv
+
+            print(f"exported {len(names)} episodes, {export_csv(session, out, names=names)} ticks {out}")
+
+
+def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> None:
+    """Make a session of a robomimic file in our layout."""
+    validators.readable_file(path, "a robomimic HDF5 file")
+    validators.writable_file(out, force=force)
+    made = import_robomimic(path, out, cloth=cloth)
+    how = "bit by bit" if made.exact else "read and written anew"
+    print(f"imported {made.episodes} episodes, {how} {out}")
+
+
+def film(path: Path, out: Path, *, episode: int, force: bool) -> None:
+    """Film an episode as its camera saw it, with contact and WORD drawn on it."""
+    if out.suffix != ".webm":
+        raise WrongCall(f"{out} is not a .webm file; films are written as .webm")
+    with open_session(path) as session:
+        recorded = session.episode(schema.demo_name(episode))
+    check_drawable(recorded)
+    validators.writable_file(out, force=force)
+    count = write_film(out, camera_frames(recorded), recorded)
+    print(f"filmed {schema.demo_name(episode)}, {count} frames {out}")
+
+
+def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
+    """Draw the page of plots of a session, or of one of its episodes, as a PNG."""
+    if out.suffix != ".png":
+        raise WrongCall(f"{out} is not a .png file; plots are written as .png")
+    with open_session(path) as session:
+        names = session.names if episode is None else (schema.demo_name(episode),)
+        for name in names:
+            session.info(name)
+        validators.writable_file(out, force=force)
+        what = f"{len(names)} episodes" if episode is None else names[0]
+        title = f"{path.name}: {what}, {session.task}, {session.cloth}"
+        count = plot_session(out, title, (curves_of(name, session.episode(name, images=False)) for name in names))
+    print(f"plotted {count} episodes {out}")
+
+
+def chosen_names(session: Session, outcome: Outcome | None) -> Sequence[str]:
+    """The episodes to take; WrongCall where there are none."""
+    names = session.select(outcome=outcome)
+    if not names:
+        raise WrongCall(f"none of the {len(session)} episodes of {session.path} is a {outcome}; choose another outcome")
+    return names
+
+
+def new_folder(path: Path, *, force: bool) -> None:
+    """A folder that is not there yet, or may be replaced; WrongCall otherwise."""
+    if path.exists() and not path.is_dir():
+        raise WrongCall(f"{path} is not a folder; this export makes a folder")
+    if path.is_dir() and any(path.iterdir()) and not force:
+        raise WrongCall(f"{path} holds something already; give --force to replace it, or another name")
+    validators.writable_folder(path.absolute().parent)

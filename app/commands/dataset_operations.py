@@ -1,0 +1,121 @@
+"""`layflat data split|filter|merge|trim|repair`: sessions made of sessions, each whole or not there."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from layflat.app.support import validators
+from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.data.format import schema
+from layflat.data.session.reader import open_session
+from layflat.data.tools import operations
+from layflat.data.tools.repair import repair as repair_session
+from layflat.data.types import Outcome
+
+PART_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+
+def split(path: Path, out: Path, *, shares: Sequence[str], seed: int, force: bool) -> None:
+    """Deal the episodes out into ``out/NAME.h5``, one for each ``NAME=SHARE``."""
+    known = dict(_share(text) for text in shares)
+    if len(known) < len(shares):
+        raise WrongCall(f"--share names a part twice ({', '.join(shares)}); give each part one share")
+    targets = {name: out / f"{name}.h5" for name in known}
+    for target in targets.values():
+        validators.writable_file(target, force=force)
+    parts = operations.split(path, targets, known, seed, force=force)
+    for name, members in parts.items():
+        print(f"wrote {len(members)} episodes {targets[name]}")
+
+
+def _share(text: str) -> tuple[str, float]:
+    """NAME=SHARE, or WrongCall."""
+    name, _, number = text.partition("=")
+    try:
+        share = float(number)
+    except ValueError:
+        share = math.nan
+    if not PART_NAME.fullmatch(name) or not 0 < share < math.inf:
+        raise WrongCall(f"--share is {text!r}; it must be a name and a number above 0, such as train=0.8")
+    return name, share
+
+
+def filter_episodes(
+    path: Path,
+    out: Path,
+    *,
+    outcome: Outcome | None,
+    source: str | None,
+    cloth: str | None,
+    ticks: tuple[int | None, int | None],
+    contact: tuple[float | None, float | None],
+    force: bool,
+) -> None:
+    """Keep the episodes that pass every test that is given."""
+    validators.writable_file(out, force=force)
+    with open_session(path) as session:
+        total, names = len(session), session.select(outcome=outcome)
+    if not names:
+        raise WrongCall(f"none of the {total} episodes of {path} is a {outcome}; choose another outcome")
+    kept = operations.filter_session(
+        path,
+        out,
+        source=source,
+        cloth=cloth,
+        length=_limits("ticks", ticks),
+        final_contact=_limits("contact", contact),
+        names=names,
+        force=force,
+    )
+    print(f"wrote {len(kept)} of {total} episodes {out}")
+
+
+def _limits(what: str, limits: tuple[float | None, float | None]) -> tuple[float, float] | None:
+    """Least and greatest value, or None where neither is given."""
+    least, most = limits
+    if least is None and most is None:
+        return None
+    low, high = -math.inf if least is None else float(least), math.inf if most is None else float(most)
+    if not low <= high:
+        raise WrongCall(f"--min-{what} is {least} and --max-{what} is {most}; nothing can pass both")
+    return low, high
+
+
+def merge(paths: Sequence[Path], out: Path, *, force: bool) -> None:
+    """Put sessions into one."""
+    for path in paths:
+        if out.exists() and path.exists() and out.samefile(path):
+            raise WrongCall(f"{out} is one of the files to merge; give another name")
+    validators.writable_file(out, force=force)
+    names = operations.merge(paths, out, force=force)
+    print(f"wrote {len(names)} episodes of {len(paths)} sessions {out}")
+
+
+def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, force: bool) -> None:
+    """Cut an episode to ticks ``start`` to ``stop - 1``."""
+    validators.writable_file(out, force=force)
+    name = schema.demo_name(episode)
+    with open_session(path) as session:
+        before = session.info(name)
+    cut = operations.trim(path, out, name=name, start=start, stop=before.ticks if stop is None else stop, force=force)
+    print(f"wrote {name} with {cut.ticks} of {before.ticks} ticks, {cut.outcome} {out}")
+
+
+def repair(path: Path, out: Path | None, *, force: bool) -> None:
+    """Save what a killed recording or a damaged file still holds, in place or into ``out``."""
+    if out is not None:
+        validators.writable_file(out, force=force)
+    report = repair_session(path, out, force=force)
+    for violation in report.lost:
+        print(f"lost {violation.path}: {violation.sentence}")
+    for name in report.recovered:
+        print(f"recovered {name} from a recording that was cut off")
+    print(f"wrote {len(report.kept) + len(report.recovered)} episodes {report.target}")
+    if report.original is not None:
+        print(f"the damaged file is {report.original}")
+    if report.lost:
+        count = "one part" if len(report.lost) == 1 else f"{len(report.lost)} parts"
+        raise LayflatError(f"{count} of {path} could not be read; everything else is in {report.target}")

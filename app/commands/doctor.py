@@ -1,0 +1,179 @@
+"""`layflat doctor`: what this machine has, what is missing, what to do about it.
+
+Standard library only, so that it speaks where nothing is installed: ``python3 -m layflat.app.commands.doctor`` in the source folder.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Literal
+
+from layflat.app.support.errors import LayflatError, run_guarded
+from layflat.app.support.validators import SUPPORTED_PYTHONS, available_cores
+
+State = Literal["ok", "note", "problem"]
+
+REQUIRED = {
+    "pybullet": "pybullet",
+    "gymnasium": "gymnasium",
+    "numpy": "numpy",
+    "scipy": "scipy",
+    "scikit-learn": "sklearn",
+    "pillow": "PIL",
+    "opencv-python-headless": "cv2",
+    "GPy": "GPy",
+    "h5py": "h5py",
+    "pygame": "pygame",
+    "matplotlib": "matplotlib",
+    "pandas": "pandas",
+    "Jinja2": "jinja2",
+    "typer": "typer",
+    "rich": "rich",
+    "pebble": "pebble",
+    "platformdirs": "platformdirs",
+}
+"""Package name on its registry -> what is imported."""
+
+INSTALL = "run `make demo`, or `pip install -c constraints.txt -e .` in a Python 3.11 environment"
+LEAST_MEMORY_GB = 2.0
+LEAST_DISK_GB = 1.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line: what was looked at, how it stands, what was found, what to do."""
+
+    name: str
+    state: State
+    found: str
+    advice: str = ""
+
+
+def doctor() -> None:
+    """Print every check on stdout; LayflatError (status 1) where one is a problem."""
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    checks = [check for examine in EXAMINATIONS for check in examine()]
+    width = max(len(check.name) for check in checks)
+    for check in checks:
+        print(f"{check.state:8}{check.name:{width}}  {check.found}")
+        if check.advice:
+            print(f"{'':8}{'':{width}}  -> {check.advice}")
+    problems = [check.name for check in checks if check.state == "problem"]
+    if problems:
+        raise LayflatError(f"Layflat cannot run here yet; see {', '.join(problems)} above")
+    print("Layflat can run here.")
+
+
+def interpreter() -> list[Check]:
+    found = f"{platform.python_implementation()} {platform.python_version()}, {sys.executable}"
+    if sys.version_info[:2] in SUPPORTED_PYTHONS and platform.python_implementation() == "CPython":
+        return [Check("interpreter", "ok", found)]
+    advice = (
+        "install CPython 3.11 (or 3.10), the ones PyBullet has wheels for, and name it: make PYTHON=python3.11 demo"
+    )
+    return [Check("interpreter", "problem", found, advice)]
+
+
+def system() -> list[Check]:
+    found = f"{platform.system()} {platform.machine()}"
+    if (platform.system(), platform.machine()) == ("Linux", "x86_64"):
+        return [Check("system", "ok", found)]
+    if platform.system() == "Windows":
+        return [Check("system", "problem", found, "not supported; use Linux x86-64, for instance under WSL 2")]
+    advice = "PyBullet has no wheel for this system: pip compiles it, which needs a C++ compiler and ten minutes"
+    return [Check("system", "note", found, advice)]
+
+
+def packages() -> list[Check]:
+    return [_package(name, module) for name, module in REQUIRED.items()]
+
+
+def _package(name: str, module: str) -> Check:
+    """Whether a package is installed and loads; its own words where it does not."""
+    try:
+        found = version(name)
+    except PackageNotFoundError:
+        return Check(name, "problem", "missing", INSTALL)
+    try:
+        importlib.import_module(module)
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        return Check(name, "problem", f"{found}, but it does not load: {reason}", f"reinstall it: {INSTALL}")
+    return Check(name, "ok", found)
+
+
+def films() -> list[Check]:
+    """Whether .webm films can be written, by writing one."""
+    try:
+        import numpy as np
+
+        from layflat.app.media.video import write_video
+
+        with tempfile.TemporaryDirectory() as folder:
+            write_video(Path(folder) / "film.webm", [np.zeros((48, 64, 3), np.uint8)] * 3)
+    except Exception as error:
+        return [Check("films (.webm)", "problem", " ".join(str(error).split()), f"reinstall OpenCV: {INSTALL}")]
+    return [Check("films (.webm)", "ok", "written and read back")]
+
+
+def resources() -> list[Check]:
+    cores = available_cores()
+    advice = "one core works; a demo then takes about twice as long" if cores < 2 else ""
+    lines = [Check("cores", "note" if advice else "ok", f"{cores} of {os.cpu_count()}", advice)]
+    free_gb = shutil.disk_usage(Path.cwd()).free / 1e9
+    advice = (
+        f"free some: recordings with images need it, at least {LEAST_DISK_GB:g} GB" if free_gb < LEAST_DISK_GB else ""
+    )
+    lines.append(Check("free disk", "note" if advice else "ok", f"{free_gb:.1f} GB in {Path.cwd()}", advice))
+    try:
+        memory_gb = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    except (AttributeError, OSError, ValueError):
+        return lines
+    advice = "use --workers 1 and --no-images" if memory_gb < LEAST_MEMORY_GB else ""
+    return [*lines, Check("memory", "note" if advice else "ok", f"{memory_gb:.1f} GB", advice)]
+
+
+def display() -> list[Check]:
+    found = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+    if found or platform.system() == "Darwin":
+        return [Check("display", "ok", found or "built in")]
+    return [
+        Check(
+            "display",
+            "note",
+            "none",
+            "only `layflat app` needs one: `layflat record` by hand works in the terminal, with keys or a pad",
+        )
+    ]
+
+
+def pad() -> list[Check]:
+    """Gamepads as recording would find them."""
+    try:
+        devices = importlib.import_module("layflat.app.workstation.teleop.devices")
+        pads = devices.Pads(*importlib.import_module("layflat.app.workstation.teleop.sdl").start())
+        pads.refresh()
+        found = [f"{device.name} (known by {device.how})" for device in pads.devices.values()]
+        unknown = list(pads.unknown.values())
+        pads.close()
+    except Exception as error:
+        return [Check("gamepad", "note", f"cannot look: {' '.join(str(error).split())}")]
+    lines = [Check("gamepad", "ok", name) for name in found]
+    lines += [Check("gamepad", "note", "one that cannot be used yet", sentence) for sentence in unknown]
+    return lines or [Check("gamepad", "note", "none", "not needed: --source keyboard and scripted work without one")]
+
+
+EXAMINATIONS: tuple[Callable[[], list[Check]], ...] = (interpreter, system, packages, films, resources, display, pad)
+
+
+if __name__ == "__main__":
+    sys.exit(run_guarded(doctor))

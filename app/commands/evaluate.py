@@ -1,0 +1,238 @@
+"""`layflat evaluate` and `layflat disturb`: policies compared from the same starts, through the same disturbances."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from layflat.app.evaluation.local_engine import Engine, local_engine
+from layflat.app.evaluation.plan import Entrant, Plan
+from layflat.app.evaluation.ray_engine import ray_engine
+from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.suites import cases_of
+from layflat.app.report.evaluation import write_evaluation
+from layflat.app.support import validators
+from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.progress import Progress
+from layflat.app.workers.make_policy import SCRIPTED
+from layflat.data.types import TASKS
+from layflat.policy import model_io as model_files
+from layflat.policy.registry import DECORATORS, MADE
+from layflat.policy.trained_model import Learned
+from layflat.sim.cloth.starts import Start
+
+EPISODE_S = 12.0
+CASE_S = 6.0
+REPORT_S = 15.0
+"""Core-seconds of a placing, of what follows in each case, and of the page, for the first estimate of the time left."""
+DEFAULT_CLOTH = "towel"
+_SPEC = re.compile(r"(?:(?P<name>[^=/]+)=)?(?P<who>.+)")
+
+
+def evaluate(
+    policies: Sequence[str],
+    *,
+    out: Path,
+    episodes: int,
+    seed: int,
+    disturb: Sequence[str],
+    cloths: Sequence[str],
+    tasks: Sequence[str],
+    start: Start,
+    limit_s: float,
+    workers: int,
+    engine: str,
+    address: str | None,
+    force: bool,
+    videos: bool = False,
+) -> Results:
+    """Run ``policies`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, all else in ``out``.
+
+    A policy is ``[NAME=]MODEL.npz[+RULE][+DECORATOR...]``; the name of one that needs no training may be the model.
+    """
+    entrants = entrants_of(policies, tasks)
+    taught = dict.fromkeys(entrant.model.cloth for entrant in entrants if entrant.model is not None)
+    plan = Plan(
+        entrants=entrants,
+        cloths=tuple(cloths or taught or [DEFAULT_CLOTH]),
+        seeds=tuple(seed + k for k in range(episodes)),
+        cases=tuple(case for what in disturb for case in cases_of(what)),
+        start=start,
+        limit_s=limit_s,
+    )
+    on = engine_of(engine, workers, address)
+    seconds = len(plan.seeds) * len(plan.cloths) * len(entrants) * (EPISODE_S + CASE_S * len(plan.cases))
+    with Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:
+        progress.phase("episodes", items=plan.episodes)
+        results = run_batch(plan, out, engine=on, force=force, progress=progress)
+        progress.phase("report")
+        page = write_evaluation(results, videos=videos, tick=progress.status)
+    show(results.summary)
+    print(f"results: {out}")
+    print(f"report: {page}")
+    if results.rows["crashed"].all():
+        raise LayflatError(f"every episode crashed; the first: {results.rows['reason'].iloc[0]}")
+    return results
+
+
+def engine_of(name: str, workers: int, address: str | None) -> Engine:
+    if name == "local":
+        if address is not None:
+            raise WrongCall("--address is where a Ray cluster is; give --engine ray with it")
+        return local_engine(workers)
+    if name == "ray":
+        return ray_engine(workers, address)
+    raise WrongCall(f"engine {name!r} is unknown; known ones are local, ray")
+
+
+@dataclass(frozen=True)
+class _Given:
+    """One policy of the command line, taken apart."""
+
+    name: str | None
+    stem: str
+    model: Learned | None
+    made: str | None
+
+    decorators: tuple[str, ...] = ()
+
+    @property
+    def usual_name(self) -> str:
+        who = [None if self.model is None else self.model.policy, self.made, *self.decorators]
+        return "+".join(name for name in who if name is not None)
+
+
+def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant, ...]:
+    """One entrant for each policy and task; those whose usual names are the same are told apart by their files."""
+    given = [_given(text) for text in policies]
+    taught = dict.fromkeys(one.model.layout.task for one in given if one.model is not None)
+    wanted = tuple(
+        task for task in TASKS if task in [validators.known_name("task", name, TASKS) for name in tasks or taught]
+    )
+    if not wanted:
+        raise WrongCall("a policy without a model can do any task; give --task hanger or --task pickers")
+    found = [(task, one) for task in wanted for one in given if one.model is None or one.model.layout.task == task]
+    left_out = [one for one in given if one.model is not None and one.model.layout.task not in wanted]
+    if left_out:
+        raise WrongCall(f"{left_out[0].stem} was taught another task than {', '.join(wanted)}; leave it out")
+    usual = [(task, one.name or one.usual_name) for task, one in found]
+    return tuple(
+        Entrant(
+            name=f"{name}@{_plain(one.stem)}" if one.name is None and usual.count((task, name)) > 1 else name,
+            task=task,
+            model=one.model,
+            made=one.made,
+            decorators=one.decorators,
+        )
+        for (task, one), (_, name) in zip(found, usual, strict=True)
+    )
+
+
+def _given(text: str) -> _Given:
+    if text in (*MADE, SCRIPTED):  # even where a file has that name
+        return _Given(None, text, None, text)
+    if Path(text).exists():
+        return _Given(None, Path(text).stem, _load(Path(text)), None)
+    parts = _SPEC.fullmatch(text)
+    name, (who, *around) = (None, [text]) if parts is None else (parts["name"], _taken_apart(parts["who"]))
+    decorators = tuple(word for word in around if word in DECORATORS)
+    rule = next((word for word in around if word in MADE), None)
+    if around != [*([rule] if rule else ()), *decorators]:
+        raise WrongCall(f"policy {text!r}: after the model one rule may come, and then what is around both")
+    if who in (*MADE, SCRIPTED) and rule is None:
+        return _Given(name, who, None, who, decorators)
+    if Path(who).suffix != ".npz":
+        known = ", ".join((*MADE, SCRIPTED))
+        raise WrongCall(f"policy {text!r} is neither a model's file (MODEL.npz) nor one of {known}")
+    return _Given(name, Path(who).stem, _load(Path(who)), rule, decorators)
+
+
+def _taken_apart(text: str) -> list[str]:
+    """Who decides, and the known words behind it: of a file's name only its end can be one."""
+    words: list[str] = []
+    while True:
+        who, plus, word = text.rpartition("+")
+        if not plus or word not in (*MADE, *DECORATORS):
+            return [text, *words]
+        text, words = who, [word, *words]
+
+
+def _load(path: Path) -> Learned:
+    return model_files.load(validators.readable_file(path, "a model that `layflat train` wrote"))
+
+
+def _plain(stem: str) -> str:
+    return re.sub(r"[^A-Za-z0-9.]+", "-", stem).strip("-")
+
+
+def show(summary: Mapping[str, Any]) -> None:
+    """Print one line per group, and one per difference between two policies, on stdout."""
+    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
+    console = Console(width=None if sys.stdout.isatty() else 200)
+    table = Table(title=None)
+    for name in ("policy", "task", "cloth", "disturbance"):
+        table.add_column(name)
+    for name in (
+        "n",
+        "final contact [95 %]",
+        "min",
+        "max",
+        "regained [95 %]",
+        "flat area",
+        "success [95 %]",
+        "crashed",
+    ):
+        table.add_column(name, justify="right")
+    for group in summary["groups"]:
+        final = group["contact_final"]
+        low, high = group["success_wilson95"]
+        table.add_row(
+            *(group[name] for name in ("policy", "task", "cloth", "disturbance")),
+            str(group["n"]),
+            _with_interval(final),
+            _percent(final["min"]),
+            _percent(final["max"]),
+            _with_interval(group["gain"]),
+            "-" if group["flat_area_final"]["mean"] is None else f"{group['flat_area_final']['mean']:.3f}",
+            f"{_percent(group['success_rate'])} [{_percent(low)}, {_percent(high)}]",
+            str(group["crashed"]),
+        )
+    console.print(table)
+    if summary["paired"]:
+        console.print(_differences(summary["paired"]))
+
+
+def _differences(paired: Sequence[Mapping[str, Any]]) -> Table:
+    table = Table(title=None)
+    for name in ("difference", "task", "cloth", "disturbance"):
+        table.add_column(name)
+    for name in ("pairs", "final contact, points [95 %]", "regained, points [95 %]", "success, points [95 %]"):
+        table.add_column(name, justify="right")
+    for pair in paired:
+        table.add_row(
+            f"{pair['b']} - {pair['a']}",
+            *(pair[name] for name in ("task", "cloth", "disturbance")),
+            str(pair["contact_final"]["n"]),
+            *(_with_interval(pair[name], signed=True) for name in ("contact_final", "gain", "success")),
+        )
+    return table
+
+
+def _with_interval(measure: Mapping[str, Any], *, signed: bool = False) -> str:
+    if measure["mean"] is None:
+        return "-"
+    low, high = measure["ci95"]
+    interval = "" if low is None else f" [{_percent(low, signed)}, {_percent(high, signed)}]"
+    return _percent(measure["mean"], signed) + interval
+
+
+def _percent(share: float | None, signed: bool = False) -> str:
+    return "-" if share is None else f"{round(100 * share, 1) + 0.0:{'+' if signed else ''}.1f}"

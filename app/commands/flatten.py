@@ -1,0 +1,168 @@
+"""`layflat flatten`: wrinkle removal from a crumpled start (chapter 3-2-2), by Algorithm 2 or a comparator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from layflat.app.media import frames
+from layflat.app.media.perception_overlay import Drawer
+from layflat.app.media.png import write_png
+from layflat.app.media.video import write_video
+from layflat.app.support import validators
+from layflat.app.support.console import console
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.metrics import row_of, write_json
+from layflat.app.support.progress import Progress
+from layflat.app.support.provenance import provenance_now
+from layflat.app.support.statistics import statistics
+from layflat.app.workers.episode_collector import Harvest
+from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_jobs
+from layflat.data.types import Episode
+from layflat.perception.descriptors.registry import DESCRIPTORS
+from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
+from layflat.sim.cloth.cloth import CLOTHS
+
+EPISODE_S = 14.0
+FILM_WIDTH = 640
+STRIP_WIDTH = 320
+STRIP_COLUMNS = 5
+
+
+def flatten(
+    *,
+    controller: str,
+    descriptor: str,
+    episodes: int,
+    seed: int,
+    cloth: str,
+    video: Path | None,
+    strip: Path | None,
+    json: Path | None,
+    workers: int,
+    force: bool,
+) -> list[Episode]:
+    """Flatten the crumpled starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for.
+
+    ``video`` and ``strip`` show the first seed; what is shown and stored is what the controller saw.
+    """
+    validators.known_name("controller", controller, CONTROLLERS)
+    validators.known_name("descriptor", descriptor, DESCRIPTORS)
+    validators.known_name("cloth", cloth, CLOTHS)
+    for file, suffix in ((video, ".webm"), (strip, ".png"), (json, None)):
+        if file is not None:
+            if suffix is not None and file.suffix != suffix:
+                raise WrongCall(f"{file} is not a {suffix} file; choose a name that ends in {suffix}")
+            validators.writable_file(file, force=force)
+    jobs = [
+        EpisodeJob(
+            task="pickers",
+            cloth=cloth,
+            seed=seed + k,
+            flatten=controller,
+            descriptor=descriptor,
+            images=k == 0 and (video is not None or strip is not None),
+        )
+        for k in range(episodes)
+    ]
+    harvest = Harvest()
+    with harvest.through_ctrl_c():
+        _run(jobs, workers, harvest)
+    if not harvest.interrupted:
+        pictured = next((episode for episode in harvest.done if episode.seed == seed), None)
+        if pictured is not None:
+            _write_pictures(pictured, video, strip)
+    if json is not None and (harvest.done or not harvest.interrupted):
+        write_json(json, _content(controller, descriptor, harvest.done, harvest.lost))
+    if harvest.done:
+        show(harvest.done)
+    return harvest.end()
+
+
+def _run(jobs: Sequence[EpisodeJob], workers: int, harvest: Harvest) -> None:
+    with (
+        Progress({"flattening": EPISODE_S * len(jobs) / workers}) as progress,
+        closing(run_jobs(jobs, workers=workers)) as results,
+    ):
+        progress.phase("flattening", items=len(jobs))
+        harvest.gather(results, progress, _told)
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    return f"contact {row['contact_start']:.2f} to {row['contact_final']:.2f}, {row['stopped_by']}"
+
+
+def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | None) -> None:
+    drawer = Drawer()
+    if video is not None:
+        write_video(video, frames.film_frames(episode, drawer, FILM_WIDTH))
+    if strip_file is not None:
+        strip = strip_frames(episode, drawer, STRIP_WIDTH)
+        write_png(strip_file, frames.sheet([strip[:STRIP_COLUMNS], strip[STRIP_COLUMNS:]]))
+
+
+def strip_frames(episode: Episode, drawer: Drawer, width: int) -> list[frames.Frame]:
+    """Ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their tick."""
+    strip = frames.strip(episode, frames.placing_ticks(episode), drawer, width)
+    return [replace(frame, word=f"tick {frame.tick}:") for frame in strip]
+
+
+def _content(controller: str, descriptor: str, done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
+    """What ``--json`` holds besides the schema: the shared rows, each start's history, the mean."""
+    rows = [row_of(episode) for episode in done]
+    return {
+        "controller": controller,
+        "descriptor": descriptor,
+        "episodes": rows,
+        "starts": [{"seed": episode.seed, **episode.start} for episode in done],
+        "summary": _summary(rows),
+        "provenance": vars(provenance_now()),
+        "lost": [{"seed": failure.job.seed, "reason": failure.reason} for failure in lost],
+    }
+
+
+def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """n, and mean, min, max and ci95 (None where there is none) of contact at the start, the end, and in the mesh."""
+    summary: dict[str, Any] = {"n": len(rows)}
+    for column in ("contact_start", "contact_final", "contact_final_true", "flat_area_final", "ticks"):
+        values = statistics(np.array([row[column] for row in rows], dtype=float))
+        known = {name: None if np.isnan(value) else value for name, value in values.items()}
+        summary[column] = {name: known[name] for name in ("mean", "min", "max")} | {
+            "ci95": [known["low"], known["high"]]
+        }
+    return summary
+
+
+def show(episodes: Sequence[Episode]) -> None:
+    """Print one line per episode and their mean on stdout."""
+    table = Table(title=None)
+    for name in ("seed", "start", "mesh start", "final", "mesh final", "flat area", "ticks", "stopped by"):
+        table.add_column(name, justify="right")
+    lines = []
+    for episode in episodes:
+        row = row_of(episode)
+        line = (
+            row["contact_start"],
+            episode.truths()[0].contact_portion_true,
+            row["contact_final"],
+            row["contact_final_true"],
+            row["flat_area_final"],
+            row["ticks"],
+        )
+        lines.append(line)
+        table.add_row(str(episode.seed), *_cells(line, "d"), episode.stopped_by)
+    if len(episodes) > 1:
+        table.add_section()
+        table.add_row("mean", *_cells(tuple(np.mean(lines, axis=0)), ".1f"), "")
+    console().print(table)
+
+
+def _cells(line: Sequence[Any], ticks_form: str) -> list[str]:
+    *contacts, area, ticks = line
+    return [*(f"{100 * c:.1f} %" for c in contacts), f"{area:.3f}", format(ticks, ticks_form)]

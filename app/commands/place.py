@@ -1,0 +1,144 @@
+"""`layflat place`: autonomous placing with a trained model, disturbed if wished."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from layflat.app.commands.record import kept_line, run_kept
+from layflat.app.media.frames import film_frames
+from layflat.app.media.perception_overlay import Drawer
+from layflat.app.media.video import write_video
+from layflat.app.support import validators
+from layflat.app.support.console import console
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.metrics import crashed_row, row_of, write_json
+from layflat.app.support.progress import Progress
+from layflat.app.support.provenance import provenance_now
+from layflat.app.workers.episode_collector import Harvest
+from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_jobs
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.types import Episode
+from layflat.policy import model_io as model_files
+from layflat.policy.registry import DECORATORS
+from layflat.policy.trained_model import Learned
+from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.disturbances.presets import DISTURBANCES
+
+EPISODE_S = 18.0
+FILM_WIDTH = 640
+
+
+def place(
+    model: Path,
+    *,
+    episodes: int,
+    seed: int,
+    disturb: str | None,
+    record: Path | None,
+    video: Path | None,
+    json: Path | None,
+    cloth: str | None,
+    around: Sequence[str] = (),
+    workers: int,
+    force: bool,
+) -> list[Episode]:
+    """Place with ``model`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for.
+
+    ``around``: names of layflat.policy.registry.DECORATORS, the last one outermost.
+    """
+    validators.readable_file(model, "a model that `layflat train` wrote")
+    learned = model_files.load(model)
+    cloth = validators.known_name("cloth", cloth or learned.cloth, CLOTHS)
+    disturbance = validators.known_name("disturbance", disturb or "none", DISTURBANCES)
+    decorators = tuple(validators.known_name("decorator", name, DECORATORS) for name in around)
+    for file, append in ((record, True), (video, False), (json, False)):
+        if file is not None:
+            validators.writable_file(file, force=force, append=append)
+    if video is not None and video.suffix != ".webm":
+        raise WrongCall(f"{video} is not a .webm file; films are written as .webm")
+    jobs = [
+        EpisodeJob(
+            task=learned.layout.task,
+            cloth=cloth,
+            seed=seed + k,
+            model=learned,
+            decorators=decorators,
+            disturbance=disturbance,
+            images=video is not None and k == 0,
+        )
+        for k in range(episodes)
+    ]
+    harvest = Harvest()
+    with harvest.through_ctrl_c():
+        _run(jobs, learned, cloth, record, workers, harvest)
+    filmed = next((episode for episode in harvest.done if episode.seed == seed), None)
+    if video is not None and filmed is not None and not harvest.interrupted:
+        write_video(video, film_frames(filmed, Drawer(), FILM_WIDTH))
+    if json is not None and (harvest.done or harvest.lost or not harvest.interrupted):
+        write_json(json, _content(harvest.done, harvest.lost))
+    if harvest.done:
+        show(harvest.done)
+    return harvest.end()
+
+
+def _content(done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
+    """The rows in the order of their seeds, those of crashed episodes with the reason beside."""
+    crashed = [_crashed_row(f.job, f.reason) for f in lost]
+    rows = sorted([*map(row_of, done), *crashed], key=lambda row: int(row["seed"]))
+    return {"episodes": rows, "provenance": vars(provenance_now()), "lost": len(lost)}
+
+
+def _crashed_row(job: EpisodeJob, reason: str) -> dict[str, Any]:
+    return crashed_row(
+        policy=job.source, task=job.task, cloth=job.cloth, seed=job.seed, disturbance=job.disturbance, reason=reason
+    )
+
+
+def _run(
+    jobs: list[EpisodeJob], learned: Learned, cloth: str, record: Path | None, workers: int, harvest: Harvest
+) -> None:
+    """Run the jobs, and record them if asked to."""
+    with ExitStack() as stack:
+        recorder = None
+        if record is not None:
+            recorder = stack.enter_context(
+                SessionRecorder(record, task=learned.layout.task, cloth=cloth, descriptor=learned.descriptor)
+            )
+        progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
+        for left in recorder.recovered if recorder is not None else ():
+            progress.note(kept_line(left))
+        results = stack.enter_context(closing(_results(jobs, recorder, progress, workers)))
+        progress.phase("placing", items=len(jobs))
+        harvest.gather(results, progress, lambda row: f"contact {row['contact_final']:.2f}, {row['stopped_by']}")
+
+
+def _results(
+    jobs: Sequence[EpisodeJob], recorder: SessionRecorder | None, progress: Progress, workers: int
+) -> Generator[Episode | JobFailure, None, None]:
+    if recorder is None:
+        yield from run_jobs(jobs, workers=workers)
+        return
+    with closing(run_kept(jobs, recorder, workers=workers)) as results:
+        for result, kept in results:
+            if kept is not None:
+                progress.note(kept_line(kept))
+            yield result
+
+
+def show(episodes: list[Episode]) -> None:
+    """Print one line per episode on stdout."""
+    table = Table(title=None)
+    for name in ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "ticks", "stopped by"):
+        table.add_column(name, justify="right")
+    for episode in episodes:
+        row = row_of(episode)
+        contacts = [row["contact_placed"], row["contact_disturbed"], row["contact_final"], row["contact_final_true"]]
+        cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
+        flat = f"{row['flat_area_final']:.3f}"
+        table.add_row(str(episode.seed), *cells, flat, str(row["ticks"]), episode.stopped_by)
+    console().print(table)

@@ -1,0 +1,269 @@
+"""`layflat replay`: what a recorded episode was, or its actions once more and how far that leads elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from pebble import ProcessExpired
+from rich.table import Table
+
+from layflat.app.media.episode_video import check_drawable, scene_frames, write_film
+from layflat.app.support import validators
+from layflat.app.support.console import console
+from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.metrics import row_of, write_json
+from layflat.app.support.progress import Progress
+from layflat.app.support.provenance import provenance_now
+from layflat.app.workers.episode_pool import JOB_LIMIT_S, fresh_processes
+from layflat.data.format import schema
+from layflat.data.session.reader import open_session
+from layflat.data.types import PHASES, Episode, FloatArray
+from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.config import BenchSettings
+from layflat.sim.disturbances.presets import DISTURBANCES, Plan
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
+
+Mode: TypeAlias = Literal["state", "action"]
+TICK_WALL_S = 0.08
+"""Expected wall time of a tick, for the first estimate of the time left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Divergence:
+    """How far a rerun is from the recording, at the start of each common tick and after the last."""
+
+    node_error_m: FloatArray
+    """(T + 1,) m: the largest distance of a cloth node from where it was."""
+    corner_error_m: FloatArray
+    """(T + 1,) m: the same of the two held corners."""
+    contact_error: FloatArray
+    """(T + 1,) difference of the camera's contact portion, rerun minus recording."""
+    identical: bool
+    """Nodes, corners and contact are the same to the bit, and so is the number of ticks."""
+
+    @property
+    def first_tick(self) -> int | None:
+        """The first moment at which anything differs, or None."""
+        errors = self.node_error_m + self.corner_error_m + np.abs(self.contact_error)
+        return int(np.flatnonzero(errors)[0]) if errors.any() else None
+
+
+def replay(
+    path: Path, *, episode: int, mode: Mode, json: Path | None = None, video: Path | None = None, force: bool = False
+) -> None:
+    """Show episode ``demo_<episode>`` of the session; a table on stdout, files where asked for."""
+    if video is not None and video.suffix != ".webm":
+        raise WrongCall(f"{video} is not a .webm file; films are written as .webm")
+    recorded = read_episode(path, episode)
+    if video is not None:
+        check_drawable(recorded)
+    for file in (json, video):
+        if file is not None:
+            validators.writable_file(file, force=force)
+    about = {"file": str(path), "episode": schema.demo_name(episode), "mode": mode}
+    if mode == "state":
+        shown, report = recorded, state_report(recorded)
+        print_state(recorded)
+    else:
+        shown = rerun(recorded)
+        divergence = compare(recorded, shown)
+        report = action_report(recorded, shown, divergence)
+        print_divergence(recorded, shown, divergence)
+    if json is not None:
+        write_json(json, {**about, **report})
+    if video is not None:
+        write_film(video, scene_frames(shown), shown)
+
+
+def read_episode(path: Path, number: int) -> Episode:
+    """Episode ``demo_<number>``, without its images."""
+    with open_session(path) as session:
+        return session.episode(schema.demo_name(number), images=False)
+
+
+# Actions once more
+
+
+def rerun(recorded: Episode) -> Episode:
+    """The recorded actions once more, from the same start, in a process that has never stepped a simulation."""
+    _check_can_run(recorded)
+    with Progress({"replay": TICK_WALL_S * len(recorded.steps)}) as progress, fresh_processes(1) as pool:
+        progress.phase("replay")
+        try:
+            again: Episode = pool.schedule(_rerun_here, args=[recorded], timeout=JOB_LIMIT_S).result()
+        except FutureTimeoutError:
+            raise LayflatError(f"the replay took more than {JOB_LIMIT_S:.0f} s; its physics may hang") from None
+        except ProcessExpired as error:
+            raise LayflatError(f"the replay's process ended with status {error.exitcode}; try again") from None
+        progress.advance()
+    return again
+
+
+def _check_can_run(recorded: Episode) -> None:
+    validators.known_name("cloth", recorded.cloth, CLOTHS)
+    if recorded.seed < 0:
+        raise WrongCall(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
+    if recorded.first_tick > 0:
+        raise WrongCall(
+            f"the episode's first {recorded.first_tick} ticks were cut off, so it cannot be run again from its start;"
+            " replay it with --mode state"
+        )
+    settings = settings_of(recorded)
+    for record in recorded.disturbances:
+        if not record.plan:
+            validators.known_name("disturbance", record.name, DISTURBANCES)
+            continue
+        try:
+            Plan.recorded(record.plan, settings.spec)
+        except SimError as error:
+            raise WrongCall(str(error)) from None
+
+
+def _rerun_here(recorded: Episode) -> Episode:
+    from layflat.app.workers.rollout import rerun_episode
+
+    bench = Placing(settings_of(recorded))
+    try:
+        bench.reset(recorded.seed)
+        return rerun_episode(bench, recorded)
+    finally:
+        bench.close()
+
+
+def settings_of(recorded: Episode) -> BenchSettings:
+    """The bench that the episode was recorded on, as far as its file says so; WrongCall where that is none."""
+    usual = BenchSettings(task=recorded.task, cloth=recorded.cloth)
+    known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
+    told: dict[str, Any] = dict(recorded.bench) or {"table_friction": recorded.start.get("table_friction", 1.0)}
+    for name, value in told.items():
+        if known.get(name) is not type(value):
+            raise WrongCall(f"the episode's bench has {name} {value!r}, which this version does not know")
+    try:
+        return BenchSettings(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
+    except SimError as error:
+        raise WrongCall(f"the episode's bench is none of this version: {error}") from None
+
+
+def compare(recorded: Episode, again: Episode) -> Divergence:
+    """Both start at the same moment; what one of them has more of is not compared."""
+    count = min(len(recorded.steps), len(again.steps)) + 1
+    pairs = [_tracks(episode, count) for episode in (recorded, again)]
+    (nodes, corners, contact), (nodes_again, corners_again, contact_again) = pairs
+    same = all(np.array_equal(a, b) for a, b in zip(*pairs, strict=True))
+    return Divergence(
+        node_error_m=np.linalg.norm(nodes_again - nodes, axis=2).max(axis=1),
+        corner_error_m=np.linalg.norm(corners_again - corners, axis=2).max(axis=1),
+        contact_error=contact_again - contact,
+        identical=same and len(recorded.steps) == len(again.steps),
+    )
+
+
+def _tracks(episode: Episode, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes (count, N, 3) m, corners (count, 2, 3) m and contact (count,) of the first moments."""
+    nodes = np.array([truth.nodes for truth in episode.truths()[:count]])
+    corners = np.array([seen.corner_positions for seen in episode.observations()[:count]])
+    return nodes, corners, episode.contact()[:count]
+
+
+# What is told of it
+
+
+def state_report(episode: Episode) -> dict[str, Any]:
+    """The episode's row, what befell the cloth, and what was at each moment."""
+    observations, truths = episode.observations(), episode.truths()
+    return {
+        "row": row_of(episode),
+        "disturbances": [vars(record) for record in episode.disturbances],
+        "forces_n": [step.force_n.tolist() for step in episode.steps],
+        "per_tick": {
+            "phase": [step.phase for step in episode.steps],
+            "time_s": [seen.time_s for seen in observations],
+            "corner_positions_m": [seen.corner_positions.tolist() for seen in observations],
+            "word": [seen.word.tolist() for seen in observations],
+            "contact_portion": episode.contact().tolist(),
+            "contact_portion_true": [truth.contact_portion_true for truth in truths],
+            "flat_area": [truth.flat_area for truth in truths],
+        },
+    }
+
+
+def action_report(recorded: Episode, again: Episode, divergence: Divergence) -> dict[str, Any]:
+    """The divergence as a JSON object."""
+    return {
+        "identical": divergence.identical,
+        "max_node_error_m": float(divergence.node_error_m.max()),
+        "max_corner_error_m": float(divergence.corner_error_m.max()),
+        "max_contact_error": float(np.abs(divergence.contact_error).max()),
+        "first_divergent_tick": divergence.first_tick,
+        "ticks": len(recorded.steps),
+        "ticks_again": len(again.steps),
+        "per_tick": {
+            "node_error_m": divergence.node_error_m.tolist(),
+            "corner_error_m": divergence.corner_error_m.tolist(),
+            "contact_error": divergence.contact_error.tolist(),
+        },
+        "changed_versions": changed_versions(recorded),
+    }
+
+
+def changed_versions(recorded: Episode) -> Mapping[str, list[str]]:
+    """Package -> [version then, version now], of those that differ."""
+    then, now = recorded.provenance.versions, provenance_now().versions
+    names = sorted({*then, *now})
+    pairs = {name: [then.get(name, "none"), now.get(name, "none")] for name in names}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def print_state(episode: Episode) -> None:
+    """One line per phase: when, and how the cloth lay."""
+    table = Table("phase", "ticks", "time", "contact", "mesh contact", "flat area")
+    seen, truths = episode.observations(), episode.truths()
+    for phase in PHASES:
+        bounds = episode.phase_bounds(phase)
+        if bounds is None:
+            continue
+        first, last = bounds
+        table.add_row(
+            phase,
+            str(last - first),
+            f"{seen[first].time_s:.1f} to {seen[last].time_s:.1f} s",
+            f"{100 * seen[first].contact_portion:.1f} to {100 * seen[last].contact_portion:.1f} %",
+            f"{100 * truths[first].contact_portion_true:.1f} to {100 * truths[last].contact_portion_true:.1f} %",
+            f"{truths[first].flat_area:.3f} to {truths[last].flat_area:.3f}",
+        )
+    out = console()
+    out.print(
+        f"{episode.source}, seed {episode.seed}, {episode.task}, {episode.cloth}: {episode.outcome},"
+        f" stopped by {episode.stopped_by}",
+        markup=False,
+        highlight=False,
+    )
+    out.print(table)
+
+
+def print_divergence(recorded: Episode, again: Episode, divergence: Divergence) -> None:
+    """One line: identical, or where and how far not; and what has changed since."""
+    if divergence.identical:
+        print(f"identical over {len(recorded.steps)} ticks: nodes, corners and contact to the bit")
+        return
+    if len(recorded.steps) != len(again.steps):
+        print(f"the recording has {len(recorded.steps)} ticks; the replay ended after {len(again.steps)}")
+    if divergence.first_tick is not None:
+        print(f"diverges at tick {divergence.first_tick}: {', '.join(differences(divergence))}")
+    for name, (then, now) in changed_versions(recorded).items():
+        print(f"{name} was {then}, now it is {now}")
+
+
+def differences(divergence: Divergence) -> list[str]:
+    """How far apart nodes, corners and contact get, each in a few words."""
+    told = []
+    for name, errors in (("nodes", divergence.node_error_m), ("corners", divergence.corner_error_m)):
+        told.append(f"{name} by up to {1000 * errors.max():.3g} mm" if errors.any() else f"{name} identical")
+    contact = np.abs(divergence.contact_error).max()
+    return [*told, f"contact by up to {contact:.3g}" if contact else "contact identical"]

@@ -1,0 +1,104 @@
+"""`layflat train`: demonstrations in, a model and its numbers out."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from layflat.app.support import validators
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.progress import Progress
+from layflat.app.support.provenance import provenance_now
+from layflat.data.session.reader import open_session
+from layflat.data.types import Episode
+from layflat.policy import model_io as model_files
+from layflat.policy import registry
+from layflat.policy.gp.model import GpModel
+from layflat.policy.trained_model import Learned
+
+EXPECTED_S = 30.0
+
+
+def train(data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1) -> Learned:
+    """Learn ``policy`` from the successful demonstrations in ``data``, write ``model``, print what was learned."""
+    validators.known_name("policy", policy, registry.TRAINABLE)
+    if model.suffix != ".npz":
+        raise WrongCall(f"{model} is not an .npz file; models are written as .npz")
+    validators.writable_file(model, force=force)
+    episodes = successful_demonstrations(data)
+    corrected = sum(step.intervention for episode in episodes for step in episode.steps)
+    if intervention_weight != 1 and not corrected:
+        raise WrongCall(f"nobody corrected a policy in {data}; --intervention-weight has nothing to weight")
+    # GPy prints when it is interrupted; stdout is for results.
+    with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
+        progress.phase("training", items=len(episodes[0].steps[0].action))
+        learned = registry.train(
+            policy,
+            episodes,
+            seed=seed,
+            provenance=provenance_now(),
+            progress=lambda done, of, clause: progress.advance(status=clause),
+            intervention_weight=intervention_weight,
+        )
+    model_files.save(learned, model, force=force)
+    show(learned, model)
+    if corrected:
+        times = "once" if intervention_weight == 1 else f"{intervention_weight} times"
+        print(f"{corrected} ticks in which a person corrected a policy count {times} each")
+    return learned
+
+
+def successful_demonstrations(path: Path) -> list[Episode]:
+    """The successful episodes of a session, without images; WrongCall where there is none."""
+    with open_session(path) as session:
+        names = session.select(outcome="success")
+        if not len(session):
+            raise WrongCall(f"{path} holds no demonstrations; record some with `layflat record {path}`")
+        if not names:
+            raise WrongCall(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
+        episodes = [session.episode(name, images=False) for name in names]
+    if not any(episode.steps for episode in episodes):
+        raise WrongCall(f"the demonstrations in {path} hold no ticks; record some with `layflat record`")
+    return [episode for episode in episodes if episode.steps]
+
+
+def show(model: Learned, path: Path) -> None:
+    """Print points, hyperparameters and held-out error on stdout."""
+    table = Table(title=f"{model.policy}, {model.layout.task} task, {model.cloth}", title_justify="left")
+    columns = hyperparameters(model) if isinstance(model, GpModel) else {}
+    for name in ("output", *columns, "held-out error (mm)"):
+        table.add_column(name, justify="left" if name == "output" else "right")
+    for a, name in enumerate(model.outputs):
+        held_out = "needs 2 demonstrations" if model.heldout_rmse_m is None else f"{1000 * model.heldout_rmse_m[a]:.2f}"
+        table.add_row(name, *(values[a] for values in columns.values()), held_out)
+    console = Console()
+    console.print(table)
+    kernel = f"kernel {model.hyper.kernel}; " if isinstance(model, GpModel) else ""
+    console.print(
+        f"{model.points} {model.made_of} of {model.points_available} ticks in {model.demonstrations} demonstrations; "
+        f"inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def hyperparameters(model: GpModel) -> dict[str, list[str]]:
+    """Columns of the table, a cell for each output."""
+    to_mm, hyper = 1000 * model.output_scale_m, model.hyper
+    return {
+        "length scale": [length_scales(model, a) for a in range(len(model.outputs))],
+        "signal std (mm)": [f"{to_mm * np.sqrt(variance):.2f}" for variance in hyper.variance],
+        "noise std (mm)": [f"{to_mm * np.sqrt(noise):.2f}" for noise in hyper.noise],
+    }
+
+
+def length_scales(model: GpModel, output: int) -> str:
+    """Length scales of one output, in units of the inputs' scales: one number where all are equal."""
+    scales = model.hyper.length_scales[output]
+    return f"{scales[0]:.2f}" if np.ptp(scales) == 0 else " ".join(f"{scale:.2f}" for scale in scales)

@@ -1,0 +1,141 @@
+"""batch.json: what was asked of a folder, so that whoever goes on with it asks for the same.
+
+Policies, cloths, seeds and disturbances may be added; none may become another under the same name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from layflat.app.evaluation.plan import Case, Entrant, Plan
+from layflat.app.support.atomic_write import write_text
+from layflat.app.support.errors import WrongCall
+from layflat.app.support.metrics import JSON_SCHEMA
+from layflat.app.support.provenance import provenance_now
+
+NOT_COMPARED = frozenset({"provenance"})
+"""A model that was trained again to the same numbers is the same."""
+
+
+def merged(plan: Plan, path: Path) -> dict[str, Any]:
+    """What ``path`` says, if there is such a file, together with ``plan``; WrongCall where they contradict each other.
+
+    ``invocations`` has an entry for each command that worked on the folder.
+    """
+    new = _described(plan)
+    there = _read(path)
+    for key, kind in (("policies", "policy"), ("disturbances", "disturbance")):
+        new[key] = _united(there.get(key, {}), new[key], kind, path)
+    for key in ("tasks", "cloths", "seeds"):
+        new[key] = list(dict.fromkeys([*there.get(key, ()), *new[key]]))
+    if there.get("start", new["start"]) != new["start"]:
+        raise WrongCall(_contradiction(path, f"starts are {there['start']}", f"{new['start']} ones"))
+    new["invocations"] = [*there.get("invocations", ()), vars(provenance_now())]
+    return new
+
+
+def write(path: Path, asked: Mapping[str, Any]) -> None:
+    write_text(path, json.dumps(asked, indent=1) + "\n")
+
+
+def order(asked: Mapping[str, Any]) -> Any:
+    """Key of the finished rows' order: that of Plan.groups, for everything that was ever asked of the folder."""
+    names = {
+        "task": list(asked["tasks"]),
+        "cloth": list(asked["cloths"]),
+        "policy": [name.split(" ", 1)[1] for name in asked["policies"]],
+        "disturbance": list(asked["disturbances"]),
+    }
+    places = {column: {name: place for place, name in reversed(list(enumerate(n)))} for column, n in names.items()}
+
+    def key(row: Mapping[str, str]) -> tuple[int, ...]:
+        task, cloth, policy, disturbance = (places[name].get(row[name], -1) for name in places)
+        return task, cloth, int(row["seed"]), policy, disturbance
+
+    return key
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except ValueError:
+        there = None
+    if not isinstance(there, dict) or there.get("schema") != JSON_SCHEMA or not isinstance(there.get("policies"), dict):
+        raise WrongCall(f"{path} is not what `layflat evaluate` wrote; choose another --out, or --force to begin anew")
+    return there
+
+
+def _described(plan: Plan) -> dict[str, Any]:
+    return {
+        "schema": JSON_SCHEMA,
+        "start": plan.start,
+        "tasks": list(plan.tasks),
+        "cloths": list(plan.cloths),
+        "policies": {f"{entrant.task} {entrant.name}": _of_entrant(entrant) for entrant in plan.entrants},
+        "disturbances": {case.name: _of_case(case) for case in plan.all_cases},
+        "seeds": list(plan.seeds),
+        "limit_s": plan.limit_s,
+    }
+
+
+def _of_entrant(entrant: Entrant) -> dict[str, Any]:
+    described: dict[str, Any] = {"made": entrant.made, "controller": entrant.controller, "model": None}
+    if entrant.decorators:
+        described["decorators"] = list(entrant.decorators)
+    if entrant.model is not None:
+        described["model"] = {
+            "policy": entrant.model.policy,
+            "cloth": entrant.model.cloth,
+            "descriptor": entrant.model.descriptor,
+            "sha256": fingerprint(entrant.model),
+        }
+    return described
+
+
+def _of_case(case: Case) -> list[dict[str, Any]]:
+    described: list[dict[str, Any]] = json.loads(json.dumps([asdict(item) for item in case.schedule]))
+    return described
+
+
+def fingerprint(value: object) -> str:
+    """SHA-256 of a frozen value: its fields' names, numbers and arrays, apart from NOT_COMPARED."""
+    digest = hashlib.sha256()
+    _feed(digest, value)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: object) -> None:
+    if is_dataclass(value):
+        value = {item.name: getattr(value, item.name) for item in fields(value) if item.name not in NOT_COMPARED}
+    if isinstance(value, Mapping):
+        for key in sorted(value):
+            digest.update(f"<{key}>".encode())
+            _feed(digest, value[key])
+    elif isinstance(value, np.ndarray):
+        digest.update(f"[{value.dtype.str}{value.shape}]".encode() + np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
+        for item in value:
+            digest.update(b",")
+            _feed(digest, item)
+    else:
+        digest.update(repr(value).encode())
+
+
+def _united(there: Mapping[str, Any], new: Mapping[str, Any], kind: str, path: Path) -> dict[str, Any]:
+    for name, described in new.items():
+        if name in there and there[name] != described:
+            raise WrongCall(_contradiction(path, f"{kind} {name} is another one", "this one"))
+    return {**there, **new}
+
+
+def _contradiction(path: Path, has: str, wanted: str) -> str:
+    return f"{path.parent} holds a batch whose {has}, not {wanted}; give another --out, or --force to begin anew"

@@ -1,0 +1,74 @@
+"""What a batch leaves in its folder, read back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from layflat.app.evaluation.results_csv import ALL_COLUMNS
+from layflat.app.evaluation.work_item import run_file
+from layflat.app.support.metrics import COLUMNS
+from layflat.data.session.reader import open_session
+from layflat.data.types import DataError, Episode
+
+BATCH, EPISODES, SUMMARY, RUNS = "batch.json", "episodes.csv", "summary.json", "runs"
+_WORDS = ("policy", "task", "cloth", "disturbance", "stopped_by", "run", "start", "reason")
+_TRUTHS = ("unstable", "crashed")
+_COUNTS = ("seed", "ticks", "attempts")
+_NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_WORDS, *_TRUTHS, *_COUNTS))
+
+
+@dataclass(frozen=True)
+class Results:
+    """A batch's folder: ``rows`` of all episodes, the ``summary``, and each episode by its run's name."""
+
+    folder: Path
+    rows: pd.DataFrame
+    """The contract's columns, then ``run`` (the episode's name), ``start``, ``attempts``, ``reason`` (of a crash)."""
+    summary: dict[str, Any]
+    """As in summary.json; empty while the first batch in the folder runs."""
+    batch: dict[str, Any]
+    """As in batch.json: what was asked."""
+
+    @staticmethod
+    def open(folder: str | Path) -> Results:
+        """What is there of a batch that runs, was interrupted, or is finished; DataError where there is none."""
+        folder = Path(folder)
+        try:
+            rows = read_rows(folder / EPISODES)
+            batch = json.loads((folder / BATCH).read_text(encoding="utf-8"))
+            path = folder / SUMMARY
+            summary = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        except (OSError, ValueError) as error:
+            raise DataError(f"{folder} does not hold the results of `layflat evaluate` ({error})") from error
+        return Results(folder, rows, summary, batch)
+
+    def episode(self, run: str) -> Episode:
+        """The episode of a row, without images; DataError where it crashed and there is none."""
+        return read_run(self.folder / RUNS, run)
+
+
+def read_rows(path: Path) -> pd.DataFrame:
+    """episodes.csv with the types of its columns; empty numbers are NaN."""
+    rows = pd.read_csv(path, dtype=str, keep_default_na=False)
+    # Numbers are read by Python: pandas' own way, before its version 3, may lose the last bit.
+    numbers = {name: [float(cell) if cell else np.nan for cell in rows[name]] for name in _NUMBERS}
+    truths = {name: rows[name] == "True" for name in _TRUTHS}
+    return rows.assign(**numbers, **truths, **{name: rows[name].astype(int) for name in _COUNTS})
+
+
+def read_run(runs: Path, run: str) -> Episode:
+    """The one episode of a run's file."""
+    with open_session(run_file(runs, run)) as session:
+        return next(session.episodes(images=False))
+
+
+def as_rows(rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """The contract's columns as JSON values, None for what an episode has not."""
+    plain = rows[list(COLUMNS)].astype(object)
+    return list(plain.where(plain.notna(), None).to_dict(orient="records"))

@@ -1,0 +1,86 @@
+"""Films as .webm (VP8), which every browser plays and the OpenCV wheel writes without anything installed."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.app.support.atomic_write import replacing
+from layflat.app.support.errors import LayflatError
+
+FOURCC = "VP80"
+
+
+def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float = 10.0) -> int:
+    """Write (H, W, 3) RGB frames, all of one size, to ``path`` (atomically) and return how many it holds.
+
+    The film is read back: a codec that fails silently is an error here, not an empty box in a browser.
+    """
+    if path.suffix != ".webm":
+        raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
+    with replacing(path) as aside:
+        count = _encode(aside, frames, fps)
+        readable = count_frames(aside)
+        if readable != count:
+            raise LayflatError(f"{path}: {count} frames were written but {readable} can be read back")
+    return count
+
+
+def count_frames(path: Path) -> int:
+    """Frames of a film that decode."""
+    capture = cv2.VideoCapture(str(path))
+    count = 0
+    while capture.read()[0]:
+        count += 1
+    capture.release()
+    return count
+
+
+def _encode(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
+    writer = None
+    count = 0
+    size = (0, 0)
+    try:
+        for frame in frames:
+            if writer is None:
+                size = (frame.shape[1], frame.shape[0])
+                writer = _open(path, fps, size)
+            if (frame.shape[1], frame.shape[0]) != size:
+                raise LayflatError(f"frame {count} is {frame.shape[1::-1]} pixels; the first one is {size}")
+            writer.write(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR))
+            count += 1
+    finally:
+        if writer is not None:
+            writer.release()
+    if count == 0:
+        raise LayflatError("there are no frames to make a film of; record with images")
+    return count
+
+
+def _open(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWriter:
+    with _quiet_stderr():
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*FOURCC), fps, size)
+    if not writer.isOpened():
+        raise LayflatError("this OpenCV cannot write .webm films; install opencv-python-headless")
+    return writer
+
+
+@contextmanager
+def _quiet_stderr() -> Iterator[None]:
+    """Keep OpenCV's C code from printing that VP8 is "not supported" by .webm, which it then writes all the same."""
+    sys.stderr.flush()
+    kept, sink = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(sink)

@@ -1,0 +1,131 @@
+"""What a command that fails says and how it exits: one sentence on stderr, never a traceback unless ``--debug``.
+
+Exit status: 0 done; 1 the work failed; 2 the call or the input is wrong; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import traceback
+from collections.abc import Callable
+
+WORK_FAILED = 1
+WRONG_CALL = 2
+INTERRUPTED = 130
+
+PACKAGE_ERRORS = (
+    ("layflat.data.types", "DataError", WRONG_CALL),
+    ("layflat.perception.errors", "PerceptionError", WRONG_CALL),
+    ("layflat.policy.base", "PolicyError", WRONG_CALL),
+    ("layflat.sim.physics.bullet.world", "SimError", WORK_FAILED),
+)
+"""Module, base exception and exit status of each package; an error may carry its own ``exit_status``."""
+
+
+class LayflatError(Exception):
+    """Base of what the app raises: one sentence for a person, and the exit status."""
+
+    def __init__(self, message: str, exit_status: int = WORK_FAILED) -> None:
+        super().__init__(message)
+        self.exit_status = exit_status
+
+
+class WrongCall(LayflatError):
+    """The call or the input is wrong."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, WRONG_CALL)
+
+
+def run_guarded(work: Callable[[], int | None], *, debug: bool = False) -> int:
+    """Do ``work`` and return its exit status (None is 0); what it raises becomes a sentence on stderr and a status.
+
+    With ``debug`` the traceback comes first. A reader that closes stdout early (``layflat doctor | head``) is no fault.
+    """
+    try:
+        status = work() or 0
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _silence_stdout()
+        return WORK_FAILED
+    except BaseException as error:
+        if debug and not isinstance(error, SystemExit):
+            traceback.print_exc()
+        return _report(error)
+    if status == INTERRUPTED:
+        _say(_INTERRUPTED_SENTENCE)
+    return status
+
+
+_INTERRUPTED_SENTENCE = "interrupted; every episode and file that was reported as finished has been kept"
+
+
+def _report(error: BaseException) -> int:
+    """Print the sentence of ``error`` on stderr and return the exit status."""
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else WORK_FAILED
+    sentence, status = describe(error)
+    _say(sentence)
+    return status
+
+
+def describe(error: BaseException) -> tuple[str, int]:
+    """The sentence for a person and the exit status of an exception."""
+    if isinstance(error, KeyboardInterrupt):
+        return _INTERRUPTED_SENTENCE, INTERRUPTED
+    if isinstance(error, LayflatError):
+        return str(error), error.exit_status
+    known = _package_status(error)
+    if known is not None:
+        return str(error), known
+    if isinstance(error, MemoryError):
+        return "not enough memory; close other programs, or use fewer --workers or --no-images", WORK_FAILED
+    if isinstance(error, OSError):
+        return _describe_os_error(error)
+    return (
+        f"internal error, {type(error).__name__}: {_one_line(error)}; run it again with --debug and report the output",
+        WORK_FAILED,
+    )
+
+
+def _package_status(error: BaseException) -> int | None:
+    """Exit status of a package's own exception, None for any other.
+
+    The classes are looked up among the modules that are loaded already: an error cannot come from one that is not,
+    and ``layflat --help`` stays free of heavy imports.
+    """
+    for module, name, status in PACKAGE_ERRORS:
+        base = getattr(sys.modules.get(module), name, None)
+        if base is not None and isinstance(error, base):
+            return int(getattr(error, "exit_status", status))
+    return None
+
+
+def _describe_os_error(error: OSError) -> tuple[str, int]:
+    """Full discs and the like are failed work (1), a path that cannot be used is a wrong call (2)."""
+    where = f" {error.filename}" if error.filename else ""
+    what = error.strerror or _one_line(error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"no space left for{where or ' the output'}; free some, or choose another place", WORK_FAILED
+    if isinstance(error, (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, FileExistsError)):
+        return f"cannot use{where}: {what.lower()}", WRONG_CALL
+    return f"input or output failed{where and ' at' + where}: {what.lower()}", WORK_FAILED
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+def _say(sentence: str) -> None:
+    print(f"layflat: {_plain(sentence)}", file=sys.stderr)
+
+
+def _plain(sentence: str) -> str:
+    return " ".join(sentence.split())
+
+
+def _silence_stdout() -> None:
+    """Give the interpreter a stdout it can flush at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

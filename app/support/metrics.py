@@ -1,0 +1,140 @@
+"""Episodes as rows, and JSON files of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from layflat.app.support.atomic_write import write_text
+from layflat.data.types import Episode
+
+JSON_SCHEMA = 1
+
+COLUMNS = (
+    "policy",
+    "task",
+    "cloth",
+    "seed",
+    "disturbance",
+    "contact_start",
+    "contact_placed",
+    "contact_disturbed",
+    "contact_final",
+    "contact_final_true",
+    "flat_area_final",
+    "ticks",
+    "stopped_by",
+    "unstable",
+    "crashed",
+    "sim_s",
+    "wall_s",
+)
+
+
+def placed_tick(episode: Episode) -> int | None:
+    """Index into ``observations()`` of the moment the place phase ended, or None where there is no such phase."""
+    bounds = episode.phase_bounds("place")
+    return bounds[1] if bounds else None
+
+
+def disturbed_tick(episode: Episode) -> int | None:
+    """As placed_tick, of the moment the last disturbance was over: the end, where the episode ended before."""
+    spans = disturbed_spans(episode)
+    return spans[-1][1] if spans else None
+
+
+def disturbed_spans(episode: Episode) -> tuple[tuple[int, int], ...]:
+    """Indices into ``observations()`` of when each disturbance began, and of when it was over.
+
+    Where none is told of, a phase ``disturb`` counts as one.
+    """
+    end = len(episode.steps)
+    told = ((r.first_tick, end if r.last_tick is None else r.last_tick + 1) for r in episode.disturbances)
+    bounds = episode.phase_bounds("disturb")
+    return tuple(told) or ((bounds,) if bounds else ())
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisturbedContact:
+    """What one disturbance did to the camera's contact portion, and what came of it; all in 0..1."""
+
+    name: str
+    before: float
+    """When it began."""
+    after: float
+    """When it was over."""
+    final: float
+    """When the next one began, or at the end."""
+
+
+def disturbed_contacts(episode: Episode) -> tuple[DisturbedContact, ...]:
+    """One for each disturbance of the episode, in their order (the thesis's Table 4-2 has repeated ones)."""
+    contact = np.clip(episode.contact(), 0.0, 1.0)
+    spans = disturbed_spans(episode)
+    names = [record.name for record in episode.disturbances] or [episode.disturbance] * len(spans)
+    finals = [*(begun for begun, _ in spans[1:]), len(episode.steps)]
+    return tuple(
+        DisturbedContact(
+            name=name,
+            before=float(contact[begun]),
+            after=float(contact[over]),
+            final=float(contact[final]),
+        )
+        for name, (begun, over), final in zip(names, spans, finals, strict=False)
+    )
+
+
+def row_of(episode: Episode) -> dict[str, Any]:
+    """One row in the order of COLUMNS; contact portions in 0..1 (noise above 1 is cut off), None for no moment."""
+    contact = np.clip(episode.contact(), 0.0, 1.0)
+
+    def at(tick: int | None) -> float | None:
+        return None if tick is None else float(contact[tick])
+
+    return {
+        "policy": episode.source,
+        "task": episode.task,
+        "cloth": episode.cloth,
+        "seed": episode.seed,
+        "disturbance": episode.disturbance,
+        "contact_start": float(contact[0]),
+        "contact_placed": at(placed_tick(episode)),
+        "contact_disturbed": at(disturbed_tick(episode)),
+        "contact_final": float(contact[-1]),
+        "contact_final_true": episode.final_truth.contact_portion_true,
+        "flat_area_final": episode.final_truth.flat_area,
+        "ticks": len(episode.steps),
+        "stopped_by": episode.stopped_by,
+        "unstable": episode.unstable,
+        "crashed": episode.stopped_by == "crashed",
+        "sim_s": len(episode.steps) * episode.tick_s,
+        "wall_s": episode.wall_s,
+    }
+
+
+def crashed_row(*, policy: str, task: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
+    """The row of an episode that did not come back, with the reason beside."""
+    known = {"policy": policy, "task": task, "cloth": cloth, "seed": seed, "disturbance": disturbance}
+    came = {"ticks": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
+    return dict.fromkeys(COLUMNS) | known | came | {"reason": reason}
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write one JSON object with the schema number first; whole or not at all; numpy numbers and arrays are fine."""
+    text = json.dumps({"schema": JSON_SCHEMA, **content}, indent=1, allow_nan=False, default=_plain)
+    write_text(path, text + "\n")
+
+
+def _plain(value: object) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} has no place in a JSON file")

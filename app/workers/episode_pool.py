@@ -1,0 +1,202 @@
+"""Episodes as jobs, each in a process of its own.
+
+Bullet shuffles self-collision impulses with a process-wide seed, so only the first run of a fresh process is
+reproducible; and a crash, or a solver that never comes back, then takes one episode with it and no more.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import sys
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+import cv2
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
+
+from layflat.app.workers.interrupts import interrupts_wait
+from layflat.app.workers.make_policy import SCRIPTED, player
+from layflat.data.session.journal import JournalTicket, JournalWriter
+from layflat.data.types import Episode, Task
+from layflat.perception.descriptors.registry import DEFAULT
+from layflat.policy.base import Policy
+from layflat.policy.scripted import wrinkle_removal
+from layflat.policy.trained_model import Learned
+from layflat.sim.cloth.starts import Start
+from layflat.sim.config import BenchSettings
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.simulation import Placing
+
+JOB_LIMIT_S = 900.0
+"""Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeJob:
+    """Everything that determines one episode."""
+
+    task: Task
+    cloth: str
+    seed: int
+    model: Learned | None = None
+    """None: the scripted demonstrator, or the policy named by ``made``."""
+    made: str | None = None
+    """With a model: who takes over after the disturbance."""
+    decorators: tuple[str, ...] = ()
+    """Of layflat.policy.registry.DECORATORS, what is around the policy."""
+    disturbance: str = "none"
+    images: bool = False
+    flatten: str | None = None
+    """A controller of wrinkle removal: from a crumpled start, instead of placing."""
+    descriptor: str = DEFAULT
+    """What the observations' ``word`` comes from; a model has its own."""
+    ticket: JournalTicket | None = None
+    """Leave to write a journal while the episode runs, beside the session that it is for."""
+
+    @property
+    def source(self) -> str:
+        """Who decides, as in tables and files."""
+        if self.flatten is not None:
+            return self.flatten
+        who = [self.made or SCRIPTED] if self.model is None else [self.model.policy, self.made]
+        return "+".join(name for name in (*who, *self.decorators) if name is not None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JobFailure:
+    """An episode that did not come back."""
+
+    job: EpisodeJob
+    reason: str
+
+
+def run_job(job: EpisodeJob) -> Episode:
+    """Run one episode here and now; call it once in a process."""
+    from layflat.app.workers.rollout import PLACE_TICKS, run_episode
+
+    start: Start = "hanging" if job.flatten is None else "crumpled"
+    descriptor = job.descriptor if job.model is None else job.model.descriptor
+    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth, start=start, descriptor=descriptor))
+    try:
+        bench.reset(job.seed)
+        run = partial(
+            run_episode,
+            bench,
+            policy_of(job, bench),
+            seed=job.seed,
+            disturbance=job.disturbance,
+            images=job.images,
+            max_ticks=PLACE_TICKS if job.flatten is None else wrinkle_removal.TICKS,
+        )
+        return run() if job.ticket is None else _with_journal(run, job.ticket)
+    finally:
+        bench.close()
+
+
+def _with_journal(run: Callable[..., Episode], ticket: JournalTicket) -> Episode:
+    """``run`` beside a journal, which in the end holds the whole episode, until the session does."""
+    with ExitStack() as stack:
+
+        def begin(beginning: Episode) -> JournalWriter:
+            journal = ticket.begin(beginning)
+            stack.callback(journal.close)
+            finish.append(journal.finish)
+            return journal
+
+        finish: list[Callable[[Episode], None]] = []
+        episode = run(begin=begin)
+        for end in finish:
+            end(episode)
+        return episode
+
+
+def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
+    """Who decides in this job."""
+    return player(
+        bench, name=job.source, model=job.model, made=job.made, controller=job.flatten, decorators=job.decorators
+    )
+
+
+def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Generator[Episode | JobFailure, None, None]:
+    """Results in the order of ``jobs``, each as soon as it and those before it are there.
+
+    Every job gets a fresh process, forked from this one, which must never have stepped a simulation. Closing the
+    iterator ends the workers. Ctrl-C becomes a KeyboardInterrupt only when the result at hand has been dealt with and
+    whatever else is finished has come, too.
+    """
+    with closing(run_numbered(jobs, workers=workers)) as results:
+        for _, result in results:
+            yield result
+
+
+def run_numbered(
+    jobs: Sequence[EpisodeJob], *, workers: int
+) -> Generator[tuple[int, Episode | JobFailure], None, None]:
+    """As run_jobs, each result with its job's position: after Ctrl-C some are missing in between."""
+    with fresh_processes(min(workers, max(len(jobs), 1))) as pool:
+        futures = [pool.schedule(run_job, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
+        waiting = list(enumerate(zip(jobs, futures, strict=True)))
+        try:
+            while waiting:
+                number, (job, future) = waiting[0]
+                result = _result(job, future)
+                waiting.pop(0)
+                with interrupts_wait():
+                    yield number, result
+        except KeyboardInterrupt:
+            with interrupts_wait():
+                yield from [(number, _result(job, future)) for number, (job, future) in waiting if future.done()]
+            raise
+
+
+class _Pool(ProcessPool):
+    """Its first task forks in the caller's thread, which is the one that Ctrl-C comes to."""
+
+    def schedule(self, *args: Any, **kwargs: Any) -> ProcessFuture:
+        with interrupts_wait():
+            return super().schedule(*args, **kwargs)
+
+
+@contextmanager
+def fresh_processes(workers: int) -> Iterator[ProcessPool]:
+    """A pool that gives every task a process of its own; left with an error (or Ctrl-C), it ends them at once."""
+    # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
+    cv2.setNumThreads(1)
+    pool = _Pool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=_prepare_worker)
+    finished = False
+    try:
+        yield pool
+        finished = True
+    finally:
+        if finished:
+            pool.close()  # type: ignore[no-untyped-call]
+        else:
+            pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
+
+
+def _result(job: EpisodeJob, future: ProcessFuture) -> Episode | JobFailure:
+    """What came of a job; waits for it."""
+    try:
+        episode: Episode = future.result()
+    except FutureTimeoutError:
+        return JobFailure(job=job, reason=f"took more than {JOB_LIMIT_S:.0f} s")
+    except ProcessExpired as error:
+        return JobFailure(job=job, reason=f"its process ended with status {error.exitcode}")
+    except SimError as error:
+        return JobFailure(job=job, reason=str(error))
+    return episode
+
+
+def _prepare_worker() -> None:
+    # Ctrl-C reaches the whole process group; only the parent decides what to keep and then stops the workers.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        # A parent that is killed cannot stop its workers; PR_SET_PDEATHSIG makes the system do it.
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)

@@ -1,0 +1,115 @@
+"""run_episode: the one loop of recording, placing, disturbing and evaluating; headless, with hooks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from layflat.app.support.provenance import provenance_now
+from layflat.app.workers.runner import Hook, Run
+from layflat.app.workers.schedule import ScheduledDisturbance, Watch
+from layflat.data.types import Episode, StoppedBy
+from layflat.policy.base import Policy, extra_ticks
+from layflat.policy.scripted.replay import Recorded
+from layflat.sim.disturbances.presets import disturbance_spec
+from layflat.sim.simulation import Placing
+
+PLACE_TICKS = 160
+REPAIR_TICKS = 80
+DISTURB_TICKS = 60
+"""A disturbance that is not over by then is cut off."""
+
+
+def run_episode(
+    bench: Placing,
+    policy: Policy,
+    *,
+    seed: int,
+    disturbance: str = "none",
+    schedule: Sequence[ScheduledDisturbance] = (),
+    images: bool = False,
+    max_ticks: int = PLACE_TICKS,
+    hooks: Sequence[Hook] = (),
+    begin: Callable[[Episode], Hook] | None = None,
+) -> Episode:
+    """Place the cloth from the start of ``seed`` until the policy stops; then disturb it, and let the policy go on.
+
+    The bench must have been reset to ``seed``. A ``disturbance`` without a schedule comes once, when the policy has
+    stopped; with one, it is the name that the episode has for it (else the names of what comes). The rest is as in Run.
+    """
+    if disturbance != "none" and not schedule:
+        schedule = (ScheduledDisturbance(spec=disturbance_spec(disturbance)),)
+    if disturbance == "none":
+        disturbance = "+".join(dict.fromkeys(item.spec.name for item in schedule)) or "none"
+    run = Run(bench, policy, seed=seed, disturbance=disturbance, images=images, hooks=hooks, begin=begin)
+    watch = Watch(schedule)
+    stopped_by = place(run, watch, max_ticks=max_ticks)
+    return run.episode(disturb_and_repair(run, watch, stopped_by))
+
+
+def place(run: Run, watch: Watch | None = None, *, max_ticks: int = PLACE_TICKS) -> StoppedBy:
+    """Let the policy place until it stops; what falls due meanwhile acts while it goes on, one after another.
+
+    Each disturbance gives it REPAIR_TICKS more. One that is not over when the policy stops is waited for, and the
+    policy goes on.
+    """
+    watch, max_ticks = watch or Watch(), max_ticks + extra_ticks(run.policy)
+    while run.ticks < max_ticks + REPAIR_TICKS * len(run.disturbances):
+        due = None if run.disturbed else watch.now(run.ticks, run.seen.contact_portion)
+        if due is not None:
+            run.disturb(due.spec, due.repeat)
+        stop = run.tick("place")
+        if stop is not None:
+            return stop if stop == "unstable" or not run.disturbed else _wait_and_repair(run)
+    return "tick_limit" if not run.disturbed else _wait_and_repair(run)
+
+
+def disturb_and_repair(run: Run, watch: Watch, stopped_by: StoppedBy) -> StoppedBy:
+    """After a placing that was ``stopped_by``: disturb, let the policy repair, and so on until nothing is left.
+
+    A process may be forked before: then each copy goes on from the very same moment.
+    """
+    if stopped_by == "unstable":
+        return stopped_by
+    for due in watch.after_stop():
+        run.disturb(due.spec, due.repeat)
+        stopped_by = _wait_and_repair(run)
+        if stopped_by == "unstable":
+            break
+    return stopped_by
+
+
+def _wait_and_repair(run: Run) -> StoppedBy:
+    """Until the disturbance is over, and then until the policy stops again."""
+    stopped_by = run.phase("disturb", DISTURB_TICKS)
+    if stopped_by != "unstable":
+        run.policy.resume()
+        stopped_by = run.phase("repair", REPAIR_TICKS + extra_ticks(run.policy))
+    return stopped_by
+
+
+def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
+    """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
+
+    The bench must have been reset to the episode's seed. Disturbances begin where they began, and end when they end;
+    pulls are repeated tick by tick.
+    """
+    began = time.monotonic()
+    run = Run(bench, Recorded(recorded), seed=recorded.seed)
+    befell = {record.first_tick: record for record in recorded.disturbances}
+    for tick, step in enumerate(recorded.steps):
+        if tick in befell:
+            run.disturb_as(befell[tick])
+        if run.tick(step.phase, step.pull, step.intervention) is not None:
+            break
+    again = run.episode(recorded.stopped_by, recorded.outcome)
+    return replace(
+        recorded,
+        steps=again.steps,
+        disturbances=again.disturbances,
+        final_observation=again.final_observation,
+        final_truth=again.final_truth,
+        wall_s=time.monotonic() - began,
+        provenance=provenance_now(),
+    )

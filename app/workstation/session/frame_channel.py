@@ -1,0 +1,211 @@
+"""What the bench shows of itself after each tick, and its way through shared memory to the window."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from multiprocessing.context import BaseContext
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.app.workstation.session.latest_value import NewestValue
+from layflat.data.types import FloatArray, Observation, Truth
+from layflat.perception.camera.rectified_view import TableGrid
+from layflat.perception.cloth.pipeline import Percept
+from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.simulation import Placing
+
+NODES_MAX = 400
+HANDS_MAX = 16
+JOINTS_MAX = 7
+_GRID = TableGrid()
+_PINHOLE = default_pinhole()
+_DTYPE = np.dtype(
+    [
+        ("episode", "i4"), ("tick", "i4"), ("phase", "U10"), ("sim_s", "f8"), ("told_s", "f8"), ("input_s", "f8"),
+        ("work_s", "f8"), ("cloth", "U24"), ("task", "U10"), ("node_count", "i4"), ("nodes", "f4", (NODES_MAX, 3)),
+        ("corners", "f8", (2, 3)), ("holder", "f8", 3), ("joint_count", "i4"), ("joints", "f8", JOINTS_MAX),
+        ("hand_count", "i4"), ("hands", "f8", (HANDS_MAX, 3)), ("force", "f8", 3), ("pulled", "i4"),
+        ("pull_target", "f8", 3), ("word", "f8", 2), ("strength", "f8"), ("contact", "f8"), ("contact_true", "f8"),
+        ("flat_area", "f8"), ("has_image", "?"), ("rgb", "u1", (_PINHOLE.height, _PINHOLE.width, 3)),
+        ("cloth_mask", "?", (_GRID.height, _GRID.width)), ("contact_mask", "?", (_GRID.height, _GRID.width)),
+        ("coherence", "f8"), ("out_of_view", "?"), ("led", "?"),
+    ]
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moment:
+    """The bench at the end of a tick; world frame, m, N, s."""
+
+    episode: int
+    """Counts the episodes of one bench process: with a new one, curves begin anew."""
+    tick: int
+    phase: str
+    sim_s: float
+    told_s: float
+    """When it was told, by the monotonic clock."""
+    input_s: float
+    """Stamp of the input that acted in this tick; 0 where none did."""
+    work_s: float
+    """Wall time that the tick took."""
+    task: str
+    cloth: str
+    nodes: FloatArray
+    """(N, 3)"""
+    corners: FloatArray
+    """(2, 3)"""
+    holder: FloatArray
+    """(3,)"""
+    joints: FloatArray
+    """(7,) rad, or none where no arm holds the cloth."""
+    hands: FloatArray
+    """(K, 3)"""
+    force_n: FloatArray
+    """(3,)"""
+    pull: tuple[int, FloatArray] | None
+    """The node that is pulled at, and where to."""
+    word: FloatArray
+    """(2,)"""
+    strength: float
+    contact: float
+    contact_true: float
+    flat_area: float
+    rgb: NDArray[np.uint8] | None
+    """(H, W, 3) of the bench's camera."""
+    percept: Percept | None
+    """What perception made of it."""
+    led: bool = False
+    """A person had the lead over a policy in the tick that led here."""
+
+
+class MomentBuffer:
+    """The bench's newest moment, for the window."""
+
+    def __init__(self, context: BaseContext) -> None:
+        self._value = NewestValue(context, _DTYPE)
+
+    def tell(
+        self,
+        bench: Placing,
+        seen: Observation,
+        truth: Truth,
+        *,
+        episode: int,
+        tick: int,
+        phase: str,
+        input_s: float = 0.0,
+        work_s: float = 0.0,
+        led: bool = False,
+    ) -> None:
+        """Called by the bench after each tick."""
+        fields = _holding(bench) | _seeing(bench, seen)
+        nodes = np.zeros((NODES_MAX, 3), np.float32)
+        nodes[: len(truth.nodes)] = truth.nodes
+        self._value.write(
+            episode=episode,
+            tick=tick,
+            phase=phase,
+            sim_s=seen.time_s,
+            told_s=time.monotonic(),
+            input_s=input_s,
+            work_s=work_s,
+            cloth=bench.settings.cloth,
+            task=bench.settings.task,
+            node_count=len(truth.nodes),
+            nodes=nodes,
+            corners=seen.corner_positions,
+            holder=seen.holder_position,
+            force=bench.force_n(),
+            word=seen.word,
+            strength=seen.word_strength,
+            contact=seen.contact_portion,
+            contact_true=truth.contact_portion_true,
+            flat_area=truth.flat_area,
+            led=led,
+            **fields,
+        )
+
+    def read(self, after: int = 0) -> tuple[int, Moment] | None:
+        """The newest moment and its number; None where there is none newer than number ``after``."""
+        found = self._value.read(after)
+        return None if found is None else (found[0], _moment(found[1]))
+
+
+def _holding(bench: Placing) -> dict[str, Any]:
+    """Joints, hands and pull."""
+    joints, hands = np.zeros(JOINTS_MAX), np.zeros((HANDS_MAX, 3))
+    angles = bench.holder.joint_angles()
+    joints[: len(angles)] = angles
+    places = np.zeros((0, 3)) if bench.disturbance is None else bench.disturbance.hand_positions()[:HANDS_MAX]
+    hands[: len(places)] = places
+    pull = bench.pulling
+    return {
+        "joint_count": len(angles),
+        "joints": joints,
+        "hand_count": len(places),
+        "hands": hands,
+        "pulled": -1 if pull is None else pull[0],
+        "pull_target": np.zeros(3) if pull is None else pull[1],
+    }
+
+
+def _seeing(bench: Placing, seen: Observation) -> dict[str, Any]:
+    """The camera's image and what perception made of it."""
+    percept = bench.percept
+    if seen.rgb is None or percept is None or percept.cloth_mask.shape != (_GRID.height, _GRID.width):
+        return {"has_image": False}
+    return {
+        "has_image": True,
+        "rgb": seen.rgb,
+        "cloth_mask": percept.cloth_mask,
+        "contact_mask": percept.contact_mask,
+        "coherence": percept.coherence,
+        "out_of_view": percept.out_of_view,
+    }
+
+
+def _moment(value: np.void) -> Moment:
+    return Moment(
+        episode=int(value["episode"]),
+        tick=int(value["tick"]),
+        phase=str(value["phase"]),
+        sim_s=float(value["sim_s"]),
+        told_s=float(value["told_s"]),
+        input_s=float(value["input_s"]),
+        work_s=float(value["work_s"]),
+        task=str(value["task"]),
+        cloth=str(value["cloth"]),
+        nodes=value["nodes"][: int(value["node_count"])].astype(float),
+        corners=value["corners"],
+        holder=value["holder"],
+        joints=value["joints"][: int(value["joint_count"])],
+        hands=value["hands"][: int(value["hand_count"])],
+        force_n=value["force"],
+        pull=None if value["pulled"] < 0 else (int(value["pulled"]), value["pull_target"]),
+        word=value["word"],
+        strength=float(value["strength"]),
+        contact=float(value["contact"]),
+        contact_true=float(value["contact_true"]),
+        flat_area=float(value["flat_area"]),
+        rgb=value["rgb"] if value["has_image"] else None,
+        percept=_percept(value) if value["has_image"] else None,
+        led=bool(value["led"]),
+    )
+
+
+def _percept(value: np.void) -> Percept:
+    return Percept(
+        grid=_GRID,
+        cloth_mask=value["cloth_mask"],
+        contact_mask=value["contact_mask"],
+        cloth_pixels=int(np.count_nonzero(value["cloth_mask"])),
+        contact_pixels=int(np.count_nonzero(value["contact_mask"])),
+        contact_portion=float(value["contact"]),
+        word=value["word"],
+        coherence=float(value["coherence"]),
+        strength=float(value["strength"]),
+        out_of_view=bool(value["out_of_view"]),
+    )

@@ -1,0 +1,32 @@
+"""A take's process tells the window of its bench after each tick."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from layflat.app.workers.runner import Run
+from layflat.app.workstation.session.frame_channel import MomentBuffer
+from layflat.app.workstation.teleop.teleop_input import Reading
+
+
+class Telling:
+    """What a take is attended by (``take_process.Attend``)."""
+
+    def __init__(self, moments: MomentBuffer) -> None:
+        self._moments = moments
+
+    def __call__(self, run: Run, reading: Reading) -> None:
+        now = time.monotonic()
+        self._moments.tell(
+            run.bench,
+            run.seen,
+            run.truth,
+            # Every take has a process of its own.
+            episode=os.getpid(),
+            tick=run.ticks,
+            phase=run.steps[-1].phase if run.steps else "place",
+            input_s=reading.stamp_s if run.steps else 0.0,
+            work_s=now - reading.stamp_s if reading.stamp_s else 0.0,
+            led=bool(run.steps) and run.steps[-1].intervention,
+        )

@@ -1,0 +1,308 @@
+"""Placing as the bench process does it: a policy places the cloth, and whoever watches may disturb it at any time."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Literal, TypeAlias
+
+from layflat.app.commands.record import kept_line
+from layflat.app.workers.episode_pool import EpisodeJob, policy_of
+from layflat.app.workers.make_policy import SCRIPTED
+from layflat.app.workers.runner import Run
+from layflat.app.workstation.session.bench_process import IDLE_S, Desk, Order
+from layflat.app.workstation.session.control_actions import OUTCOMES
+from layflat.app.workstation.session.input_channel import Letter
+from layflat.app.workstation.session.intervention import YOU, Corrector
+from layflat.app.workstation.session.rate_limiter import Cadence
+from layflat.app.workstation.session.recording_session import JUDGED
+from layflat.app.workstation.session.requests import model_of, recorder_of, settings_of
+from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.data.session.episode_writer import Running
+from layflat.data.types import Episode, Outcome, Phase, Pull, StoppedBy
+from layflat.policy.base import extra_ticks
+from layflat.sim.simulation import Placing
+
+State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
+PHASES: dict[State, Phase] = {"placing": "place", "disturbing": "disturb", "repairing": "repair"}
+LIMIT_TICKS: dict[State, int] = {"placing": 160, "disturbing": 600, "repairing": 80}
+"""Ticks after which a phase is over although nobody has ended it; a person may pull for a minute."""
+SETTLE_TICKS = 10
+"""Ticks that the cloth is given after the mouse has let go, as after any disturbance."""
+DISTURBANCE = "push"
+"""What a device's button for it begins; the others have keys."""
+NOT_RECORDED = "nothing is recorded: give a session file before placing"
+
+
+class PlacingWork:
+    """One episode of a policy.
+
+    The order: ``task, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
+    ``with`` (names of layflat.policy.registry.DECORATORS), ``descriptor, noise, tick_s, speed, hurry`` (as fast as it goes
+    until the cloth is placed), ``record`` (a session's path, or empty), ``images`` and ``source`` (the device of a
+    person who may take over, or empty).
+    """
+
+    def __init__(self, order: Order, desk: Desk) -> None:
+        self._order = order
+        self._desk = desk
+        model = model_of(str(order["policy"]))
+        settings = settings_of(order, descriptor=None if model is None else model.descriptor)
+        self._recorder = recorder_of(order, settings)
+        self.over = False
+        self.state: State = "ready"
+        self.paused = False
+        self.message = ""
+        self._stopped_by: StoppedBy = "interrupted"
+        self._running: Running | None = None
+        self._settle = 0
+        self._phase_ticks = 0
+        self._repeats = 0
+        self._pulled = 0
+        self._last = {"input_s": 0.0, "work_s": 0.0}
+        self._cadence = self._paced()
+        self.bench = Placing(settings)
+        self.bench.reset(int(order["seed"]))
+        made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
+        job = EpisodeJob(
+            task=settings.task, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made,
+            decorators=tuple(order.get("with", ())),
+        )  # fmt: skip
+        begin = None if self._recorder is None else self._begin
+        policy, source = policy_of(job, self.bench), str(order.get("source", ""))
+        self._person = Corrector(policy, source) if source else None
+        self._name, self._extra_ticks = policy.name, extra_ticks(policy)
+        self._decides: State = "placing"
+        self._without_device = False
+        self.run = Run(
+            self.bench,
+            policy if self._person is None else self._person.policy,
+            seed=job.seed,
+            images=bool(order.get("images")),
+            begin=begin,
+        )
+        self._tell()
+
+    def _begin(self, beginning: Episode) -> Running:
+        assert self._recorder is not None
+        self._running = self._recorder.begin(beginning)
+        return self._running
+
+    def obey(self, order: Order) -> None:
+        """``start``, ``pause``, ``disturb`` (with a ``name``), ``keep``, ``discard``, ``control`` (by its ``name``)."""
+        do = order["do"]
+        if do == "start" and self.state == "ready":
+            self._turn("placing")
+        elif do in ("pause", "start"):
+            if self._without_device:
+                self.message = f"{self._name} goes on alone"
+            self.paused, self._without_device = do == "pause" and not self.paused, False
+        elif do == "disturb" and self.state not in ("ready", "over"):
+            self._disturb(str(order["name"]))
+        elif do == "keep":
+            self._keep()
+        elif do == "discard":
+            self._discard()
+        elif do == "control":
+            self._press(Control[str(order["name"])])
+
+    def _press(self, control: Control) -> None:
+        """A button of the person's device."""
+        if self.does(control) is None:
+            unrecorded = self._recorder is None and control in (*OUTCOMES, Control.DISCARD)
+            self.message = NOT_RECORDED if unrecorded else f"there is nothing to {control.value} now"
+        elif control is Control.START and not self.paused and self._person is not None:
+            self._person.hand_back()
+        elif control in (Control.START, Control.PAUSE):
+            self.obey({"do": "pause"})
+        elif control in OUTCOMES:
+            self._keep(OUTCOMES[control])
+        elif control is Control.DISCARD:
+            self._discard()
+        elif control is Control.DISTURB:
+            self._disturb(DISTURBANCE)
+        else:
+            self.over = True
+
+    def does(self, control: Control) -> str | None:
+        """What a button of the person's device would do now, for a person; None where it would do nothing."""
+        if control is Control.QUIT:
+            return "end, to the menu"
+        if control is Control.START:
+            return "go on" if self.paused else f"hand back to {self._name}" if self._leads() == YOU else None
+        if control is Control.PAUSE:
+            return "go on" if self.paused else "pause"
+        if control is Control.DISTURB:
+            return None if self.state in ("ready", "over") else f"disturb the cloth ({DISTURBANCE})"
+        if control is Control.REDO or self._running is None or not self.run.ticks:
+            return None
+        if control is Control.DISCARD:
+            return "forget this one"
+        unstable = self._stopped_by == "unstable" and control is Control.KEEP_SUCCESS
+        return None if unstable else f"keep as {OUTCOMES[control]}"
+
+    def _leads(self) -> str:
+        """Who decides, where a person may; empty where nobody does."""
+        if self._person is None or self.paused or self.state not in ("placing", "repairing"):
+            return ""
+        return YOU if self._person.leads else self._name
+
+    def _look(self) -> Letter | None:
+        """What the window put in last."""
+        letter = self._desk.letter()
+        if letter is not None and self._person is not None:
+            self._hear(self._person, letter.reading)
+        return letter
+
+    def _hear(self, person: Corrector, reading: Reading) -> None:
+        """Without its device time stands, as in a recording; it goes on with the device, or when one says so."""
+        change = person.hear(reading)
+        if change == "gone" and not self.paused:
+            self.paused = self._without_device = True
+            self.message = f"paused: {reading.problem}"
+        elif change == "back" and self._without_device:
+            self.paused = self._without_device = False
+            self.message = f"{reading.device} is back; {self._name} goes on, move to take over"
+
+    def _wake(self, pull: Pull | None) -> None:
+        """What lies is moved again: by hands that take the lead, or by a pull at the cloth."""
+        if self._person is not None and self._person.reading.moving and self.state in ("placed", "disturbing"):
+            self._stopped_by = "interrupted"
+            self._turn(self._decides)
+        elif self.state == "placed" and pull is not None:
+            self._turn("disturbing")
+            self.message = "a hand pulls at the cloth"
+
+    def advance(self) -> float:
+        letter = self._look()
+        if not self.paused:
+            self._wake(None if letter is None else letter.pull)
+        if self.paused or self.state not in PHASES:
+            self._cadence.pause()
+            return IDLE_S
+        left_s = self._cadence.left_s()
+        if left_s > 0:
+            return left_s
+        self._cadence.begin()
+        began = time.monotonic()
+        # Looked at again: what came while the tick was waited for counts already.
+        letter, led = self._look(), self._leads()
+        pull = None if letter is None else letter.pull
+        stop = self._tick(pull)
+        self._last = {"input_s": 0.0 if letter is None else letter.stamp_s, "work_s": time.monotonic() - began}
+        self._cadence.end()
+        self._tell()
+        if self._person is not None and self._leads() != led:
+            self.message = self._person.told()
+        self._follow(stop, pull)
+        return 0.0
+
+    def _tick(self, pull: Pull | None) -> StoppedBy | None:
+        self._phase_ticks += 1
+        self._pulled += pull is not None
+        limit = LIMIT_TICKS[self.state] + (0 if self.state == "disturbing" else self._extra_ticks)
+        if self._phase_ticks > limit and self._leads() != YOU:
+            return "tick_limit"
+        return self.run.tick(PHASES[self.state], pull=pull)
+
+    def _follow(self, stop: StoppedBy | None, pull: Pull | None) -> None:
+        """What comes after a tick."""
+        if stop == "unstable":
+            self._stopped_by, self.message = stop, "the cloth became unstable, which ends this episode"
+            self._turn("over")
+        elif self.state == "disturbing":
+            self._settle = SETTLE_TICKS if pull is not None else self._settle - 1
+            if stop is not None or (self._settle <= 0 and not self.run.disturbed):
+                self.run.policy.resume()
+                self._turn("repairing")
+                self.message = f"{self._name} goes on"
+        elif stop is not None and pull is None and not self.run.disturbed:
+            self._stopped_by = stop
+            contact = 100 * self.run.seen.contact_portion
+            more = "" if self._person is None else "; move to go on yourself"
+            self.message = f"stopped by {stop.replace('_', ' ')}, contact {contact:.0f} %{more}"
+            self._turn("placed")
+        elif stop is not None:
+            # It has stopped while something still moves the cloth: waited for, and then it goes on.
+            self._turn("disturbing")
+
+    def _turn(self, state: State) -> None:
+        self.state, self._phase_ticks, self._settle = state, 0, SETTLE_TICKS if state == "disturbing" else 0
+        if state == "disturbing":
+            self._decides = "repairing"
+        if state == "placed" and self._order.get("hurry"):
+            self._order = {**self._order, "hurry": False}
+            self._cadence = self._paced()
+
+    def _paced(self) -> Cadence:
+        speed = 0.0 if self._order.get("hurry") else float(self._order["speed"])
+        return Cadence(float(self._order["tick_s"]), speed)
+
+    def _disturb(self, name: str) -> None:
+        self.run.disturb(name, self._repeats)
+        self._repeats += 1
+        self.message = f"{name}: begins now"
+        if self.state in ("placed", "disturbing"):
+            self._turn("disturbing")
+            self._settle = 0
+
+    def _keep(self, outcome: Outcome | None = None) -> None:
+        """``outcome`` as the person judged, who also said that it is over; None: by how flat the cloth lies."""
+        if self._running is None:
+            self.message = NOT_RECORDED
+            return
+        judged = outcome is not None and self._stopped_by == "interrupted"
+        episode = self.run.episode(JUDGED if judged else self._stopped_by, outcome)
+        kept = self._running.keep(episode)
+        self._running, self.over = None, True
+        self._turn("over")
+        self._desk.tell("kept", line=kept_line(kept), outcome=kept.outcome)
+
+    def _discard(self) -> None:
+        if self._running is not None:
+            self._running.discard()
+            self._running = None
+        self.over = True
+        self._turn("over")
+        self._desk.tell("discarded", line=f"discarded seed {self.run.seed}")
+
+    def _tell(self) -> None:
+        self._desk.channels.moments.tell(
+            self.bench,
+            self.run.seen,
+            self.run.truth,
+            episode=1,
+            tick=self.run.ticks,
+            phase=PHASES.get(self.state, "place"),
+            led=bool(self.run.steps) and self.run.steps[-1].intervention,
+            **self._last,
+        )
+
+    def status(self) -> dict[str, Any]:
+        rhythm = self._cadence.rhythm()
+        return {
+            "state": self.state,
+            "paused": self.paused,
+            "policy": self.run.policy.name,
+            "leads": self._leads(),
+            "led_ticks": sum(step.intervention for step in self.run.steps),
+            "does": {control.name: self.does(control) for control in Control} if self._person else {},
+            "contact": self.run.seen.contact_portion,
+            "seed": self.run.seed,
+            "ticks": self.run.ticks,
+            "message": self.message,
+            "recording": self._recorder is not None,
+            "pulled_ticks": self._pulled,
+            "disturbances": [record.name for record in self.run.disturbances],
+            "rhythm": rhythm.told(),
+            "factor": rhythm.factor(float(self._order["tick_s"])),
+            "flat_area": self.run.truth.flat_area,
+        }
+
+    def close(self) -> None:
+        """An episode that nobody has judged is kept as partial, where it is recorded at all."""
+        if self._recorder is not None:
+            recorder, self._recorder = self._recorder, None
+            if self._running is not None and not self.run.ticks:
+                self._running.discard()
+            recorder.close()
+        self.bench.close()

@@ -1,0 +1,41 @@
+"""What an order of the window says: of which bench, which model, and where it goes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from layflat.app.workstation.session.bench_process import Order
+from layflat.data.session.recorder import SessionRecorder
+from layflat.policy import model_io as model_files
+from layflat.policy.trained_model import Learned
+from layflat.sim.config import BenchSettings
+
+
+def model_of(policy: str) -> Learned | None:
+    """The model of a path; None for a policy that has none."""
+    return model_files.load(Path(policy)) if policy.endswith(".npz") else None
+
+
+def settings_of(order: Order, *, descriptor: str | None) -> BenchSettings:
+    return BenchSettings(
+        task=order["task"],
+        cloth=str(order["cloth"]),
+        descriptor=descriptor or str(order["descriptor"]),
+        noise=bool(order["noise"]),
+        tick_s=float(order["tick_s"]),
+    )
+
+
+def recorder_of(order: Order, settings: BenchSettings) -> SessionRecorder | None:
+    """Where the order records; DataError where that session holds something else."""
+    path = str(order.get("record") or "")
+    if not path:
+        return None
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    return SessionRecorder(
+        path,
+        task=settings.task,
+        cloth=settings.cloth,
+        keep_images=bool(order.get("images")),
+        descriptor=settings.descriptor,
+    )

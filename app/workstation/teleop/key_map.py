@@ -1,0 +1,96 @@
+"""What keys do, the same in a terminal and in a window. Keys go by names: ``a``, ``A``, ``shift-left``, ``enter``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TypeAlias
+
+import numpy as np
+
+from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.teleop.teleoperator import Button
+from layflat.data.types import FloatArray, Task
+
+CONTROLS: Mapping[str, Control] = {
+    "enter": Control.START,
+    "space": Control.PAUSE,
+    "y": Control.KEEP_SUCCESS,
+    "n": Control.KEEP_FAILURE,
+    "x": Control.DISCARD,
+    "r": Control.REDO,
+    "b": Control.DISTURB,
+    "q": Control.QUIT,
+}
+LABELS = {"enter": "Enter", "space": "Space"}
+SPEED = 0.5
+SPEEDS = {str(digit): digit / 10 if digit else 1.0 for digit in range(10)}
+
+Ways: TypeAlias = dict[str, tuple[int, int, int]]
+_WAYS: Ways = {
+    "left": (-1, 0, 0),
+    "right": (1, 0, 0),
+    "up": (0, 0, 1),
+    "down": (0, 0, -1),
+    "shift-left": (0, -1, 0),
+    "shift-right": (0, 1, 0),
+    "e": (1, 0, 1),
+    "c": (1, 0, -1),
+    "z": (-1, 0, -1),
+}
+"""x, y, z of whatever holds the cloth; y as the person sees it, to the right."""
+_DIAGONALS = "up and forth, down and forth, down and back"
+_LEFT: Ways = {
+    "a": (-1, 0, 0),
+    "d": (1, 0, 0),
+    "w": (0, 0, 1),
+    "s": (0, 0, -1),
+    "A": (0, -1, 0),
+    "D": (0, 1, 0),
+}
+_RIGHT: Ways = {
+    "j": (-1, 0, 0),
+    "l": (1, 0, 0),
+    "i": (0, 0, 1),
+    "k": (0, 0, -1),
+    "J": (0, -1, 0),
+    "L": (0, 1, 0),
+}
+
+
+def motions(task: Task, *, left: int = 2) -> dict[str, FloatArray]:
+    """(A,) of each key that moves. ``left``: the picker on the left as the person sees it, as for pads."""
+    if task == "hanger":
+        return {key: np.array([x, z], dtype=float) for key, (x, y, z) in (_WAYS | _LEFT).items() if not y}
+    across = 1.0 if left == 2 else -1.0
+    found = {}
+    for rows, ways in (([left - 1], _LEFT), ([2 - left], _RIGHT), ([0, 1], _WAYS)):
+        for key, (x, y, z) in ways.items():
+            pair = np.zeros((2, 3))
+            pair[rows] = (x, across * y, z)
+            found[key] = pair.ravel()
+    return found
+
+
+def summed(task: Task, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
+    """(A,) in [-1, 1] of several keys held together."""
+    total = np.zeros(2 if task == "hanger" else 6)
+    for key in held:
+        total = total + moves[key]
+    return np.clip(total, -1.0, 1.0)
+
+
+def help_of(task: Task) -> tuple[Button, ...]:
+    """What the keys do."""
+    controls = (Button(LABELS.get(key, key), control.value, control) for key, control in CONTROLS.items())
+    return (*_MOVES[task], Button("1..9 0", "speed, 5 at first, 0 is the fastest"), *controls)
+
+
+_MOVES: Mapping[Task, tuple[Button, ...]] = {
+    "hanger": (Button("arrows, w a s d", "up, back, down, forth"), Button("e c z", _DIAGONALS)),
+    "pickers": (
+        Button("w a s d", "left picker up, back, down, forth; A D to the left, to the right"),
+        Button("i j k l", "right picker likewise; J L to the left, to the right"),
+        Button("arrows", "both; with shift to the left, to the right"),
+        Button("e c z", f"both, {_DIAGONALS}"),
+    ),
+}

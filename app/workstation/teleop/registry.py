@@ -1,0 +1,64 @@
+"""Every source by name. A new one adds a file and a line here."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from layflat.app.support.errors import LayflatError
+from layflat.app.workstation.teleop.combined_input import WithKeys
+from layflat.app.workstation.teleop.gamepad import Gamepad
+from layflat.app.workstation.teleop.hand_guiding import Kinesthetic, Ray
+from layflat.app.workstation.teleop.mouse import Mouse
+from layflat.app.workstation.teleop.teleoperator import Source, WindowSource
+from layflat.app.workstation.teleop.terminal_keyboard import TerminalKeyboard
+from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
+from layflat.data.types import FloatArray, Task
+
+
+@dataclass(frozen=True)
+class SourceKind:
+    """What there is to know of a source before it is made."""
+
+    does: str
+    """For a person who chooses."""
+    terminal: bool
+    """Whether it works without a window."""
+
+
+SOURCES: Mapping[str, SourceKind] = {
+    "gamepad": SourceKind("a PS4 pad, or any that SDL knows or that was calibrated", terminal=True),
+    "keyboard": SourceKind("keys, in the window or in a plain terminal", terminal=True),
+    "mouse": SourceKind("drag in the window: how far from where you began is how fast", terminal=False),
+    "kinesthetic": SourceKind("drag the hanger itself, with the arm compliant", terminal=False),
+}
+
+
+def terminal_source(name: str, task: Task, *, mapping: Path | None = None) -> Source:
+    """A source that needs no window. LayflatError where its device is missing."""
+    if name == "keyboard":
+        return TerminalKeyboard(task)
+    pad = Gamepad(task, mapping=mapping)
+    reading = pad.poll()
+    if not reading.connected:
+        pad.close()
+        raise LayflatError(reading.problem)
+    return WithKeys(pad, TerminalKeyboard(task)) if sys.stdin and sys.stdin.isatty() else pad
+
+
+def window_source(
+    name: str, task: Task, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
+) -> WindowSource:
+    """A source that hears of the window's events; one whose device is missing says so in its readings.
+
+    ``ray`` and ``corners`` are for what is taken hold of with the mouse, see Kinesthetic.
+    """
+    made: Mapping[str, Callable[[], WindowSource]] = {
+        "gamepad": lambda: Gamepad(task, mapping=mapping, own_events=False),
+        "keyboard": lambda: WindowKeyboard(task),
+        "mouse": lambda: Mouse(task),
+        "kinesthetic": lambda: Kinesthetic(task, ray, corners),
+    }
+    return made[name]()

@@ -1,0 +1,142 @@
+"""A recorded episode as moments of the bench, without a simulator: nodes as they were, and what a camera would see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.app.media.episode_video import check_drawable
+from layflat.app.support.errors import WrongCall
+from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.window.time_series import History
+from layflat.data.types import Episode, FloatArray, Observation
+from layflat.perception.cloth.pipeline import Perceiver, Percept, PerceptionConfig
+from layflat.perception.descriptors.registry import descriptor
+from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.camera.renderer import View
+from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.mesh import MeshMaker
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.robots.panda import inverse_kinematics
+
+MOMENTS_KEPT = 64
+
+
+class Playback:
+    """Moments of one episode by number: 0 before its first tick, ``last`` after its last."""
+
+    def __init__(self, name: str, episode: Episode) -> None:
+        """WrongCall where the recorded cloth is none that can be drawn."""
+        check_drawable(episode)
+        self.name = name
+        self.episode = episode
+        self.last = len(episode.steps)
+        self.number = hash((name, episode.seed, self.last, episode.provenance.created_utc)) % 2**31
+        self.history = History.of(episode, self.number)
+        self._seen, self._truths = episode.observations(), episode.truths()
+        self._meshes = MeshMaker(cloth_spec(episode.cloth))
+        pinhole = default_pinhole()
+        self._perceiver = Perceiver(pinhole, PerceptionConfig(descriptor=descriptor(episode.descriptor)))
+        self._view = View(pinhole)
+        self._shape = (pinhole.height, pinhole.width)
+        self._made = lru_cache(maxsize=MOMENTS_KEPT)(self._make)
+
+    def moment(self, number: int) -> Moment:
+        return self._made(min(max(number, 0), self.last))
+
+    def befalls(self, number: int) -> str:
+        """What disturbs the cloth in this tick, and whether a person leads; empty where neither is so."""
+        if number >= self.last:
+            return ""
+        names = [
+            record.name
+            for record in self.episode.disturbances
+            if record.first_tick <= number and (record.last_tick is None or number <= record.last_tick)
+        ]
+        step = self.episode.steps[number]
+        by_hand = ["pulled by hand"] if step.pull is not None else []
+        return ", ".join([*names, *by_hand, *(["a person leads"] if step.intervention else [])])
+
+    def _make(self, number: int) -> Moment:
+        seen, truth = self._seen[number], self._truths[number]
+        # What acted in the tick that led here.
+        step = self.episode.steps[number - 1] if number else None
+        rgb, percept = self._sight(seen, truth.nodes)
+        return Moment(
+            episode=self.number,
+            tick=number,
+            phase=self.history.phase[number],
+            sim_s=seen.time_s,
+            told_s=0.0,
+            input_s=0.0,
+            work_s=0.0,
+            task=self.episode.task,
+            cloth=self.episode.cloth,
+            nodes=truth.nodes,
+            corners=seen.corner_positions,
+            holder=seen.holder_position,
+            joints=self._joints(seen),
+            hands=np.zeros((0, 3)),
+            force_n=np.zeros(3) if step is None else step.force_n,
+            pull=None if step is None or step.pull is None else (step.pull.node, step.pull.target_m),
+            word=seen.word,
+            strength=seen.word_strength,
+            contact=seen.contact_portion,
+            contact_true=truth.contact_portion_true,
+            flat_area=truth.flat_area,
+            rgb=rgb,
+            percept=percept,
+            led=self.history.led[number],
+        )
+
+    def _joints(self, seen: Observation) -> FloatArray:
+        """The arm's, hand straight down, where the task has one."""
+        if self.episode.task != "hanger":
+            return np.zeros(0)
+        try:
+            return inverse_kinematics(seen.holder_position)
+        except SimError:
+            return np.zeros(0)  # A place that no arm reaches was imported from elsewhere.
+
+    def _sight(self, seen: Observation, nodes: FloatArray) -> tuple[NDArray[np.uint8], Percept]:
+        """The recorded images, or the cloth alone as the camera would see it; with the recorded contact and WORD."""
+        if seen.rgb is not None and seen.depth is not None and seen.rgb.shape[:2] == self._shape:
+            rgb, depth = seen.rgb, seen.depth
+        else:
+            picture = self._view.blank()
+            self._view.draw_cloth(picture, self._meshes.mesh(nodes))
+            rgb = picture.rgb.reshape(*self._shape, 3)
+            depth = np.where(np.isfinite(picture.depth), picture.depth, np.float32(0)).reshape(self._shape)
+        found = self._perceiver.perceive(rgb, depth)
+        return rgb, replace(found, contact_portion=seen.contact_portion, word=seen.word, strength=seen.word_strength)
+
+
+def facts(episode: Episode) -> Mapping[str, str]:
+    """What a person is told of it."""
+    contact = episode.contact()
+    befell = [record.name for record in episode.disturbances]
+    pulls = sum(step.pull is not None for step in episode.steps)
+    led = sum(step.intervention for step in episode.steps)
+    corrected = {"corrected": f"a person led in {led} ticks"} if led else {}
+    return {
+        "source": f"{episode.source}, seed {episode.seed}",
+        "bench": f"{episode.task}, {episode.cloth}, tick {episode.tick_s:g} s",
+        "outcome": f"{episode.outcome}, {episode.stopped_by.replace('_', ' ')}",
+        "ticks": str(len(episode.steps)),
+        "contact": f"{100 * contact[0]:.0f} to {100 * contact[-1]:.0f} %",
+        "disturbed by": ", ".join([*befell, *([f"pulls in {pulls} ticks"] if pulls else [])]) or "nothing",
+        **corrected,
+        "recorded": episode.provenance.created_utc.replace("T", " ")[:16] or "not told",
+    }
+
+
+def checked_playback(name: str, episode: Episode) -> Playback | str:
+    """The playback, or why there is none."""
+    try:
+        return Playback(name, episode)
+    except (WrongCall, SimError) as error:
+        return str(error)

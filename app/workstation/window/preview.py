@@ -1,0 +1,46 @@
+"""The bench before anything runs: the chosen cloth hanging where an episode will begin."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from layflat.app.workstation.session.frame_channel import Moment
+from layflat.data.types import Task
+from layflat.sim.cloth.starts import home_corners
+from layflat.sim.config import BenchSettings
+from layflat.sim.robots.panda import inverse_kinematics
+
+
+@lru_cache(maxsize=4)
+def preview(task: Task, cloth: str) -> Moment:
+    """What one would see, without a simulator."""
+    settings = BenchSettings(task=task, cloth=cloth)
+    home = home_corners(settings.spec)
+    centre = home.mean(axis=0)
+    return Moment(
+        episode=-1,
+        tick=0,
+        phase="place",
+        sim_s=0.0,
+        told_s=0.0,
+        input_s=0.0,
+        work_s=0.0,
+        task=task,
+        cloth=cloth,
+        nodes=settings.spec.hanging_nodes(home),
+        corners=home,
+        holder=centre,
+        joints=inverse_kinematics(centre) if task == "hanger" else np.zeros(0),
+        hands=np.zeros((0, 3)),
+        force_n=np.zeros(3),
+        pull=None,
+        word=np.zeros(2),
+        strength=0.0,
+        contact=0.0,
+        contact_true=0.0,
+        flat_area=0.0,
+        rgb=None,
+        percept=None,
+    )

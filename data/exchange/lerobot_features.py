@@ -1,0 +1,138 @@
+"""Which columns a LeRobot data set of ours has, and how an episode fills them."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.data.exchange.optional_imports import optional
+from layflat.data.types import ACTION_NAMES, DataError, Episode
+
+RGB_KEY = "observation.images.camera"
+DEPTH_KEY = "observation.images.depth"
+FEATURES_KEY = "huggingface"
+"""Key of the parquet files' metadata from which Hugging Face's ``datasets`` knows that a column holds images."""
+
+STATE_NAMES = (
+    *(f"corner{corner}_{axis}" for corner in (1, 2) for axis in "xyz"),
+    *(f"holder_{axis}" for axis in "xyz"),
+)
+"""Of the robot: m, world frame; corner 1 is the one at +y."""
+CLOTH_NAMES = ("word_x", "word_y", "word_strength", "contact_portion")
+"""Of the cloth, as seen by the camera."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Feature:
+    """One column."""
+
+    key: str
+    dtype: str
+    """A number's type, or "image"."""
+    shape: tuple[int, ...]
+    names: Sequence[str] | None = None
+    depth: bool = False
+
+    def described(self) -> dict[str, Any]:
+        """As in info.json."""
+        names = None if self.names is None else list(self.names)
+        described: dict[str, Any] = {"dtype": self.dtype, "shape": list(self.shape), "names": names}
+        if self.depth:
+            described["info"] = {"is_depth_map": True, "depth_unit": "m"}
+        return described
+
+    def arrow_type(self) -> Any:
+        pa = optional("pyarrow")
+        if self.dtype == "image":
+            return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+        value = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}[self.dtype]
+        return value if self.shape == (1,) else pa.list_(value, self.shape[0])
+
+    def hugging_face(self) -> dict[str, Any]:
+        """The column's type in the words of Hugging Face's ``datasets``."""
+        if self.dtype == "image":
+            return {"_type": "Image"}
+        value = {"dtype": self.dtype, "_type": "Value"}
+        return value if self.shape == (1,) else {"feature": value, "length": self.shape[0], "_type": "Sequence"}
+
+
+def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
+    """The columns that an episode like this one has."""
+    first = episode.steps[0].observation
+    actions = ACTION_NAMES[episode.task]
+    kept: list[Feature] = [
+        Feature(key="observation.state", dtype="float32", shape=(len(STATE_NAMES),), names=STATE_NAMES),
+        Feature(key="observation.environment_state", dtype="float32", shape=(len(CLOTH_NAMES),), names=CLOTH_NAMES),
+    ]
+    axes = ("height", "width", "channels")
+    if images and first.rgb is not None:
+        kept.append(Feature(key=RGB_KEY, dtype="image", shape=first.rgb.shape, names=axes))
+    if images and first.depth is not None:
+        kept.append(Feature(key=DEPTH_KEY, dtype="image", shape=(*first.depth.shape, 1), names=axes, depth=True))
+    kept += [
+        Feature(key="action", dtype="float32", shape=(len(actions),), names=actions),
+        Feature(key="next.reward", dtype="float32", shape=(1,)),
+        Feature(key="next.done", dtype="bool", shape=(1,)),
+        Feature(key="timestamp", dtype="float32", shape=(1,)),
+    ]
+    indices = ("frame_index", "episode_index", "index", "task_index")
+    return (*kept, *(Feature(key=key, dtype="int64", shape=(1,)) for key in indices))
+
+
+def frames_of(episode: Episode, features: tuple[Feature, ...], *, name: str) -> dict[str, NDArray[Any]]:
+    """Columns by key, one row for each tick; without those that count."""
+    seen = [step.observation for step in episode.steps]
+    count = len(seen)
+    columns: dict[str, NDArray[Any]] = {
+        "observation.state": np.array([[*o.corner_positions.ravel(), *o.holder_position] for o in seen], np.float32),
+        "observation.environment_state": np.array(
+            [[*o.word, o.word_strength, o.contact_portion] for o in seen], np.float32
+        ),
+        "action": np.array([step.action for step in episode.steps], np.float32),
+        "next.reward": np.diff(episode.contact()).astype(np.float32),
+        "next.done": np.arange(1, count + 1) == count,
+    }
+    for feature in (feature for feature in features if feature.dtype == "image"):
+        images = [o.depth[..., np.newaxis] if feature.depth and o.depth is not None else o.rgb for o in seen]
+        if any(image is None or image.shape != feature.shape for image in images):
+            raise DataError(f"{name} has no images of {feature.shape} in {feature.key}; export without images")
+        columns[feature.key] = np.array(images)
+    return columns
+
+
+def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
+    """The columns as an arrow table whose metadata tells ``datasets`` what they are."""
+    pa = optional("pyarrow")
+    arrays = []
+    for feature in features:
+        rows = columns[feature.key]
+        if feature.dtype == "image":
+            values = [{"bytes": image_file(row, depth=feature.depth), "path": None} for row in rows]
+            arrays.append(pa.array(values, feature.arrow_type()))
+        elif feature.shape == (1,):
+            arrays.append(pa.array(rows, feature.arrow_type()))
+        else:
+            flat = pa.array(rows.ravel(), feature.arrow_type().value_type)
+            arrays.append(pa.FixedSizeListArray.from_arrays(flat, feature.shape[0]))
+    described = {"info": {"features": {feature.key: feature.hugging_face() for feature in features}}}
+    schema = pa.schema(
+        [(feature.key, feature.arrow_type()) for feature in features], metadata={FEATURES_KEY: json.dumps(described)}
+    )
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def image_file(image: NDArray[Any], *, depth: bool) -> bytes:
+    """rgb (H, W, 3) as PNG, depth (H, W, 1) float32 as TIFF: both give every bit back."""
+    pillow = optional("PIL.Image")
+    buffer = io.BytesIO()
+    if depth:
+        pillow.fromarray(np.ascontiguousarray(image[..., 0])).save(buffer, "TIFF", compression="tiff_adobe_deflate")
+    else:
+        pillow.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()

@@ -1,0 +1,19 @@
+"""Packages that only the exports need."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from layflat.data.types import DataError
+
+
+def optional(name: str) -> ModuleType:
+    """The module, or a DataError that says how to get it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        package = {"PIL": "pillow"}.get(name.split(".")[0], name.split(".")[0])
+        raise DataError(
+            f"this export needs the package {package}, which is not installed; pip install 'layflat[export]'"
+        ) from None

@@ -1,0 +1,92 @@
+"""Attributes of HDF5 groups as plain Python values, checked, with a checksum over them.
+
+Text is stored at its length. What h5py does by default, text of variable length, lies in HDF5's global heap, which has
+no checksum: a few wrong bytes there keep the library in a loop for ever.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any, TypeAlias, cast
+
+import h5py
+import numpy as np
+
+from layflat.data.types import DataError
+
+Attribute: TypeAlias = str | int | float | bool
+
+
+def set_attribute(attributes: h5py.AttributeManager, key: str, value: Attribute) -> None:
+    """Numbers as they are, text at its length."""
+    if isinstance(value, str):
+        text = value.encode("utf-8")
+        attributes.create(key, text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
+    else:
+        attributes[key] = value
+
+
+def typed_attributes(group: h5py.Group, types: Mapping[str, type], *, variable: bool = False) -> dict[str, Attribute]:
+    """The named attributes as plain Python values, or a DataError that says which one is wrong.
+
+    ``variable``: text of variable length is read, too.
+    """
+    found: dict[str, Attribute] = {}
+    attributes = group.attrs
+    for key, wanted in types.items():
+        try:
+            stored = attributes.get_id(key)
+        except KeyError:
+            raise DataError(f"{group.name} has no attribute {key}") from None
+        # Before reading: an array's shape is only a claim.
+        if stored.shape != ():
+            raise DataError(
+                f"attribute {key} of {group.name} has shape {stored.shape}; it must be one {wanted.__name__}"
+            )
+        if not variable and _in_global_heap(stored.get_type()):
+            raise DataError(f"attribute {key} of {group.name} is of variable length; it must be stored at its length")
+        value = attributes[key]
+        if isinstance(value, bytes):
+            value = value.decode("utf-8")
+        plain: Any = value.item() if isinstance(value, np.generic) else value
+        if type(plain) is not wanted:
+            raise DataError(f"attribute {key} of {group.name} is {type(plain).__name__}; it must be {wanted.__name__}")
+        found[key] = cast(Attribute, plain)
+    return found
+
+
+def _in_global_heap(stored: h5py.h5t.TypeID) -> bool:
+    if isinstance(stored, h5py.h5t.TypeStringID):
+        return bool(stored.is_variable_str())
+    return not isinstance(stored, h5py.h5t.TypeIntegerID | h5py.h5t.TypeFloatID | h5py.h5t.TypeEnumID)
+
+
+def digest(attributes: Mapping[str, Attribute]) -> str:
+    """SHA-256 of the attributes' canonical JSON."""
+    text = json.dumps(dict(attributes), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def json_object(attributes: Mapping[str, Attribute], key: str) -> dict[str, Any]:
+    """An attribute that holds a JSON object; DataError where it holds anything else."""
+    value = _json(attributes, key)
+    if not isinstance(value, dict):
+        raise DataError(f"attribute {key} is {str(value)[:40]!r}; it must be a JSON object")
+    return value
+
+
+def json_objects(attributes: Mapping[str, Attribute], key: str) -> list[dict[str, Any]]:
+    """As json_object, of a list of objects."""
+    value = _json(attributes, key)
+    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        raise DataError(f"attribute {key} is {str(value)[:40]!r}; it must be a JSON list of objects")
+    return value
+
+
+def _json(attributes: Mapping[str, Attribute], key: str) -> Any:
+    try:
+        return json.loads(str(attributes[key]))
+    except (ValueError, RecursionError):
+        raise DataError(f"attribute {key} is {str(attributes[key])[:40]!r}; it must be JSON") from None

@@ -1,0 +1,255 @@
+"""An episode as the attributes and data sets of one robomimic demo."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, cast
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.data.format import schema
+from layflat.data.format.attributes import Attribute, digest, set_attribute
+from layflat.data.types import (
+    ACTION_LIMIT_M,
+    DataError,
+    DisturbanceRecord,
+    Episode,
+    FloatArray,
+    Observation,
+    Step,
+    Task,
+)
+
+CHUNK_BYTES = 1 << 20
+PACKING = {"compression": "gzip", "compression_opts": 1}
+"""Of real frames, half the size of lzf for half as much time again, and every HDF5 tool reads it: lzf is h5py's own."""
+LIBVER = ("v110", "v110")
+"""The oldest format of HDF5 that carries checksums in its own structures, so that damage is noticed; h5py reads it."""
+INT64_MAX = 2**63 - 1
+AGREED = (schema.TASK, schema.CLOTH, schema.TICK_S, schema.DESCRIPTOR)
+"""Attributes in which all episodes of a session agree."""
+
+
+def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
+    """All attributes of the demo except the digest."""
+    start = {str(key): float(value) for key, value in episode.start.items()}
+    observations, truth = episode.observations(), episode.final_truth
+    attributes: dict[str, Attribute] = {
+        schema.UID: uid,
+        schema.VERSION: schema.SCHEMA_VERSION,
+        schema.NUM_SAMPLES: len(episode.steps),
+        schema.TASK: episode.task,
+        schema.CLOTH: episode.cloth,
+        schema.TICK_S: float(episode.tick_s),
+        schema.DESCRIPTOR: episode.descriptor,
+        schema.ACTION_LIMIT: ACTION_LIMIT_M,
+        schema.SEED: int(episode.seed),
+        schema.SOURCE: episode.source,
+        schema.DISTURBANCE: episode.disturbance,
+        schema.DISTURBANCES: disturbances_text(episode.disturbances),
+        schema.OUTCOME: episode.outcome,
+        schema.SUCCESS: episode.outcome == "success",
+        schema.STOPPED_BY: episode.stopped_by,
+        schema.WALL_S: float(episode.wall_s),
+        schema.START: _json(start, schema.START),
+        schema.BENCH: _json(episode.bench, schema.BENCH),
+        schema.FIRST_TICK: int(episode.first_tick),
+        schema.CONTACT_START: float(observations[0].contact_portion),
+        schema.CONTACT_FINAL: float(observations[-1].contact_portion),
+        schema.CONTACT_TRUE_FINAL: float(truth.contact_portion_true),
+        schema.FLAT_AREA_FINAL: float(truth.flat_area),
+        schema.PROVENANCE: _json(
+            {**vars(episode.provenance), "versions": dict(episode.provenance.versions)}, schema.PROVENANCE
+        ),
+    }
+    for key, value in attributes.items():
+        _check_storable(key, value)
+    return attributes
+
+
+def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]:
+    """Every data set of the demo by its key; images only where asked for and there."""
+    steps = episode.steps
+    if not steps:
+        raise DataError("the episode has no ticks; there is nothing to keep")
+    action_m = np.array([step.action for step in steps])
+    _check_actions(action_m)
+    unknown_std = np.full(action_m.shape[1], np.nan)
+    truths = episode.truths()
+    sizes = {truth.nodes.shape[0] for truth in truths}
+    if len(sizes) != 1:
+        raise DataError(
+            f"the number of cloth nodes changes within the episode ({sorted(sizes)}); it must stay the same"
+        )
+    nodes = np.array([truth.nodes.reshape(-1) for truth in truths])
+    observed = _observed(episode.observations(), keep_images=keep_images)
+    return {
+        schema.ACTIONS: action_m / ACTION_LIMIT_M,
+        schema.ACTION_M: action_m,
+        schema.ACTION_STD: np.array([unknown_std if s.action_std is None else s.action_std for s in steps]),
+        schema.PHASE: np.array([step.phase.encode("ascii") for step in steps], dtype="S8"),
+        schema.REWARDS: np.diff(episode.contact()),
+        schema.DONES: np.arange(1, len(steps) + 1) == len(steps),
+        schema.STATES: nodes[:-1],
+        schema.FINAL_STATE: nodes[-1],
+        schema.CONTACT_TRUE: np.array([[truth.contact_portion_true] for truth in truths]),
+        schema.FLAT_AREA: np.array([[truth.flat_area] for truth in truths]),
+        **({schema.JOINTS: episode.initial_joints} if episode.initial_joints.size else {}),
+        **_told_by_few(steps),
+        **{f"{schema.OBS}/{key}": rows[:-1] for key, rows in observed.items()},
+        **{f"{schema.NEXT_OBS}/{key}": rows[1:] for key, rows in observed.items()},
+    }
+
+
+def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
+    """Forces, pulls and interventions: those that any tick has."""
+    forces = np.array([step.force_n for step in steps])
+    nodes = np.array([-1 if step.pull is None else step.pull.node for step in steps])
+    nowhere = np.full(3, np.nan)
+    taken = np.array([step.intervention for step in steps])
+    found: dict[str, NDArray[Any]] = {}
+    if forces.view(np.uint64).any():  # Not by value: -0.0 is kept, too.
+        found[schema.FORCE] = forces
+    if (nodes >= 0).any():
+        found[schema.PULL_NODE] = nodes
+        found[schema.PULL_TARGET] = np.array([nowhere if s.pull is None else s.pull.target_m for s in steps])
+    if taken.any():
+        found[schema.INTERVENTION] = taken
+    if any(step.hand_m is not None for step in steps):
+        found[schema.HAND] = np.array([hand_row(step.hand_m) for step in steps])
+    return found
+
+
+def hand_row(hand_m: FloatArray | None) -> FloatArray:
+    """(6,) with NaN for the hands that are not there."""
+    row = np.full(6, np.nan)
+    if hand_m is not None:
+        row[: hand_m.size] = hand_m.ravel()
+    return row
+
+
+def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Fill an empty group."""
+    for key, value in {**attributes, schema.DIGEST: digest(attributes)}.items():
+        set_attribute(group.attrs, key, value)
+    task = cast(Task, attributes[schema.TASK])
+    for field in schema.FIELDS:
+        if field.key not in arrays:
+            continue
+        rows = np.ascontiguousarray(arrays[field.key], dtype=field.dtype)
+        chunked = {"chunks": _chunks(rows), "fletcher32": True} if rows.size else {}
+        packed = PACKING if field.packed and rows.size else {}
+        dataset = group.create_dataset(field.key, rows.shape, rows.dtype, **chunked, **packed)
+        earlier = field.key.replace(f"{schema.NEXT_OBS}/", f"{schema.OBS}/")
+        follows = packed and earlier != field.key and np.array_equal(arrays[earlier][1:], rows[:-1])
+        _fill(dataset, rows, group[earlier] if follows else None)
+        set_attribute(dataset.attrs, schema.UNIT, field.unit)
+        set_attribute(dataset.attrs, schema.FRAME, field.frame)
+        set_attribute(dataset.attrs, schema.COLUMNS, json.dumps(schema.columns_of(field, task)))
+
+
+def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None) -> None:
+    """Write all rows; where ``before`` has them one tick later, its packed bytes are taken: half the work."""
+    ready = 0
+    if before is not None:
+        ready, rest = len(rows) - 1, (0,) * (rows.ndim - 1)
+        for tick in range(ready):
+            mask, chunk = before.id.read_direct_chunk((tick + 1, *rest))
+            dataset.id.write_direct_chunk((tick, *rest), chunk, mask)
+    if rows.size:
+        dataset[ready:] = rows[ready:]
+
+
+def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *, total: int) -> None:
+    """Describe the session after the attributes of its first demo."""
+    for key in (*AGREED, schema.ACTION_LIMIT, schema.VERSION):
+        set_attribute(data.attrs, key, first[key])
+    set_attribute(data.attrs, schema.SCHEMA_NAME, schema.SCHEMA)
+    set_attribute(data.attrs, schema.FRAMES, json.dumps(dict(schema.FRAME_TEXTS)))
+    data.attrs[schema.TOTAL] = total
+    versions = json.loads(str(first[schema.PROVENANCE]))["versions"]
+    env_args = {
+        "type": schema.ENV_TYPE_GYM,
+        # robomimic's documentation says env_type where its code reads type.
+        "env_type": schema.ENV_TYPE_GYM,
+        "env_name": next(name for task, name in schema.ENV_NAMES.items() if task == first[schema.TASK]),
+        "env_version": versions.get("layflat", "unknown"),
+        "env_kwargs": {"cloth": first[schema.CLOTH]},
+    }
+    # As others expect it, of variable length; we ourselves never read it.
+    data.attrs[schema.ENV_ARGS] = json.dumps(env_args)
+
+
+def _observed(observations: tuple[Observation, ...], *, keep_images: bool) -> dict[str, NDArray[Any]]:
+    """(N + 1, ...) rows by observation key."""
+    columns = {}
+    for field in schema.OBSERVATION_FIELDS:
+        values = [getattr(observation, field.key) for observation in observations]
+        if field.optional:
+            if not keep_images or all(value is None for value in values):
+                continue
+            _check_images(field.key, values)
+        rows = np.array(values, dtype=field.dtype)
+        if field.key == schema.DEPTH:
+            rows = rows[..., np.newaxis]
+        columns[field.key] = rows if field.optional else rows.reshape(len(values), -1)
+    return columns
+
+
+def _check_images(key: str, images: list[NDArray[Any] | None]) -> None:
+    missing = [tick for tick, image in enumerate(images) if image is None]
+    if missing:
+        raise DataError(f"{key} is missing at tick {missing[0]} but not at others; all ticks need it, or none")
+    shapes = {image.shape for image in images if image is not None}
+    if len(shapes) != 1:
+        raise DataError(f"{key} changes its shape within the episode ({sorted(shapes)}); it must stay the same")
+
+
+def _check_actions(action_m: NDArray[np.float64]) -> None:
+    """Clipping here would record something that was not done."""
+    tick, axis = np.unravel_index(np.abs(action_m).argmax(), action_m.shape)
+    if abs(action_m[tick, axis]) > ACTION_LIMIT_M:
+        raise DataError(
+            f"tick {tick}: action component {axis} is {action_m[tick, axis]:.6g} m;"
+            f" it must be within +-{ACTION_LIMIT_M} m"
+        )
+
+
+def _check_storable(key: str, value: Attribute) -> None:
+    if isinstance(value, str):
+        try:
+            value.encode("utf-8")
+        except UnicodeEncodeError:
+            raise DataError(f"{key} is {value!r}; it must be text that UTF-8 can hold") from None
+        if "\0" in value:
+            raise DataError(f"{key} is {value!r}; it must not hold a NUL character")
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise DataError(f"{key} is {value}; it must be finite")
+    elif isinstance(value, int) and not -INT64_MAX <= value <= INT64_MAX:
+        raise DataError(f"{key} is {value}; it must fit into 64 bits")
+
+
+def disturbances_text(records: Iterable[DisturbanceRecord]) -> str:
+    """What befell the cloth as JSON."""
+    return _json([vars(record) | {"plan": dict(record.plan)} for record in records], schema.DISTURBANCES)
+
+
+def _json(value: Mapping[str, object] | list[dict[str, object]], key: str) -> str:
+    try:
+        return json.dumps(value if isinstance(value, list) else dict(value), allow_nan=False)
+    except ValueError:
+        raise DataError(f"{key} is {value!r}; all its numbers must be finite") from None
+    except TypeError:
+        raise DataError(f"{key} is {value!r}; it may hold text, numbers, lists and objects only") from None
+
+
+def _chunks(rows: NDArray[Any]) -> tuple[int, ...]:
+    """One image per chunk; otherwise as many rows as make about CHUNK_BYTES."""
+    if rows.ndim == 4:
+        return (1, *rows.shape[1:])
+    per_row = rows[0].nbytes
+    return (max(1, min(len(rows), CHUNK_BYTES // per_row)), *rows.shape[1:])

@@ -1,0 +1,162 @@
+"""What the arrays of a demo must hold; read in blocks, so that memory stays small whatever a file claims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.data.format import schema
+from layflat.data.format.structure_checks import Violations
+from layflat.data.session.demo_info import DemoInfo
+from layflat.data.session.row_arrays import MAY_BE_UNKNOWN
+from layflat.data.types import ACTION_LIMIT_M, PHASES, DataError
+
+BLOCK_BYTES = 1 << 24
+UNIT_TOLERANCE = 1e-6
+CONTACT_MAX = 1.5
+"""Noise may take the camera's contact portion above 1, but not far."""
+RANGES = {
+    schema.ACTIONS: (-1.0, 1.0),
+    schema.ACTION_STD: (0.0, np.inf),
+    schema.CONTACT_TRUE: (0.0, 1.0),
+    schema.FLAT_AREA: (-2.0, 2.0),
+    "word": (-1.0 - UNIT_TOLERANCE, 1.0 + UNIT_TOLERANCE),
+    "word_strength": (0.0, np.inf),
+    "contact_portion": (0.0, CONTACT_MAX),
+    schema.INTERVENTION: (0, 1),
+    schema.DEPTH: (0.0, np.inf),
+}
+"""Least and greatest value by data set, or by its name under ``obs`` and ``next_obs``."""
+
+
+def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> None:
+    """Add what is wrong with the values of a demo that has passed check_demo."""
+    before = len(found)
+    for field in schema.FIELDS:
+        if field.key in group:
+            with found.at(f"{group.name}/{field.key}"):
+                _check_values(group[field.key], field)
+    if len(found) > before:
+        return
+    for key, check in (
+        (schema.ACTIONS, _check_actions),
+        (schema.DONES, _check_dones),
+        (schema.REWARDS, _check_rewards),
+        ("obs/word", _check_unit),
+        ("obs/time_s", partial(_check_time, unstable=info.stopped_by == "unstable")),
+        (schema.PULL_NODE, _check_pulls),
+    ):
+        with found.at(f"{group.name}/{key}"):
+            check(group)
+    for field in schema.OBSERVATION_FIELDS:
+        if f"{schema.OBS}/{field.key}" in group:
+            with found.at(f"{group.name}/{schema.NEXT_OBS}/{field.key}"):
+                _check_next(group, field.key)
+    with found.at(group.name):
+        _check_copies(group, info)
+
+
+def _blocks(dataset: h5py.Dataset) -> Iterator[tuple[int, NDArray[Any]]]:
+    """First row and rows, a few megabytes at a time."""
+    if not dataset.size:
+        return
+    per_row = max(1, dataset.dtype.itemsize * dataset.size // len(dataset))
+    step = max(1, BLOCK_BYTES // per_row)
+    for start in range(0, len(dataset), step):
+        yield start, dataset[start : start + step]
+
+
+def _check_values(dataset: h5py.Dataset, field: schema.Field) -> None:
+    low, high = RANGES.get(field.key, RANGES.get(field.key.rpartition("/")[2], (-np.inf, np.inf)))
+    for start, rows in _blocks(dataset):
+        if rows.dtype.kind == "S":
+            _all(np.isin(rows, [phase.encode() for phase in PHASES]), start, rows, f"one of {', '.join(PHASES)}")
+            continue
+        if field.key in MAY_BE_UNKNOWN:
+            rows = _known(rows, width=3 if field.key == schema.HAND else rows.shape[1])
+        _all(np.isfinite(rows), start, rows, "finite")
+        _all((rows >= low) & (rows <= high), start, rows, f"within {low:g} to {high:g}")
+
+
+def _known(rows: NDArray[Any], width: int) -> NDArray[Any]:
+    """With 0 for each place of so many columns of which nothing is known."""
+    places = rows.reshape(len(rows), -1, width)
+    return np.where(np.isnan(places).all(axis=2, keepdims=True), 0.0, places).reshape(rows.shape)
+
+
+def _all(fine: NDArray[np.bool_], start: int, rows: NDArray[Any], right: str) -> None:
+    if not fine.all():
+        where = tuple(int(i) for i in np.argwhere(~fine)[0])
+        shown = rows[where]
+        raise DataError(f"row {start + where[0]} holds {shown}; it must be {right}")
+
+
+def _check_actions(group: h5py.Group) -> None:
+    if not np.array_equal(group[schema.ACTION_M][()] / ACTION_LIMIT_M, group[schema.ACTIONS][()]):
+        raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
+
+
+def _check_dones(group: h5py.Group) -> None:
+    dones = group[schema.DONES][()]
+    if dones[:-1].any() or dones[-1] != 1:
+        raise DataError("must be 1 on the last tick and 0 before")
+
+
+def _check_rewards(group: h5py.Group) -> None:
+    gained = group["next_obs/contact_portion"][:, 0] - group["obs/contact_portion"][:, 0]
+    if not np.allclose(group[schema.REWARDS][()], gained, rtol=0, atol=1e-9):
+        raise DataError("is not what the contact portion gains in each tick")
+
+
+def _check_unit(group: h5py.Group) -> None:
+    length = np.linalg.norm(group["obs/word"][()], axis=1)
+    wrong = np.flatnonzero((length > UNIT_TOLERANCE) & (abs(length - 1) > UNIT_TOLERANCE))
+    if wrong.size:
+        raise DataError(f"row {wrong[0]} is of length {length[wrong[0]]:.6g}; it must be 1, or 0 without a direction")
+
+
+def _check_time(group: h5py.Group, *, unstable: bool) -> None:
+    """Of a cloth that has diverged, what was seen before stands for the end."""
+    time = np.append(group["obs/time_s"][:, 0], group["next_obs/time_s"][-1:, 0])
+    passed = np.diff(time)
+    back = np.flatnonzero((passed < 0) | ((passed == 0) & ~(unstable & (np.arange(len(passed)) == len(passed) - 1))))
+    if back.size:
+        raise DataError(f"does not rise after tick {back[0]}")
+
+
+def _check_pulls(group: h5py.Group) -> None:
+    if (schema.PULL_NODE in group) != (schema.PULL_TARGET in group):
+        raise DataError(f"there must be {schema.PULL_NODE} and {schema.PULL_TARGET}, or neither")
+    if schema.PULL_NODE not in group:
+        return
+    nodes, count = group[schema.PULL_NODE][()], group[schema.STATES].shape[1] // 3
+    wrong = np.flatnonzero((nodes < -1) | (nodes >= count))
+    if wrong.size:
+        raise DataError(f"row {wrong[0]} is node {nodes[wrong[0]]} of {count}; it must be one of them, or -1")
+    unlike = np.flatnonzero((nodes < 0) != np.isnan(group[schema.PULL_TARGET][()]).any(axis=1))
+    if unlike.size:
+        raise DataError(f"row {unlike[0]} has a node without a target, or a target without a node")
+
+
+def _check_next(group: h5py.Group, key: str) -> None:
+    now, following = group[f"{schema.OBS}/{key}"], group[f"{schema.NEXT_OBS}/{key}"]
+    for start, rows in _blocks(following):
+        rows = rows[: len(now) - 1 - start]
+        if not np.array_equal(rows, now[start + 1 : start + 1 + len(rows)]):
+            raise DataError(f"is not {schema.OBS}/{key} of the following tick")
+
+
+def _check_copies(group: h5py.Group, info: DemoInfo) -> None:
+    for name, said, there in (
+        (schema.CONTACT_START, info.contact_start, group["obs/contact_portion"][0, 0]),
+        (schema.CONTACT_FINAL, info.contact_final, group["next_obs/contact_portion"][-1, 0]),
+        (schema.CONTACT_TRUE_FINAL, info.contact_true_final, group[schema.CONTACT_TRUE][-1, 0]),
+        (schema.FLAT_AREA_FINAL, info.flat_area_final, group[schema.FLAT_AREA][-1, 0]),
+    ):
+        if said != there:
+            raise DataError(f"attribute {name} is {said}; the arrays say {there}")

@@ -1,0 +1,53 @@
+"""An episode that is being recorded in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from layflat.data.session.journal import JournalTicket
+from layflat.data.types import DisturbanceRecord, Episode, Step
+
+if TYPE_CHECKING:
+    from layflat.data.session.recorder import KeptEpisode, SessionRecorder
+
+
+class Running:
+    """A hook of the loop; the episode is kept or discarded at its end.
+
+    If neither happens, because the program is killed or the recorder closed, what there is of it is kept as partial.
+    """
+
+    def __init__(self, recorder: SessionRecorder, ticket: JournalTicket, beginning: Episode) -> None:
+        self._recorder = recorder
+        self._ticket = ticket
+        self._writer = ticket.begin(beginning)
+
+    def step(self, step: Step) -> None:
+        """One tick that is over; DataError where the disk does not take it."""
+        self._writer.step(step)
+
+    def on_tick(self, step: Step, tick: int) -> None:
+        """As a hook of the loop."""
+        self._writer.step(step)
+
+    def on_disturbance(self, records: Sequence[DisturbanceRecord]) -> None:
+        """What has befallen the cloth so far."""
+        self._writer.on_disturbance(records)
+
+    def keep(self, episode: Episode) -> KeptEpisode:
+        """The whole episode, durable on return, as SessionRecorder.keep; its outcome is the caller's to say.
+
+        Where a DataError says that it could not be kept, its journal stays, for the recorder or repair to try again.
+        """
+        self._writer.finish(episode)
+        return self._recorder.keep(episode, ticket=self._ticket)
+
+    def discard(self) -> None:
+        """Nobody wants it."""
+        self._writer.close()
+        self._recorder.discard(self._ticket)
+
+    def close(self) -> None:
+        """Stop writing; the recorder keeps what there is when it closes."""
+        self._writer.close()

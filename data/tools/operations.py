@@ -1,0 +1,214 @@
+"""Makes sessions of sessions: merge, split, filter, trim.
+
+Each result is written aside and renamed, whole and durable or not there, and never replaces a file without ``force``.
+Episodes are copied without decoding, images included; each keeps its uid, so that it is known again in every copy.
+Older versions of the schema become the present one on the way.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, written_aside
+from layflat.data.format import schema
+from layflat.data.format.encode import AGREED, LIBVER
+from layflat.data.format.opening import part_files, parts_folder
+from layflat.data.session.demo_info import DemoInfo
+from layflat.data.session.reader import Session, open_session
+from layflat.data.session.recorder import check_place, writing
+from layflat.data.session.session_writer import SessionFile
+from layflat.data.types import DataError, Episode, disturbances_within
+
+
+def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:
+    """All episodes of sessions that agree in task, cloth, tick and descriptor, in order; their names in ``target``.
+
+    They are numbered anew; an episode that is in several of the files is taken once. Users' masks are carried over.
+    """
+    if not paths:
+        raise DataError("nothing to merge; name at least one session")
+    with ExitStack() as stack:
+        sessions = [stack.enter_context(open_session(path)) for path in paths]
+        for session in sessions[1:]:
+            _check_agree(sessions[0], session)
+        with new_session(target, force=force) as file:
+            numbers: dict[str, str] = {}
+            for session in sessions:
+                names = {}
+                for name, info in session.infos().items():
+                    if info.uid not in numbers:
+                        numbers[info.uid] = schema.demo_name(len(numbers))
+                        file.copy(numbers[info.uid], session.group(name), info)
+                    names[name] = numbers[info.uid]
+                if session.main_file is not None:
+                    file.copy_extras(session.main_file, names, masks_only=True)
+    return tuple(numbers.values())
+
+
+def split(
+    path: str | Path,
+    targets: Mapping[str, str | Path],
+    shares: Mapping[str, float],
+    seed: int,
+    *,
+    force: bool = False,
+) -> dict[str, tuple[str, ...]]:
+    """Every episode into exactly one of the targets, by chance and in these shares; names of the demos by target.
+
+    ``shares`` are relative, by the targets' names; counts are rounded by largest remainder, and none may be empty.
+    """
+    if not targets or targets.keys() != shares.keys():
+        raise DataError(f"targets are {sorted(targets)} and shares are for {sorted(shares)}; both must name the same")
+    if not all(np.isfinite(share) and share > 0 for share in shares.values()):
+        raise DataError(f"shares are {dict(shares)}; each must be above 0")
+    if len({Path(file).resolve() for file in targets.values()}) < len(targets):
+        raise DataError("two of the targets are the same file; name one file for each")
+    with open_session(path) as session, ExitStack() as stack:
+        chosen = split_names(session.names, shares, seed)
+        for name, file in targets.items():
+            _copy_named(session, chosen[name], stack.enter_context(new_session(file, force=force)))
+    return chosen
+
+
+def split_names(names: Sequence[str], shares: Mapping[str, float], seed: int) -> dict[str, tuple[str, ...]]:
+    """Each of ``names`` under one key of ``shares``; DataError where a key would get none."""
+    weights = np.array(list(shares.values())) / sum(shares.values())
+    counts = np.floor(weights * len(names)).astype(int)
+    left = len(names) - counts.sum()
+    counts[np.argsort(counts - weights * len(names), kind="stable")[:left]] += 1
+    if not counts.all():
+        raise DataError(
+            f"{len(names)} episodes are too few for the shares {dict(shares)}; each part needs at least one"
+        )
+    order = np.random.default_rng(seed).permutation(len(names))
+    parts = np.split(order, np.cumsum(counts)[:-1])
+    return {key: tuple(names[i] for i in sorted(part)) for key, part in zip(shares, parts, strict=True)}
+
+
+def filter_session(
+    path: str | Path,
+    target: str | Path,
+    *,
+    success: bool | None = None,
+    source: str | None = None,
+    cloth: str | None = None,
+    length: tuple[float, float] | None = None,
+    final_contact: tuple[float, float] | None = None,
+    names: Collection[str] | None = None,
+    force: bool = False,
+) -> tuple[str, ...]:
+    """Episodes that meet all conditions (None: any), under the names that they had; their names.
+
+    ``length`` in ticks and ``final_contact`` in 0..1, as the camera saw it, are least and greatest allowed values.
+    """
+    with open_session(path) as session:
+        unknown = set(names or ()) - set(session.names)
+        if unknown:
+            session.info(min(unknown))
+        chosen = tuple(
+            name
+            for name, info in session.infos().items()
+            if (names is None or name in names)
+            and success in (None, info.success)
+            and source in (None, info.source)
+            and cloth in (None, info.cloth)
+            and _within(info.ticks, length)
+            and _within(info.contact_final, final_contact)
+        )
+        if not chosen:
+            raise DataError(f"none of the {len(session)} episodes of {path} meets the conditions; nothing was written")
+        with new_session(target, force=force) as file:
+            _copy_named(session, chosen, file)
+    return chosen
+
+
+def trim(path: str | Path, target: str | Path, *, name: str, start: int, stop: int, force: bool = False) -> DemoInfo:
+    """The session with one episode cut to its ticks ``start`` to ``stop - 1``; what is known of that one now.
+
+    It gets a uid of its own, since it is no longer the recording; ``first_tick`` says how many ticks are missing before
+    it. Without its end its outcome is ``partial`` and it was ``interrupted``.
+    """
+    with open_session(path) as session:
+        episode = trimmed(session.episode(name), start, stop)
+        with new_session(target, force=force) as file:
+            for other in session.names:
+                if other == name:
+                    file.add(other, episode, uuid.uuid4().hex)
+                else:
+                    file.copy(other, session.group(other), session.info(other))
+            _copy_extras(session, session.names, file)
+    with open_session(target) as session:
+        return session.info(name)
+
+
+def trimmed(episode: Episode, start: int, stop: int) -> Episode:
+    """The ticks ``start`` to ``stop - 1`` of an episode."""
+    ticks = len(episode.steps)
+    if not 0 <= start < stop <= ticks:
+        raise DataError(f"ticks {start} to {stop} cannot be kept; the episode has ticks 0 to {ticks}")
+    cut = replace(
+        episode,
+        steps=episode.steps[start:stop],
+        first_tick=episode.first_tick + start,
+        disturbances=disturbances_within(episode.disturbances, start, stop),
+    )
+    if stop == ticks:
+        return cut
+    after = episode.steps[stop]
+    return replace(
+        cut,
+        final_observation=after.observation,
+        final_truth=after.truth,
+        outcome="partial",
+        stopped_by="interrupted",
+    )
+
+
+@contextmanager
+def new_session(target: str | Path, *, force: bool) -> Iterator[SessionFile]:
+    """A session file that appears at ``target`` whole and durable when the block is left, or not at all."""
+    path = Path(target)
+    with writing(path):
+        real = path.resolve()
+        check_place(path, real)
+        if real.exists() and not force:
+            raise DataError(f"{path} exists; give another name, or force to replace it")
+        with WriterLock(parts_folder(real), path):
+            if part_files(real):
+                raise DataError(f"{path} has episodes that are not yet in it; repair it first")
+            aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
+            with written_aside(real, aside), h5py.File(aside, "x", libver=LIBVER) as file:
+                session = SessionFile(file)
+                yield session
+                session.finish()
+
+
+def _copy_named(session: Session, names: Sequence[str], file: SessionFile) -> None:
+    for name in names:
+        file.copy(name, session.group(name), session.info(name))
+    _copy_extras(session, names, file)
+
+
+def _copy_extras(session: Session, names: Sequence[str], file: SessionFile) -> None:
+    if session.main_file is not None:
+        file.copy_extras(session.main_file, {name: name for name in names})
+
+
+def _check_agree(first: Session, other: Session) -> None:
+    for key in AGREED:
+        if getattr(first, key) != getattr(other, key):
+            raise DataError(
+                f"{other.path} has {key} {getattr(other, key)} and {first.path} has {getattr(first, key)};"
+                " only sessions that agree can be merged"
+            )
+
+
+def _within(value: float, limits: tuple[float, float] | None) -> bool:
+    return limits is None or limits[0] <= value <= limits[1]

@@ -1,0 +1,233 @@
+"""Makes a sound session of whatever is left of one."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, written_aside
+from layflat.data.format import schema
+from layflat.data.format.decode import read_demo
+from layflat.data.format.encode import AGREED, LIBVER
+from layflat.data.format.opening import DAMAGE, Blamed, blaming, check_session, open_file, part_files, parts_folder
+from layflat.data.format.structure_checks import Violation, check_demo, check_hard_link
+from layflat.data.session.journal_reader import Recovered, abandoned, journals, read_journal, remove
+from layflat.data.session.recorder import check_place, writing
+from layflat.data.session.session_writer import SessionFile
+from layflat.data.types import DataError
+
+EOF_OFFSET = 28
+"""Of the file's length in a superblock of HDF5's version 2 or 3, with lengths of eight bytes."""
+DAMAGED_SUFFIX = ".damaged"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairReport:
+    """What a repair found."""
+
+    target: Path
+    kept: tuple[str, ...]
+    """Episodes that were whole in the session and in its parts, by their names in ``target``."""
+    recovered: tuple[str, ...]
+    """Episodes from journals of a killed recording: partial, or whole where only their keeping was cut off."""
+    lost: tuple[Violation, ...]
+    """Where something could not be read, and why."""
+    original: Path | None
+    """Where a damaged file is that was replaced."""
+
+
+def repair(path: str | Path, target: str | Path | None = None, *, force: bool = False) -> RepairReport:
+    """Every episode of the session at ``path`` that can be read whole, into a sound session at ``target``.
+
+    Taken are the episodes of the file (also one that lacks its last bytes), those that wait beside it, and what the
+    journals of a killed recording hold. Older schemas become the present one; totals, masks and index are made anew.
+    Without a ``target`` the session itself is replaced and its parts and journals are removed; if anything was lost,
+    the old file stays beside it as ``FILE.h5.damaged``, and a part or journal as ``FILE.h5.damaged-NAME``. DataError
+    where nothing can be read, or where ``target`` exists and is not to be replaced (``force``).
+    """
+    source = Path(path)
+    aim = source if target is None else Path(target)
+    in_place = aim.resolve() == source.resolve()
+    with writing(aim):
+        check_place(aim, aim.resolve())
+        if aim.exists() and not in_place and not force:
+            raise DataError(f"{aim} exists; give another name, or force to replace it")
+        with ExitStack() as locks:
+            locks.enter_context(_locked(aim))
+            if not in_place:
+                # In a folder that nothing can be written to there is no other writer either.
+                with suppress(OSError):
+                    locks.enter_context(_locked(source))
+                if part_files(aim.resolve()):
+                    raise DataError(f"{aim} has episodes that are not yet in it; choose another target")
+            return _Repair(source, aim).run(in_place=in_place)
+
+
+class _Repair:
+    def __init__(self, source: Path, aim: Path) -> None:
+        self.source = source
+        self.aim = aim
+        self.lost: list[Violation] = []
+        self.names: dict[str, str] = {}
+        """By uid."""
+        self.agreed: tuple[object, ...] | None = None
+
+    def run(self, *, in_place: bool) -> RepairReport:
+        real, folder = self.source.resolve(), parts_folder(self.source.resolve())
+        if not real.exists() and not part_files(real) and not journals(folder):
+            raise DataError(f"{self.source} does not exist; correct the path")
+        aside = parts_folder(self.aim.resolve()) / f"session.h5{PART_SUFFIX}"
+        original = None
+        if in_place:
+            for half in folder.glob(f"*{PART_SUFFIX}"):
+                remove(half)  # Of a writer that was killed: nothing in it was kept.
+        with written_aside(self.aim.resolve(), aside):
+            recovered = self._write(aside, real, folder)
+            if not self.names:
+                reason = f" ({self.lost[0].sentence})" if self.lost else ""
+                raise DataError(f"{self.source} holds no episode that can be read{reason}; nothing was written")
+            if in_place and self.lost and real.exists():
+                original = _free(real.with_name(real.name + DAMAGED_SUFFIX))
+                shutil.copy2(real, original)
+        if in_place:
+            self._tidy(real, folder)
+        kept = tuple(name for name in self.names.values() if name not in recovered)
+        return RepairReport(target=self.aim, kept=kept, recovered=recovered, lost=tuple(self.lost), original=original)
+
+    def _tidy(self, real: Path, folder: Path) -> None:
+        """What was taken over is removed; what could not be read would keep the session from being opened."""
+        unread = {loss.path for loss in self.lost}
+        for leftover in [*part_files(real), *filter(abandoned, journals(folder))]:
+            if f"{folder.name}/{leftover.name}" in unread:
+                leftover.rename(_free(real.with_name(f"{real.name}{DAMAGED_SUFFIX}-{leftover.name}")))
+            else:
+                remove(leftover)
+
+    def _write(self, aside: Path, real: Path, folder: Path) -> tuple[str, ...]:
+        with h5py.File(aside, "x", libver=LIBVER) as file:
+            session = SessionFile(file)
+            if real.exists():
+                self._take_file(real, session, extras=True)
+            for part in part_files(real):
+                self._take_file(part, session, extras=False)
+            recovered = [name for path in journals(folder) for name in self._take_journal(path, session)]
+            session.finish()
+        return tuple(recovered)
+
+    def _take_file(self, path: Path, session: SessionFile, *, extras: bool) -> None:
+        where = "/" if extras else f"{path.parent.name}/{path.name}"
+        try:
+            with _opened(path, self.aim.resolve().parent) as file, blaming(path):
+                self._check_agree(tuple(check_session(file)[key] for key in AGREED))
+                here = {}
+                for name in _names(file):
+                    taken = self._take_demo(file[schema.DATA], name, session, where)
+                    if taken is not None:
+                        here[name] = taken
+                if extras:
+                    with suppress(*DAMAGE):
+                        session.copy_extras(file, here)
+        except DataError as error:
+            self.lost.append(Violation(path=where, sentence=str(error)))
+
+    def _take_demo(self, data: h5py.Group, name: str, session: SessionFile, where: str) -> str | None:
+        try:
+            check_hard_link(data, name)
+            group = data[name]
+            info = check_demo(group, file_bytes=max(data.file.id.get_filesize(), 1))
+            read_demo(group, images=True)  # Every checksum, before the only copy is given up.
+            self._check_agree(tuple(getattr(info, key) for key in AGREED))
+            if info.uid in self.names:
+                return self.names[info.uid]
+            new = self._free_name(name)
+            session.copy(new, group, info)
+        except DAMAGE as error:
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            at = f"/{schema.DATA}/{name}" if where == "/" else where
+            self.lost.append(Violation(path=at, sentence=reason))
+            return None
+        self.names[info.uid] = new
+        return new
+
+    def _take_journal(self, path: Path, session: SessionFile) -> Iterator[str]:
+        where = f"{path.parent.name}/{path.name}"
+        try:
+            if not abandoned(path):
+                raise DataError(f"{path} is still being written; end that program first")
+            found: Recovered | None = read_journal(path)
+            if found is None or found.uid in self.names:
+                return
+            episode = found.episode
+            self._check_agree(tuple(getattr(episode, key) for key in AGREED))
+            name = self._free_name(schema.demo_name(0))
+            session.add(name, episode, found.uid)
+        except DataError as error:
+            self.lost.append(Violation(path=where, sentence=str(error)))
+            return
+        self.names[found.uid] = name
+        yield name
+
+    def _check_agree(self, agreed: tuple[object, ...]) -> None:
+        self.agreed = self.agreed or agreed
+        if agreed != self.agreed:
+            raise DataError(f"belongs to another session ({agreed}, not {self.agreed}); move it elsewhere")
+
+    def _free_name(self, name: str) -> str:
+        taken = set(self.names.values())
+        return name if name not in taken else schema.demo_name(1 + max(schema.demo_number(n) for n in taken))
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    with WriterLock(parts_folder(path.resolve()), path):
+        yield
+
+
+def _names(file: h5py.File) -> list[str]:
+    names = [name for name in file[schema.DATA] if schema.DEMO_NAME.fullmatch(name)]
+    return sorted(names, key=schema.demo_number)
+
+
+@contextmanager
+def _opened(path: Path, folder: Path) -> Iterator[h5py.File]:
+    """The file, or where it was cut short, a copy with its missing end as zeros: what lies before may be whole."""
+    try:
+        file = open_file(path)
+    except Blamed:
+        length = _claimed_length(path)
+        if length is None:
+            raise
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{path.name}.", suffix=PART_SUFFIX) as padded:
+            padded.write(path.read_bytes())
+            padded.truncate(length)
+            padded.flush()
+            with open_file(Path(padded.name)) as file:
+                yield file
+        return
+    with file:
+        yield file
+
+
+def _claimed_length(path: Path) -> int | None:
+    """What the superblock says, where that is more than there is, but not absurdly more."""
+    with path.open("rb") as file:
+        head = file.read(EOF_OFFSET + 8)
+    if len(head) < EOF_OFFSET + 8 or not head.startswith(b"\x89HDF\r\n\x1a\n") or head[8] not in (2, 3):
+        return None
+    (length,) = struct.unpack_from("<Q", head, EOF_OFFSET)
+    there = path.stat().st_size
+    return int(length) if there < length <= 64 * there + (1 << 24) else None
+
+
+def _free(path: Path) -> Path:
+    number = 0
+    while (candidate := path if not number else path.with_name(f"{path.name}{number}")).exists():
+        number += 1
+    return candidate

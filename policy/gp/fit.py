@@ -1,0 +1,238 @@
+"""Learns Gaussian processes from demonstrations; the only importer of GPy, which rolling out does not need.
+
+Thesis, chapter 4-1: one process per output, squared-exponential kernel (Eq. 4-6), hyperparameters by maximum
+likelihood with L-BFGS. The outputs are not centred, so that the prior mean of zero means "stay where you are".
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import platform
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from layflat.data.types import ACTION_NAMES, Episode, FloatArray, Provenance
+from layflat.policy.base import PolicyError
+from layflat.policy.features import FeatureLayout
+from layflat.policy.gp import init, sparse
+from layflat.policy.gp.kernel import Hyperparameters, held_out_errors, weights
+from layflat.policy.gp.model import GpModel
+from layflat.policy.trained_model import STOP_THRESHOLD_M, STOP_TICKS
+from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, lessons
+
+LENGTH_SCALE_BOUNDS = (0.1, 5.0)
+"""In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
+table; below, it would remember ticks instead of learning from them."""
+VARIANCE_BOUNDS = (0.01, 25.0)
+"""Prior deviation of 1 mm to 50 mm a tick."""
+NOISE_BOUNDS = (1e-4, 0.25)
+"""Deviation of 0.1 mm to 5 mm a tick: less than the first no hand achieves, and more would drown the slowest move."""
+
+MAX_POINTS = 2000
+"""Training costs N^3 and a tick N^2; with more ticks the sparse form takes over, in which both cost N once."""
+INDUCING_POINTS = 300
+"""Of the sparse form; on ten demonstrations (766 ticks) its moves are within 1.3 % of the full form's (rms)."""
+LIKELIHOOD_POINTS = 1000
+"""Hyperparameters of the full form are learned from at most so many ticks, thinned evenly; the rest are kept all."""
+START_POINTS = 300
+"""So many are enough to say where the optimiser should begin."""
+MAX_ITERATIONS = 200
+
+Progress = Callable[[int, int, str], None]
+"""Called with outputs done, outputs in all, and a clause on the last one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """What may be chosen about a fit."""
+
+    ard: bool = False
+    """One length scale per input instead of the thesis's one for all."""
+    starts: int = 1
+    """Starting points of the optimiser: see ``gp_start``, then drawn by the seed; the likeliest end wins."""
+    max_points: int = MAX_POINTS
+    inducing_points: int = INDUCING_POINTS
+    stop_threshold_m: float = STOP_THRESHOLD_M
+    stop_ticks: int = STOP_TICKS
+    intervention_weight: int = 1
+    """How often each tick counts in which a person corrected a policy: 4 is as if it had been shown four times."""
+
+    def __post_init__(self) -> None:
+        least = {"starts": 1, "max_points": MIN_POINTS, "inducing_points": MIN_POINTS, "intervention_weight": 1}
+        for name, bound in least.items():
+            if getattr(self, name) < bound:
+                raise PolicyError(f"{name} is {getattr(self, name)}; it must be at least {bound}")
+
+
+def fit(
+    episodes: Sequence[Episode],
+    layout: FeatureLayout,
+    *,
+    policy: str,
+    seed: int = 0,
+    options: FitOptions | None = None,
+    provenance: Provenance | None = None,
+    progress: Progress | None = None,
+) -> GpModel:
+    """Learn from whole demonstrations, all of one task, cloth and tick; ticks of phase ``disturb`` are left out.
+
+    Which episodes are worth learning from (no failures, no folds) is the caller's choice.
+    """
+    options = options or FitOptions()
+    taught = lessons(episodes, layout)
+    scale = layout.scales()
+    scaled, outputs = taught.inputs / scale, taught.targets / OUTPUT_SCALE_M
+    is_sparse = len(scaled) > options.max_points
+    inducing = sparse.inducing_points(scaled, options.inducing_points, seed) if is_sparse else None
+    rows = slice(None) if is_sparse else thinned(len(scaled), LIKELIHOOD_POINTS)
+    hyper = fit_hyperparameters(
+        scaled[rows],
+        outputs[rows],
+        ard=options.ard,
+        starts=options.starts,
+        seed=seed,
+        inducing=inducing,
+        names=ACTION_NAMES[layout.task],
+        progress=progress,
+    )
+    # Only what is predicted is weighted. Copies would tell the likelihood of a demonstrator without any noise.
+    copies = np.repeat(np.arange(len(scaled)), np.where(taught.corrections, options.intervention_weight, 1))
+    if inducing is None:
+        errors = held_out_errors(scaled, outputs, taught.groups, hyper)
+        points, inner, alpha = taught.inputs[copies], None, weights(scaled[copies], outputs[copies], hyper)
+    else:
+        errors = sparse.held_out_errors(inducing, scaled, outputs, taught.groups, hyper)
+        points = inducing * scale
+        alpha, inner = sparse.condensed(inducing, scaled[copies], outputs[copies], hyper)
+    alone = len(np.unique(taught.groups)) < 2
+    return GpModel(
+        **taught.shared(policy, seed, provenance, "GPy"),
+        inputs=points,
+        input_scale=scale,
+        alpha=alpha,
+        inner=inner,
+        output_scale_m=OUTPUT_SCALE_M,
+        hyper=hyper,
+        stop_threshold_m=options.stop_threshold_m,
+        stop_ticks=options.stop_ticks,
+        heldout_rmse_m=None if alone else tuple(OUTPUT_SCALE_M * np.sqrt((errors**2).mean(axis=0))),
+    )
+
+
+def fit_hyperparameters(
+    inputs: FloatArray,
+    targets: FloatArray,
+    *,
+    ard: bool = False,
+    starts: int = 1,
+    seed: int = 0,
+    inducing: FloatArray | None = None,
+    names: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Hyperparameters:
+    """Maximum likelihood within the bounds, for scaled inputs (N, D) and targets (N, A), output by output.
+
+    With ``inducing`` points (M, D), scaled: of the sparse form's bound on it, for which they stay where they are.
+    """
+    rng = np.random.default_rng(seed)
+    size, outputs = inputs.shape[1], targets.shape[1]
+    lengths = size if ard else 1
+    few = thinned(len(inputs), START_POINTS)
+    likely = init.likeliest(inputs[few], targets[few])
+    found: list[tuple[FloatArray, float, float]] = []
+    for a in range(outputs):
+        length, variance, noise = (float(value[a]) for value in likely)
+        begins = [_within_bounds(np.full(lengths, length), variance, noise)]
+        begins += [_drawn(rng, lengths) for _ in range(starts - 1)]
+        ends = [_optimise(inputs, targets[:, a : a + 1], begin, ard, inducing) for begin in begins]
+        found.append(min(ends, key=lambda end: end[0])[1:])
+        if progress is not None:
+            name = names[a] if a < len(names) else f"output {a}"
+            noise_mm = 1000 * OUTPUT_SCALE_M * math.sqrt(found[-1][2])
+            progress(a + 1, outputs, f"{name}: noise {noise_mm:.2f} mm a tick")
+    return Hyperparameters(
+        kernel="se-ard" if ard else "se",
+        length_scales=np.array([np.broadcast_to(length, size) for length, _, _ in found]),
+        variance=np.array([variance for _, variance, _ in found]),
+        noise=np.array([noise for _, _, noise in found]),
+    )
+
+
+def thinned(count: int, most: int) -> np.ndarray:
+    """(min(count, most),) rows, evenly spread over ``count``, first and last among them."""
+    if count <= most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, most).round().astype(int)
+
+
+def _within_bounds(lengths: FloatArray, variance: float, noise: float) -> tuple[FloatArray, float, float]:
+    """Inside the bounds and not on them, where the optimiser could not tell which way to go."""
+
+    def inside(value: float, low: float, high: float) -> float:
+        return min(max(value, low * 1.1), high / 1.1)
+
+    return lengths, inside(variance, *VARIANCE_BOUNDS), inside(noise, *NOISE_BOUNDS)
+
+
+def _drawn(rng: np.random.Generator, lengths: int) -> tuple[FloatArray, float, float]:
+    """Length scales, variance and noise, log-uniform."""
+
+    def draw(low: float, high: float, size: int) -> FloatArray:
+        return np.exp(rng.uniform(math.log(low), math.log(high), size))
+
+    return draw(0.3, 3.0, lengths), float(draw(0.1, 5.0, 1)[0]), float(draw(1e-3, 0.1, 1)[0])
+
+
+def _optimise(
+    inputs: FloatArray,
+    target: FloatArray,
+    start: tuple[FloatArray, float, float],
+    ard: bool,
+    inducing: FloatArray | None = None,
+) -> tuple[float, FloatArray, float, float]:
+    """Negative log likelihood, length scales (1,) or (D,), variance and noise at the end of one run of L-BFGS."""
+    gpy = import_gpy()
+    length, variance, noise = start
+    # A line search may try a corner of the bounds; what it overflows there is rejected by its own value.
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        kernel = gpy.kern.RBF(inputs.shape[1], variance=variance, lengthscale=length, ARD=ard)
+        if inducing is None:
+            model = gpy.models.GPRegression(inputs, target, kernel, noise_var=noise)
+        else:
+            model = gpy.models.SparseGPRegression(inputs, target, kernel, Z=inducing)
+            model.inducing_inputs.fix(warning=False)
+            model.likelihood.variance[:] = noise
+        model.kern.lengthscale.constrain_bounded(*LENGTH_SCALE_BOUNDS, warning=False)
+        model.kern.variance.constrain_bounded(*VARIANCE_BOUNDS, warning=False)
+        model.likelihood.variance.constrain_bounded(*NOISE_BOUNDS, warning=False)
+        model.optimize("lbfgsb", max_iters=MAX_ITERATIONS)
+    lengths = np.array(model.kern.lengthscale, dtype=np.float64)
+    return (
+        float(model.objective_function()),
+        lengths,
+        float(model.kern.variance[0]),
+        float(model.likelihood.variance[0]),
+    )
+
+
+def import_gpy() -> Any:
+    """GPy, imported when it is first needed: it takes a second or two, and placing does without."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import GPy
+    except ImportError as error:
+        # paramz 0.9.6, the last for Python 3.10, does not work with numpy 2: neither its imports nor its arrays.
+        raise PolicyError(
+            f"GPy cannot be imported with numpy {np.__version__} on Python {platform.python_version()} ({error}); "
+            "install the versions that constraints.txt names"
+        ) from error
+    for name in ("GP", "paramz", "GPy"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    return GPy

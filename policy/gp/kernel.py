@@ -1,0 +1,99 @@
+"""The kernel of Eq. 4-6 and what follows from it: matrices, factors, weights, and the errors on what was left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.spatial.distance import cdist
+
+from layflat.data.types import FloatArray
+from layflat.policy.base import PolicyError
+from layflat.policy.trained_model import freeze
+
+KERNELS = ("se", "se-ard")
+"""Squared exponential with one length scale for all inputs (Eq. 4-6), or with one for each."""
+
+JITTER = 1e-8
+"""Added to the noise variance wherever a kernel matrix is factorised, as GPy does, so that both agree to the digit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hyperparameters:
+    """Of A independent processes over D inputs; inputs in units of their scale, outputs in units of theirs."""
+
+    kernel: str
+    length_scales: FloatArray
+    """(A, D); all columns of a row are equal under kernel ``se``."""
+    variance: FloatArray
+    """(A,) of the process."""
+    noise: FloatArray
+    """(A,) variance of the demonstrator around the process."""
+
+    def __post_init__(self) -> None:
+        freeze(self, "length_scales", (None, None))
+        outputs = len(self.length_scales)
+        freeze(self, "variance", (outputs,))
+        freeze(self, "noise", (outputs,))
+        if self.kernel not in KERNELS:
+            raise PolicyError(f"kernel is {self.kernel!r}; it must be one of {', '.join(KERNELS)}")
+        for name in ("length_scales", "variance", "noise"):
+            if not (getattr(self, name) > 0).all():
+                raise PolicyError(f"{name} holds {getattr(self, name).min():g}; all must be above 0")
+        if self.kernel == "se" and not (self.length_scales == self.length_scales[:, :1]).all():
+            raise PolicyError("kernel se has one length scale for all inputs, but they differ")
+
+
+def covariance(left: FloatArray, right: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
+    """(N, M) Eq. 4-6 of one output between scaled inputs (N, D) and (M, D)."""
+    length = hyper.length_scales[output]
+    squared = cdist(left / length, right / length, "sqeuclidean")
+    return np.asarray(hyper.variance[output] * np.exp(-0.5 * squared))
+
+
+def cholesky(scaled: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
+    """(N, N) lower factor of K + noise I over scaled inputs (N, D)."""
+    return _factor(scaled, hyper, output, float(hyper.noise[output]))
+
+
+def kernel_factor(scaled: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
+    """(M, M) lower factor of K alone, over inducing points that lie apart."""
+    return _factor(scaled, hyper, output, 0.0)
+
+
+def _factor(scaled: FloatArray, hyper: Hyperparameters, output: int, noise: float) -> FloatArray:
+    kernel = covariance(scaled, scaled, hyper, output)
+    kernel[np.diag_indices_from(kernel)] += noise + JITTER
+    try:
+        factor, _ = cho_factor(kernel, lower=True, overwrite_a=True, check_finite=False)
+    except LinAlgError as error:
+        why = "the noise is too small" if noise else "the inducing points are too close to each other"
+        raise PolicyError(f"the kernel matrix of output {output} is not positive: {why}") from error
+    return np.asarray(np.tril(factor))
+
+
+def weights(scaled: FloatArray, targets: FloatArray, hyper: Hyperparameters) -> FloatArray:
+    """(A, N) alpha of Eq. 4-5 for scaled inputs (N, D) and scaled targets (N, A)."""
+    columns = range(targets.shape[1])
+    return np.array([cho_solve((cholesky(scaled, hyper, a), True), targets[:, a]) for a in columns])
+
+
+def held_out_errors(
+    scaled: FloatArray, targets: FloatArray, groups: Sequence[int] | np.ndarray, hyper: Hyperparameters
+) -> FloatArray:
+    """(N, A) target minus what a model without the target's own group predicts; hyperparameters stay as they are.
+
+    With P = (K + noise I)^-1 the error on group b is (P_bb)^-1 (P y)_b (Rasmussen and Williams, section 5.4.2, for
+    blocks), so that no model has to be trained again. One group alone gives the targets: nothing is left to learn from.
+    """
+    labels = np.asarray(groups)
+    errors = np.empty_like(targets)
+    for a in range(targets.shape[1]):
+        precision = cho_solve((cholesky(scaled, hyper, a), True), np.eye(len(scaled)))
+        alpha = precision @ targets[:, a]
+        for label in np.unique(labels):
+            rows = np.flatnonzero(labels == label)
+            errors[rows, a] = np.linalg.solve(precision[np.ix_(rows, rows)], alpha[rows])
+    return errors

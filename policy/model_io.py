@@ -1,0 +1,220 @@
+"""Model files: an ``.npz`` of plain arrays with a JSON header; no pickle, no class names, nothing that is run.
+
+The file is a zip of ``header.npy`` (the JSON as bytes) and one ``.npy`` for each array that its method's model names,
+little-endian float64. The header holds the method's format, a schema version, the shapes, all that rolling out needs,
+and a SHA-256 over itself and the arrays: it finds damage and careless edits; it is no signature.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from layflat.data.types import FloatArray, Provenance
+from layflat.policy.base import PolicyError
+from layflat.policy.dmp.model import DmpModel
+from layflat.policy.features import FeatureLayout
+from layflat.policy.gmr.model import GmrModel
+from layflat.policy.gp.model import GpModel
+from layflat.policy.nearest.model import NearestModel
+from layflat.policy.trained_model import Learned
+
+FORMATS: Mapping[str, type[Learned]] = {kind.FORMAT: kind for kind in (GpModel, GmrModel, DmpModel, NearestModel)}
+"""What a header may say, and the model that it stands for; a new method adds its own."""
+SCHEMA = 2
+"""2: with the descriptor; in 1 WORD was computed otherwise, so that those models would see something else now."""
+
+MAX_FILE_BYTES = 64 * 2**20
+MAX_HEADER_BYTES = 2**20
+MAX_POINTS = 20_000
+"""More than this no fit makes; the kernel matrices alone would be 3 GB for each output."""
+
+_SCALARS: Mapping[str, type] = {
+    "policy": str,
+    "cloth": str,
+    "descriptor": str,
+    "tick_s": float,
+    "action_limit_m": float,
+    "stop_threshold_m": float,
+    "stop_ticks": int,
+    "seed": int,
+    "demonstrations": int,
+    "points_available": int,
+}
+"""Fields of every model that are stored in the header as they are."""
+
+
+def save(model: Learned, path: str | Path, *, force: bool = False) -> None:
+    """Write a model, whole or not at all; a file that exists is kept unless ``force``."""
+    target = Path(path)
+    if target.exists() and not force:
+        raise PolicyError(f"{target} exists already; choose another name or force overwriting it")
+    arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in model.arrays().items()}
+    header = _header_of(model, arrays)
+    header["checksum"] = checksum(header, arrays)
+    text = json.dumps(header, indent=1, sort_keys=True, allow_nan=False).encode()
+    buffer = io.BytesIO()
+    members: dict[str, Any] = {"header": np.frombuffer(text, dtype=np.uint8), **arrays}
+    np.savez(buffer, **members)
+    try:
+        _write_aside(target, buffer.getvalue())
+    except OSError as error:
+        raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
+
+
+def load(path: str | Path) -> Learned:
+    """Read a model; anything else than a whole, unchanged model file is refused with a PolicyError."""
+    source = Path(path)
+    try:
+        if source.stat().st_size > MAX_FILE_BYTES:
+            raise PolicyError(f"it has {source.stat().st_size} bytes; a model has at most {MAX_FILE_BYTES}")
+        with zipfile.ZipFile(source) as archive:
+            header = _read_header(archive)
+            shapes, kind = header["shapes"], FORMATS[header["format"]]
+            names = [name for name in (*kind.ARRAYS, *kind.OPTIONAL) if name in shapes]
+            arrays = {name: _read_array(archive, name, shapes[name]) for name in names}
+        if header["checksum"] != checksum(header, arrays):
+            raise PolicyError("its checksum does not match: it was damaged or changed; train it again")
+        return _model_of(header, arrays)
+    except FileNotFoundError as error:
+        raise PolicyError(f"{source} does not exist; `layflat train` makes a model") from error
+    except zipfile.BadZipFile as error:
+        raise PolicyError(f"{source} is not a model file, or only a part of one ({error})") from error
+    except OSError as error:
+        raise PolicyError(f"cannot read {source}: {error.strerror or error}") from error
+    except ValueError as error:
+        # Base of PolicyError and DataError, and what numpy and json raise on foreign bytes.
+        raise PolicyError(f"{source} is not a usable model: {error}") from error
+    except (EOFError, KeyError, NotImplementedError, RuntimeError, TypeError, zlib.error) as error:
+        raise PolicyError(f"{source} is not a usable model ({type(error).__name__}: {error})") from error
+
+
+def checksum(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256 over the header without its checksum, and each array's name and bytes, in the order of its model."""
+    digest = hashlib.sha256()
+    rest = {key: value for key, value in header.items() if key != "checksum"}
+    digest.update(json.dumps(rest, sort_keys=True).encode())
+    for name, array in arrays.items():
+        digest.update(f"\0{name}\0".encode())
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+def _header_of(model: Learned, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
+    provenance = model.provenance
+    return {
+        "format": model.FORMAT,
+        "schema": SCHEMA,
+        "task": model.layout.task,
+        "features": list(model.layout.names),
+        "outputs": list(model.outputs),
+        "shapes": {name: list(array.shape) for name, array in arrays.items()},
+        "heldout_rmse_m": None if model.heldout_rmse_m is None else list(model.heldout_rmse_m),
+        "provenance": {
+            "versions": dict(provenance.versions),
+            "platform": provenance.platform,
+            "created_utc": provenance.created_utc,
+            "command": provenance.command,
+        },
+        **{name: kind(getattr(model, name)) for name, kind in _SCALARS.items()},
+        **model.settings(),
+    }
+
+
+def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Learned:
+    """A model from a checked header; the model itself checks what the numbers mean."""
+    told, kind = header["heldout_rmse_m"], FORMATS[header["format"]]
+    shared = {
+        "layout": FeatureLayout(task=header["task"], names=tuple(header["features"])),
+        "heldout_rmse_m": None if told is None else tuple(told),
+        "provenance": Provenance(**header["provenance"]),
+        **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},
+    }
+    model = kind.restored(shared, arrays, {name: _scalar(header, name, of) for name, of in kind.SETTINGS.items()})
+    if tuple(header["outputs"]) != model.outputs:
+        raise PolicyError(f"its outputs are {header['outputs']}; task {model.layout.task} has {list(model.outputs)}")
+    return model
+
+
+def _scalar(header: Mapping[str, Any], name: str, kind: type) -> Any:
+    value = header[name]
+    if type(value) is not kind:
+        raise PolicyError(f"its {name} is {value!r}; it must be of type {kind.__name__}")
+    return value
+
+
+def _read_header(archive: zipfile.ZipFile) -> dict[str, Any]:
+    if "header.npy" not in archive.namelist():
+        raise PolicyError("it is not a model file: header.npy is missing")
+    raw = _read_member(archive, "header", MAX_HEADER_BYTES, "|u1", None)
+    header = json.loads(raw.tobytes().decode("utf-8"))
+    if not isinstance(header, dict) or header.get("format") not in FORMATS:
+        raise PolicyError(f"its header does not say format {' or '.join(FORMATS)}")
+    if header.get("schema") != SCHEMA:
+        raise PolicyError(f"its schema is {header.get('schema')!r}; this version reads {SCHEMA}")
+    kind, told = FORMATS[header["format"]], set(header["shapes"])
+    if not set(kind.ARRAYS) <= told <= {*kind.ARRAYS, *kind.OPTIONAL}:
+        raise PolicyError(f"its header has the shapes of {sorted(told)}; it must have {sorted(kind.ARRAYS)}")
+    wanted = {f"{name}.npy" for name in ("header", *told)}
+    if odd := sorted({info.filename for info in archive.infolist()} ^ wanted):
+        raise PolicyError(f"it is not a model file: {odd[0]} is {'missing' if odd[0] in wanted else 'no part of one'}")
+    return header
+
+
+def _read_array(archive: zipfile.ZipFile, name: str, shape: Any) -> FloatArray:
+    sizes = tuple(shape)
+    if not all(type(size) is int and 0 < size <= MAX_POINTS for size in sizes):
+        raise PolicyError(f"its {name} claims the shape {shape}; each size must be in 1..{MAX_POINTS}")
+    return _read_member(archive, name, MAX_FILE_BYTES, "<f8", sizes)
+
+
+def _read_member(
+    archive: zipfile.ZipFile, name: str, most_bytes: int, dtype: str, shape: tuple[int, ...] | None
+) -> np.ndarray:
+    """One array; its claimed size is held against the bytes that are there before anything is made of it."""
+    info = archive.getinfo(f"{name}.npy")
+    if info.file_size > most_bytes:
+        raise PolicyError(f"its {name} has {info.file_size} bytes; at most {most_bytes} are allowed")
+    stream = io.BytesIO(archive.read(info))
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise PolicyError(f"its {name} is not an array of format 1.0")
+    claimed, _, kind = np.lib.format.read_array_header_1_0(stream)
+    if kind != np.dtype(dtype) or (shape is not None and claimed != shape):
+        raise PolicyError(f"its {name} is {kind} {claimed}; it must be {dtype} {'(n,)' if shape is None else shape}")
+    if math.prod(claimed) * kind.itemsize != len(stream.getvalue()) - stream.tell():
+        raise PolicyError(f"its {name} claims {claimed} but has another number of bytes")
+    stream.seek(0)
+    return np.asarray(np.load(stream, allow_pickle=False))
+
+
+def _write_aside(target: Path, content: bytes) -> None:
+    """Beside the target, to the disk, then in its place: a reader sees the old file or the whole new one."""
+    aside = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        with aside.open("xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(aside, target)
+    finally:
+        aside.unlink(missing_ok=True)
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name itself is durable only when the folder is."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

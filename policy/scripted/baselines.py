@@ -1,0 +1,113 @@
+"""Policies without learning: comparators and stand-ins, each an ordinary policy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, TASKS, FloatArray, Observation, Task, action_size
+from layflat.policy.base import Decision, PolicyError
+from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, XLimit
+
+X_LIMIT_M = 0.75
+"""World x at which the camera's view ends."""
+DRAG_M = 0.005
+"""A drag along +x in one tick; well inside the 3..10 mm that the scripted demonstrator uses."""
+FLAT_CONTACT = 0.985
+"""Contact portion above which there is nothing left to pull out."""
+
+
+class Hold:
+    """Does nothing, for ever."""
+
+    name = "hold"
+
+    def __init__(self, task: Task) -> None:
+        self.task = _checked(task)
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget."""
+
+    def resume(self) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observation) -> Decision:
+        return Decision(action=np.zeros(action_size(self.task)), reason="holding")
+
+
+class RandomMoves:
+    """Each axis uniform in +-``limit_m``, drawn anew in each tick; never stops. ``planar``: nothing moves along z."""
+
+    name = "random"
+
+    def __init__(self, task: Task, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
+        if not 0 < limit_m <= ACTION_LIMIT_M:
+            raise PolicyError(f"limit_m is {limit_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
+        self.task = _checked(task)
+        self._limit_m = limit_m
+        self._free = [not (planar and name.startswith("dz")) for name in ACTION_NAMES[task]]
+        self._rng = np.random.default_rng(0)
+
+    def reset(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def resume(self) -> None:
+        """Nothing to forget; the draws go on."""
+
+    def act(self, observation: Observation) -> Decision:
+        action = self._rng.uniform(-self._limit_m, self._limit_m, action_size(self.task))
+        return Decision(action=action * self._free, reason="random move")
+
+
+class Drag:
+    """Drags along +x at constant speed until its rule stops it."""
+
+    def __init__(self, task: Task, *, name: str, stop: StopRule, speed_m: float = DRAG_M) -> None:
+        if not 0 < speed_m <= ACTION_LIMIT_M:
+            raise PolicyError(f"speed_m is {speed_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
+        self.name = name
+        self.task = _checked(task)
+        self._stop = stop
+        self._action = along_x(task, speed_m)
+
+    def reset(self, seed: int) -> None:
+        self._stop.reset()
+
+    def resume(self) -> None:
+        self._stop.reset()
+
+    def act(self, observation: Observation) -> Decision:
+        stop = self._stop.update(observation, self._action)
+        if stop is not None:
+            return Decision(action=np.zeros_like(self._action), stop=stop.by, reason=stop.reason)
+        return Decision(action=self._action, reason="dragging +x")
+
+
+def stretch_right(task: Task) -> Drag:
+    """Pulls along +x whatever the cloth does, to the end of the view: the thesis's comparator of chapter 3."""
+    return Drag(task, name="stretch-right", stop=XLimit(X_LIMIT_M))
+
+
+def drag_rule(task: Task) -> Drag:
+    """Three lines that repair about as well as a GP in the plane: drag +x while contact grows, then stop."""
+    stop = AnyOf(ContactReached(FLAT_CONTACT), NoContactGain(ticks=6), XLimit(X_LIMIT_M))
+    return Drag(task, name="drag-rule", stop=stop)
+
+
+def along_x(task: Task, distance_m: float) -> FloatArray:
+    """(A,) m: the whole holder moves along +x."""
+    action = np.zeros(action_size(task))
+    action[:: 2 if task == "hanger" else 3] = distance_m
+    return action
+
+
+def along_z(task: Task, distance_m: float) -> FloatArray:
+    """(A,) m: the whole holder moves up."""
+    action = np.zeros(action_size(task))
+    action[[name.startswith("dz") for name in ACTION_NAMES[task]]] = distance_m
+    return action
+
+
+def _checked(task: Task) -> Task:
+    if task not in TASKS:
+        raise PolicyError(f"task is {task!r}; it must be one of {', '.join(TASKS)}")
+    return task

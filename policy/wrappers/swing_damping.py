@@ -1,0 +1,71 @@
+"""Steady: a cloth that swings ahead of its holder is not laid down: it would land on its reverse side (figure 5-1).
+
+Any policy can be decorated. While the cloth hangs low and the camera sees its free edge ahead of the holder, the holder
+stays where it is and goes up as fast as it may; the policy goes on when the cloth hangs still.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from layflat.data.types import ACTION_LIMIT_M, Observation, Task
+from layflat.policy.base import Decision, Policy, extra_ticks
+from layflat.policy.scripted.baselines import along_z
+
+LOW_M = 0.05
+"""Height of the free edge below which it matters where it is."""
+AHEAD_M = 0.03
+"""The demonstrator's free edge is behind the holder when it touches; random moves of a start swing it 1 cm ahead."""
+CLEAR_M = 0.06
+"""Height to which the free edge is lifted."""
+HANGING_CONTACT = 0.02
+"""Camera contact below which the cloth hangs."""
+HELD_UP_M = 0.15
+"""The holder of a hanging cloth is higher."""
+STILL_TICKS = 5
+STILL_M = 0.012
+"""Range of the free edge's place beside the holder, x: the camera's noise and a swing of 6 mm."""
+WAIT_TICKS = 40
+"""In an episode, at most; the air stops a swing in a second or two."""
+
+
+class Steady:
+    """Acts as ``policy``, but lifts a cloth that swings ahead before it touches, and waits until it hangs still."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.name = f"{policy.name}+steady"
+        self.task: Task = policy.task
+        self.extra_ticks = extra_ticks(policy) + WAIT_TICKS
+        self._policy = policy
+        self._forget()
+
+    def reset(self, seed: int) -> None:
+        self._policy.reset(seed)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._waited = 0
+        self._waiting = False
+        self._ahead: deque[float] = deque(maxlen=STILL_TICKS)
+
+    def resume(self) -> None:
+        self._policy.resume()
+
+    def act(self, observation: Observation) -> Decision:
+        lowest = observation.lowest_m
+        if lowest is None or self._waited == WAIT_TICKS:
+            return self._policy.act(observation)
+        ahead = float(lowest[0] - observation.holder_position[0])
+        self._ahead.append(ahead)
+        hanging = observation.contact_portion < HANGING_CONTACT and observation.holder_position[2] > HELD_UP_M
+        if self._waiting:
+            self._waiting = len(self._ahead) < STILL_TICKS or float(np.ptp(self._ahead)) > STILL_M
+        else:
+            self._waiting = bool(hanging and lowest[2] < LOW_M and ahead > AHEAD_M)
+        if not self._waiting:
+            return self._policy.act(observation)
+        self._waited += 1
+        rise = float(np.clip(CLEAR_M - lowest[2], 0.0, ACTION_LIMIT_M))
+        return Decision(action=along_z(self.task, rise), reason="the cloth swings ahead: waiting until it hangs still")

@@ -1,0 +1,56 @@
+"""What a bench is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Literal
+
+from layflat.data.types import TASKS, TICK_S, Task
+from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
+from layflat.sim.cloth.cloth import ClothSpec, cloth_spec
+from layflat.sim.cloth.starts import STARTS, Start
+from layflat.sim.physics.bullet.world import SimError
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchSettings:
+    """What a bench is made of; with a seed it determines a start."""
+
+    task: Task
+    start: Start = "hanging"
+    """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
+    flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
+    descriptor: str = DEFAULT
+    """Which direction an observation's ``word`` holds, by its name in layflat.perception.descriptors.registry."""
+    cloth: str = "towel"
+    table_friction: float = 1.0
+    """Multiplied with the cloth's own 0.5; the product worked best at 0.5 of 0.3, 0.5 and 0.8."""
+    control: Literal["impedance", "position"] = "impedance"
+    camera: bool = True
+    """False: observations have no image, and contact and WORD read 0 (for benchmarks of the physics)."""
+    noise: bool = True
+    """Depth noise of the camera."""
+    tick_s: float = TICK_S
+    spec: ClothSpec = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.task not in TASKS:
+            raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(TASKS)}")
+        if self.start not in STARTS:
+            raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
+        if self.start == "crumpled" and self.task != "pickers":
+            raise SimError(f"a crumpled start needs the pickers task, and this is {self.task!r}")
+        if self.descriptor not in DESCRIPTORS:
+            raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
+        if not 0.01 <= self.tick_s <= 1.0:
+            raise SimError(f"tick_s is {self.tick_s}; it must be between 0.01 and 1")
+        object.__setattr__(self, "spec", cloth_spec(self.cloth))
+
+    def described(self) -> dict[str, str | float | bool]:
+        """All but task, cloth and tick_s, by name: ``BenchSettings(task=..., cloth=..., tick_s=..., **described)``."""
+        names = [item.name for item in fields(self) if item.init]
+        return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "tick_s")}
+
+    @property
+    def substeps(self) -> int:
+        return max(1, round(self.tick_s * self.spec.rate_hz))

@@ -1,0 +1,134 @@
+"""The arm's visible shape as arrays, placed by forward kinematics: for who draws it without a simulator."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from layflat.data.types import FloatArray
+from layflat.sim.cloth.cloth import HELD_STRETCH, ClothSpec
+from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.robots.panda import BASE_POSITION_M, JOINTS, arm_urdf
+
+_BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+_BOX_TRIANGLES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ArmShape:
+    """Triangles of all links, V vertices and T triangles."""
+
+    vertices: FloatArray
+    """(V, 3) m, each in its link's frame."""
+    link: NDArray[np.intp]
+    """(V,) the link of each vertex: 0 the base, k the one that joint k moves."""
+    triangles: NDArray[np.intp]
+    """(T, 3) counter-clockwise seen from outside."""
+    is_hanger: NDArray[np.bool_]
+    """(T,) True for bar and clips."""
+    joint_frames: FloatArray
+    """(JOINTS, 4, 4) from each joint's frame at zero to that of the link before."""
+
+    def link_frames(self, joint_angles: FloatArray) -> FloatArray:
+        """(JOINTS + 1, 4, 4) from each link's frame to the world; ``joint_angles`` (JOINTS,) rad about z."""
+        angles = np.asarray(joint_angles, dtype=float)
+        if angles.shape != (JOINTS,):
+            raise SimError(f"joint angles have shape {angles.shape}; the arm has {JOINTS} joints")
+        frames = [np.eye(4)]
+        frames[0][:3, 3] = BASE_POSITION_M
+        for frame, angle in zip(self.joint_frames, angles, strict=True):
+            c, s = math.cos(angle), math.sin(angle)
+            turn = np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+            frames.append(frames[-1] @ frame @ turn)
+        return np.array(frames)
+
+    def placed(self, joint_angles: FloatArray) -> FloatArray:
+        """(V, 3) m, world."""
+        frames = self.link_frames(joint_angles)[self.link]
+        return np.einsum("vij,vj->vi", frames[:, :3, :3], self.vertices) + frames[:, :3, 3]
+
+
+def arm_shape(cloth: ClothSpec) -> ArmShape:
+    """The arm with the hanger that holds ``cloth``, of the description that the bench loads."""
+    robot = ET.fromstring(arm_urdf(HELD_STRETCH * cloth.width_m))
+    vertices: list[FloatArray] = []
+    triangles: list[NDArray] = []
+    links: list[NDArray] = []
+    hanger: list[NDArray] = []
+    for link in robot.findall("link"):
+        number = int(link.get("name", "0").removeprefix("panda_link"))
+        for visual in link.findall("visual"):
+            points, faces, is_box = _shape(visual)
+            triangles.append(_outward(points, faces) + sum(len(v) for v in vertices))
+            vertices.append(points)
+            links.append(np.full(len(points), number))
+            hanger.append(np.full(len(faces), is_box))
+    joints = {str(joint.get("name")): _origin(joint.find("origin")) for joint in robot.findall("joint")}
+    return ArmShape(
+        vertices=np.concatenate(vertices),
+        link=np.concatenate(links),
+        triangles=np.concatenate(triangles),
+        is_hanger=np.concatenate(hanger),
+        joint_frames=np.array([joints[f"panda_joint{k + 1}"] for k in range(JOINTS)]),
+    )
+
+
+def _shape(visual: ET.Element) -> tuple[FloatArray, NDArray[np.intp], bool]:
+    """Vertices in the link's frame, triangles, and whether it is a box."""
+    frame = _origin(visual.find("origin"))
+    box, mesh = visual.find("geometry/box"), visual.find("geometry/mesh")
+    if box is not None:
+        points, faces = _BOX_CORNERS * _numbers(box.get("size")), _BOX_TRIANGLES
+    elif mesh is not None:
+        points, faces = _read_obj(Path(str(mesh.get("filename"))))
+    else:
+        raise SimError("the arm's description has a shape that is neither a box nor a mesh")
+    return points @ frame[:3, :3].T + frame[:3, 3], faces, box is not None
+
+
+def _read_obj(path: Path) -> tuple[FloatArray, NDArray[np.intp]]:
+    lines = [line.split() for line in path.read_text().splitlines()]
+    points = np.array([[float(v) for v in words[1:4]] for words in lines if words[:1] == ["v"]])
+    faces = [[int(word.split("/")[0]) - 1 for word in words[1:]] for words in lines if words[:1] == ["f"]]
+    fans = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
+    # Vertices that a file repeats for each face are one: a mesh is drawn by its corners.
+    unique, index = np.unique(points.round(6), axis=0, return_inverse=True)
+    return unique, index.reshape(-1)[np.array(fans)]
+
+
+def _outward(points: FloatArray, faces: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Faces turned so that they run counter-clockwise seen from outside: the meshes are hulls around their middle."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    inward = np.einsum("tk,tk->t", normal, (a + b + c) / 3 - points.mean(axis=0)) < 0
+    return np.where(inward[:, None], faces[:, ::-1], faces)
+
+
+def _origin(element: ET.Element | None) -> FloatArray:
+    """(4, 4) of an origin element; the identity without one."""
+    frame = np.eye(4)
+    if element is None:
+        return frame
+    roll, pitch, yaw = _numbers(element.get("rpy"))
+    cr, sr, cp, sp, cy, sy = (f(v) for v in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    frame[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    frame[:3, 3] = _numbers(element.get("xyz"))
+    return frame
+
+
+def _numbers(text: str | None) -> FloatArray:
+    return np.array([float(word) for word in (text or "0 0 0").split()])

@@ -1,0 +1,44 @@
+"""The seam between the task and who holds the cloth: two free pickers, or a Panda arm with a two-clip hanger."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from layflat.data.types import FloatArray, Task
+
+
+class Holder(Protocol):
+    """Holds the cloth's two corners and carries them along displacements, one per tick.
+
+    A holder is made at its home pose with the clips or pickers at ``corner_positions()``; the caller puts the cloth's
+    corner nodes there and calls ``grip``.
+    """
+
+    task: Task
+
+    def corner_positions(self) -> FloatArray:
+        """(2, 3) m, world: where the two held corners really are; row 0 at +y."""
+
+    def position(self) -> FloatArray:
+        """(3,) m, world: the hanger's centre between the clips, or the midpoint of the pickers."""
+
+    def joint_angles(self) -> FloatArray:
+        """(J,) rad: the arm's joints now; none where no arm holds the cloth."""
+
+    def grip(self) -> None:
+        """Anchor the cloth's corners; they must already be at ``corner_positions()``."""
+
+    def start_tick(self, action: FloatArray, substeps: int) -> None:
+        """Begin one tick: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
+
+    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Begin one tick in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for pickers; None: no hand.
+
+        ``load_n``: weight of the cloth that hangs from the holder.
+        """
+
+    def before_substep(self) -> None:
+        """Called before each substep: move the kinematic bodies or apply the torques."""
+
+    def rest(self) -> None:
+        """Stay in place while the world is only stepped (to time bare substeps); the next tick goes on as before."""
