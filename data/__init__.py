@@ -1,36 +1,45 @@
 """What an episode is, and keeping it safe: numpy and h5py only. docs/data.md shows it in use."""
 
 from layflat.data.session.demo_info import DemoInfo
-from layflat.data.session.episode_writer import Running
-from layflat.data.session.journal import JournalTicket, JournalWriter
+from layflat.data.session.episode_writer import EpisodeWriter
+from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.session.reader import EpisodeView, Session, open_session
-from layflat.data.session.recorder import KeptEpisode, SessionRecorder
+from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 from layflat.data.tools.operations import filter_session, merge, split, trim
 from layflat.data.tools.repair import RepairReport, repair
 from layflat.data.tools.stats import ColumnStats, SessionStats, session_stats
 from layflat.data.tools.validate import Violation, validate
-from layflat.data.types import DataError, DisturbanceRecord, Episode, Observation, Provenance, Pull, Step, Truth
+from layflat.data.types import (
+    DataError,
+    DisturbanceRecord,
+    DragTarget,
+    Episode,
+    GroundTruth,
+    Observation,
+    Provenance,
+    Step,
+)
 
 __all__ = [
     "ColumnStats",
     "DataError",
     "DemoInfo",
     "DisturbanceRecord",
+    "DragTarget",
     "Episode",
     "EpisodeView",
-    "JournalTicket",
+    "EpisodeWriter",
+    "GroundTruth",
+    "JournalHandle",
     "JournalWriter",
-    "KeptEpisode",
     "Observation",
     "Provenance",
-    "Pull",
     "RepairReport",
-    "Running",
+    "SavedEpisode",
     "Session",
     "SessionRecorder",
     "SessionStats",
     "Step",
-    "Truth",
     "Violation",
     "filter_session",
     "merge",

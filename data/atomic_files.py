@@ -38,7 +38,7 @@ def fsync_path(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def written_aside(target: Path, aside: Path) -> Iterator[Path]:
+def atomic_path(target: Path, aside: Path) -> Iterator[Path]:
     """Yields ``aside`` to be written and closed; then makes it ``target`` durably, or on any failure removes it."""
     aside.unlink(missing_ok=True)
     try:
@@ -52,10 +52,10 @@ def written_aside(target: Path, aside: Path) -> Iterator[Path]:
     fsync_path(target.parent)
 
 
-def write_durably(target: Path, payload: bytes) -> None:
+def fsync_write(target: Path, payload: bytes) -> None:
     """A new file; returns when a power cut could no longer lose it. On any failure there is none."""
     try:
-        with written_aside(target, target.with_name(target.name + PART_SUFFIX)) as aside:
+        with atomic_path(target, target.with_name(target.name + PART_SUFFIX)) as aside:
             aside.write_bytes(payload)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -67,7 +67,7 @@ _HELD: set[int] = set()
 """Descriptors of this process's locks."""
 
 
-def lock_for_life(descriptor: int) -> None:
+def lock_until_exit(descriptor: int) -> None:
     """Lock an open file until ``unlock``, or until this process ends, however it ends; BlockingIOError where another
     process has it locked. Children that are forked meanwhile do not share the lock."""
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -75,7 +75,7 @@ def lock_for_life(descriptor: int) -> None:
 
 
 def unlock(descriptor: int) -> None:
-    """Close what lock_for_life has locked; nothing in a child that was forked since."""
+    """Close what lock_until_exit has locked; nothing in a child that was forked since."""
     if descriptor in _HELD:
         _HELD.discard(descriptor)
         os.close(descriptor)

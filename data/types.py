@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
-Task: TypeAlias = Literal["hanger", "pickers"]
+RobotName: TypeAlias = Literal["hanger", "pickers"]
 Phase: TypeAlias = Literal["place", "disturb", "repair"]
 StoppedBy: TypeAlias = Literal["converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed"]
 Outcome: TypeAlias = Literal["success", "failure", "partial"]
 
-TASKS: tuple[Task, ...] = ("hanger", "pickers")
+ROBOTS: tuple[RobotName, ...] = ("hanger", "pickers")
 PHASES: tuple[Phase, ...] = ("place", "disturb", "repair")
-STOPS: tuple[StoppedBy, ...] = ("converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed")
+STOP_REASONS: tuple[StoppedBy, ...] = ("converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed")
 OUTCOMES: tuple[Outcome, ...] = ("success", "failure", "partial")
 
-ACTION_NAMES: Mapping[Task, tuple[str, ...]] = {
+ACTION_NAMES: Mapping[RobotName, tuple[str, ...]] = {
     "hanger": ("dx", "dz"),
     "pickers": ("dx1", "dy1", "dz1", "dx2", "dy2", "dz2"),
 }
@@ -109,7 +109,7 @@ class Observation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Truth:
+class GroundTruth:
     """What only the simulator knows; kept out of every learned policy's sight."""
 
     nodes: FloatArray
@@ -126,7 +126,7 @@ class Truth:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pull:
+class DragTarget:
     """Where a person's hand drew the cloth in one tick."""
 
     node: int
@@ -165,13 +165,13 @@ class Step:
     """One tick: what was seen, what was done, in which phase."""
 
     observation: Observation
-    truth: Truth
+    truth: GroundTruth
     action: FloatArray
     """(A,) m per tick, in the order of ACTION_NAMES."""
     action_std: FloatArray | None = None
     """(A,) m, the policy's confidence where it has one."""
     phase: Phase = "place"
-    pull: Pull | None = None
+    pull: DragTarget | None = None
     """What a person pulled at."""
     force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) N, world: mean total force of disturbances and pulls on the cloth in this tick."""
@@ -210,14 +210,14 @@ class Provenance:
 class Episode:
     """One attempt from hanging in the air to the stop."""
 
-    task: Task
+    task: RobotName
     cloth: str
     seed: int
     source: str
     """Who chose the actions: gamepad, keyboard, mouse, kinesthetic, scripted, or a policy's name."""
     steps: tuple[Step, ...]
     final_observation: Observation
-    final_truth: Truth
+    final_truth: GroundTruth
     stopped_by: StoppedBy
     outcome: Outcome
     tick_s: float = TICK_S
@@ -241,10 +241,10 @@ class Episode:
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
         _set(self, "disturbances", tuple(self.disturbances))
-        if self.task not in TASKS:
-            raise DataError(f"task is {self.task!r}; it must be one of {', '.join(TASKS)}")
-        if self.stopped_by not in STOPS:
-            raise DataError(f"stopped_by is {self.stopped_by!r}; it must be one of {', '.join(STOPS)}")
+        if self.task not in ROBOTS:
+            raise DataError(f"task is {self.task!r}; it must be one of {', '.join(ROBOTS)}")
+        if self.stopped_by not in STOP_REASONS:
+            raise DataError(f"stopped_by is {self.stopped_by!r}; it must be one of {', '.join(STOP_REASONS)}")
         if self.outcome not in OUTCOMES:
             raise DataError(f"outcome is {self.outcome!r}; it must be one of {', '.join(OUTCOMES)}")
         if self.descriptor not in DESCRIPTORS:
@@ -264,7 +264,7 @@ class Episode:
         """Observations at the start of each tick and the one after the last: len(steps) + 1."""
         return (*(step.observation for step in self.steps), self.final_observation)
 
-    def truths(self) -> tuple[Truth, ...]:
+    def truths(self) -> tuple[GroundTruth, ...]:
         """As observations(), of the mesh."""
         return (*(step.truth for step in self.steps), self.final_truth)
 
@@ -295,15 +295,15 @@ def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: 
     )
 
 
-def as_task(name: str) -> Task:
+def as_robot(name: str) -> RobotName:
     """A task by its name; DataError where there is none of it."""
-    for task in TASKS:
+    for task in ROBOTS:
         if task == name:
             return task
-    raise DataError(f"task is {name!r}; it must be one of {', '.join(TASKS)}")
+    raise DataError(f"task is {name!r}; it must be one of {', '.join(ROBOTS)}")
 
 
-def action_size(task: Task) -> int:
+def action_size(task: RobotName) -> int:
     return len(ACTION_NAMES[task])
 
 

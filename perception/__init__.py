@@ -1,13 +1,13 @@
 """From images to what is known of the cloth: arrays in, arrays out; no simulator, no files."""
 
-from layflat.perception.camera.intrinsics import Lens
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import ClothView, TableGrid
-from layflat.perception.camera.table_plane import TablePlane, fit_plane
-from layflat.perception.cloth.analyze_frame import SeenFrame, see_frame
+from layflat.perception.camera.table_plane import TablePlane, fit_table_plane
+from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import learn_hsv, suggest_hsv
 from layflat.perception.cloth.contact import contact_portion
-from layflat.perception.cloth.pipeline import Perceiver, Percept, PerceptionConfig
+from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.descriptors.base import Descriptor, Direction
 from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
@@ -20,19 +20,19 @@ __all__ = [
     "AXIAL",
     "DESCRIPTORS",
     "LETTER",
+    "ClothState",
     "ClothView",
     "Descriptor",
     "Direction",
     "Drawing",
+    "FrameResult",
     "HsvRange",
-    "Lens",
+    "Intrinsics",
     "Light",
-    "Perceiver",
-    "Percept",
     "PerceptionConfig",
     "PerceptionError",
-    "Pinhole",
-    "SeenFrame",
+    "PerceptionPipeline",
+    "PinholeCamera",
     "Sheet",
     "TableGrid",
     "TablePlane",
@@ -40,13 +40,13 @@ __all__ = [
     "Word",
     "WordConfig",
     "WordDescriptor",
+    "analyze_frame",
     "compute_word",
     "contact_portion",
     "descriptor",
     "draw_percept",
     "draw_sheet",
-    "fit_plane",
+    "fit_table_plane",
     "learn_hsv",
-    "see_frame",
     "suggest_hsv",
 ]

@@ -1,4 +1,4 @@
-"""Draws a Percept on the camera's image, for people."""
+"""Draws a ClothState on the camera's image, for people."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import BoolArray
-from layflat.perception.cloth.pipeline import Percept
+from layflat.perception.cloth.pipeline import ClothState
 from layflat.perception.errors import PerceptionError
 
 Colour: TypeAlias = tuple[int, int, int]
@@ -33,7 +33,7 @@ _SHIFT = 4
 
 
 def draw_percept(
-    rgb: NDArray[np.uint8], percept: Percept, camera: Pinhole, scale: int = 1, label: str = "WORD"
+    rgb: NDArray[np.uint8], percept: ClothState, camera: PinholeCamera, scale: int = 1, label: str = "WORD"
 ) -> NDArray[np.uint8]:
     """The image (H, W, 3) enlarged ``scale`` times, with contact tinted, the cloth outlined, WORD as an arrow.
 
@@ -56,7 +56,7 @@ def draw_percept(
     return canvas
 
 
-def _grid_to_canvas(percept: Percept, camera: Pinhole, scale: int) -> NDArray[np.float64]:
+def _grid_to_canvas(percept: ClothState, camera: PinholeCamera, scale: int) -> NDArray[np.float64]:
     """(3, 3) homography from grid pixels to the enlarged image (pixel centres at whole numbers in both)."""
     shift = (scale - 1) / 2
     enlarge = np.array([[scale, 0.0, shift], [0.0, scale, shift], [0.0, 0.0, 1.0]])
@@ -89,7 +89,7 @@ def _outline(
         cv2.polylines(canvas, [fixed], True, colour, max(1, scale // 2), cv2.LINE_AA, _SHIFT)
 
 
-def _draw_word(canvas: NDArray[np.uint8], percept: Percept, to_canvas: NDArray[np.float64], scale: int) -> None:
+def _draw_word(canvas: NDArray[np.uint8], percept: ClothState, to_canvas: NDArray[np.float64], scale: int) -> None:
     """WORD as an arrow on the table from the contact's centroid; nothing where there is no direction."""
     if percept.contact_pixels == 0 or not percept.word.any():
         return
@@ -125,7 +125,7 @@ def _arrow(
     cv2.fillPoly(canvas, [fixed], colour, cv2.LINE_AA, _SHIFT)
 
 
-def _write_numbers(canvas: NDArray[np.uint8], percept: Percept, scale: int, label: str) -> None:
+def _write_numbers(canvas: NDArray[np.uint8], percept: ClothState, scale: int, label: str) -> None:
     """Contact portion, WORD's direction and strength, and a warning, on a dark strip at the bottom left."""
     known = not math.isnan(percept.contact_portion)
     lines = [

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
 
 Array: TypeAlias = NDArray[np.float64]
@@ -163,7 +163,7 @@ class Drawing:
         return replace(self, rgb_noise=3.0, depth_noise_m=0.0025, missing=0.02, seed=seed)
 
 
-def draw_sheet(camera: Pinhole, sheet: Sheet | None, drawing: Drawing | None = None) -> Frame:
+def draw_sheet(camera: PinholeCamera, sheet: Sheet | None, drawing: Drawing | None = None) -> Frame:
     """What ``camera`` sees of the sheet on its table; None draws the table alone."""
     how = Drawing() if drawing is None else drawing
     x, y, depth = _meet(camera, 0.0, how.samples)
@@ -224,7 +224,7 @@ def _sensed(rgb: Array, depth: Array, how: Drawing) -> Frame:
 
 
 @lru_cache(maxsize=8)
-def _rays(camera: Pinhole, samples: int) -> Array:
+def _rays(camera: PinholeCamera, samples: int) -> Array:
     """(3, rows, columns): world directions of unit depth through the pixels of a ``samples`` times finer image."""
     u = (np.arange(camera.width * samples) + 0.5) / samples - 0.5
     v = (np.arange(camera.height * samples) + 0.5) / samples - 0.5
@@ -236,13 +236,13 @@ def _rays(camera: Pinhole, samples: int) -> Array:
     return rays
 
 
-def _meet(camera: Pinhole, level: Array | float, samples: int) -> tuple[Array, Array, Array]:
+def _meet(camera: PinholeCamera, level: Array | float, samples: int) -> tuple[Array, Array, Array]:
     """x, y and depth where the rays meet height ``level``."""
     rays = _rays(camera, samples)
     depth = (level - camera.position[2]) / rays[2]
     return camera.position[0] + depth * rays[0], camera.position[1] + depth * rays[1], depth
 
 
-def _pooled(camera: Pinhole, values: Array, samples: int) -> Array:
+def _pooled(camera: PinholeCamera, values: Array, samples: int) -> Array:
     """Mean over the rays of each pixel."""
     return values.reshape(camera.height, samples, camera.width, samples, *values.shape[2:]).mean(axis=(1, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from layflat.data.types import FloatArray, Observation, StoppedBy, Task, frozen_array, frozen_hand
+from layflat.data.types import FloatArray, Observation, RobotName, StoppedBy, frozen_array, frozen_hand
 
 
 class PolicyError(ValueError):
@@ -44,7 +44,7 @@ class Policy(Protocol):
 
     name: str
     """As in tables and files: scripted, gp-word, gp-baseline, drag-rule, ..."""
-    task: Task
+    task: RobotName
 
     def reset(self, seed: int) -> None:
         """Forget the last episode."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layflat.data.types import TASKS, FloatArray, Observation, Step, Task
+from layflat.data.types import ROBOTS, FloatArray, Observation, RobotName, Step
 from layflat.policy.base import PolicyError
 
 Column = Callable[[Observation], float]
@@ -30,7 +30,7 @@ def _corner(row: int, axis: int) -> Column:
     return lambda o: float(o.corner_positions[row, axis])
 
 
-COLUMNS: Mapping[Task, Mapping[str, Column]] = {
+COLUMNS: Mapping[RobotName, Mapping[str, Column]] = {
     "hanger": {
         "x": lambda o: float(o.holder_position[0]),
         "z": lambda o: float(o.holder_position[2]),
@@ -43,7 +43,7 @@ COLUMNS: Mapping[Task, Mapping[str, Column]] = {
 }
 """Every column a layout may use, by task; picker 1 holds the corner at +y."""
 
-POSITION_COLUMNS: Mapping[Task, tuple[str, ...]] = {
+POSITION_COLUMNS: Mapping[RobotName, tuple[str, ...]] = {
     "hanger": ("x", "z"),
     "pickers": ("x1", "y1", "z1", "x2", "y2", "z2"),
 }
@@ -74,13 +74,13 @@ through the air does not hide the last tenth that counts. On a planar toy with a
 class FeatureLayout:
     """Which columns a model sees, in which order."""
 
-    task: Task
+    task: RobotName
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        if self.task not in TASKS:
-            raise PolicyError(f"task is {self.task!r}; it must be one of {', '.join(TASKS)}")
+        if self.task not in ROBOTS:
+            raise PolicyError(f"task is {self.task!r}; it must be one of {', '.join(ROBOTS)}")
         known = COLUMNS[self.task]
         unknown = [name for name in self.names if name not in known]
         if unknown:
@@ -106,10 +106,10 @@ class FeatureLayout:
         return np.array([_scale(name) for name in self.names])
 
 
-def input_set(task: Task, name: str) -> FeatureLayout:
+def input_set(task: RobotName, name: str) -> FeatureLayout:
     """The layout of a named input set: position, position+contact, position+word or all."""
-    if task not in TASKS:
-        raise PolicyError(f"task is {task!r}; it must be one of {', '.join(TASKS)}")
+    if task not in ROBOTS:
+        raise PolicyError(f"task is {task!r}; it must be one of {', '.join(ROBOTS)}")
     if name not in INPUT_SETS:
         raise PolicyError(f"input set {name!r} is unknown; it must be one of {', '.join(INPUT_SETS)}")
     return FeatureLayout(task=task, names=POSITION_COLUMNS[task] + INPUT_SETS[name])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from layflat.data.types import FloatArray, Observation, Task
+from layflat.data.types import FloatArray, Observation, RobotName
 from layflat.policy.base import Decision
 from layflat.policy.features import POSITION_COLUMNS
 from layflat.policy.gp.model import GpModel
@@ -58,13 +58,13 @@ class Nearest:
     """(A,) m: from where the holder is to where it was in that tick, less RADIUS; zeros inside."""
 
 
-class FinishPolicy:
+class FinishingPolicy:
     """Places until the cloth is flat or nothing helps any more."""
 
     def __init__(self, model: GpModel, *, stop: StopRule | None = None) -> None:
         self.model = model
         self.name = model.policy
-        self.task: Task = model.layout.task
+        self.task: RobotName = model.layout.task
         self._stop = finished() if stop is None else stop
         self._points = model.inputs / model.input_scale
         self._places = [model.layout.names.index(name) for name in POSITION_COLUMNS[self.task]]

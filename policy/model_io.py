@@ -27,9 +27,9 @@ from layflat.policy.features import FeatureLayout
 from layflat.policy.gmr.model import GmrModel
 from layflat.policy.gp.model import GpModel
 from layflat.policy.nearest.model import NearestModel
-from layflat.policy.trained_model import Learned
+from layflat.policy.trained_model import TrainedModel
 
-FORMATS: Mapping[str, type[Learned]] = {kind.FORMAT: kind for kind in (GpModel, GmrModel, DmpModel, NearestModel)}
+FORMATS: Mapping[str, type[TrainedModel]] = {kind.FORMAT: kind for kind in (GpModel, GmrModel, DmpModel, NearestModel)}
 """What a header may say, and the model that it stands for; a new method adds its own."""
 SCHEMA = 2
 """2: with the descriptor; in 1 WORD was computed otherwise, so that those models would see something else now."""
@@ -54,7 +54,7 @@ _SCALARS: Mapping[str, type] = {
 """Fields of every model that are stored in the header as they are."""
 
 
-def save(model: Learned, path: str | Path, *, force: bool = False) -> None:
+def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
     """Write a model, whole or not at all; a file that exists is kept unless ``force``."""
     target = Path(path)
     if target.exists() and not force:
@@ -72,7 +72,7 @@ def save(model: Learned, path: str | Path, *, force: bool = False) -> None:
         raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
 
 
-def load(path: str | Path) -> Learned:
+def load(path: str | Path) -> TrainedModel:
     """Read a model; anything else than a whole, unchanged model file is refused with a PolicyError."""
     source = Path(path)
     try:
@@ -110,7 +110,7 @@ def checksum(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str
     return digest.hexdigest()
 
 
-def _header_of(model: Learned, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
+def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
     provenance = model.provenance
     return {
         "format": model.FORMAT,
@@ -131,7 +131,7 @@ def _header_of(model: Learned, arrays: Mapping[str, FloatArray]) -> dict[str, An
     }
 
 
-def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Learned:
+def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> TrainedModel:
     """A model from a checked header; the model itself checks what the numbers mean."""
     told, kind = header["heldout_rmse_m"], FORMATS[header["format"]]
     shared = {

@@ -8,7 +8,7 @@ from layflat.data.types import Observation
 from layflat.policy.base import Decision
 from layflat.policy.scripted.baselines import X_LIMIT_M
 from layflat.policy.stopping import AnyOf, BelowThreshold, NoContactGain, StopRule, XLimit
-from layflat.policy.trained_model import Field, Learned
+from layflat.policy.trained_model import RegressionModel, TrainedModel
 
 NO_GAIN_TICKS = 10
 NO_GAIN_FROM_CONTACT = 0.8
@@ -22,20 +22,20 @@ def default_guard() -> StopRule:
     return AnyOf(XLimit(X_LIMIT_M), NoContactGain(ticks=NO_GAIN_TICKS, from_contact=NO_GAIN_FROM_CONTACT))
 
 
-def stop_rule(model: Learned, guard: StopRule | None) -> StopRule:
+def stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:
     """When a trained model has finished: its output has faded, or the guard (None: the default one) says so."""
     faded = BelowThreshold(threshold_m=model.stop_threshold_m, ticks=model.stop_ticks)
     return AnyOf(faded, default_guard() if guard is None else guard)
 
 
-class FieldPolicy:
+class ModelPolicy:
     """Gaussian processes, or another field, in the loop; thesis, chapter 4-2-3.
 
     Stops with ``threshold`` when the norm of the output has stayed below the model's threshold for the model's number
     of ticks, or when its guard says so. ``guard=AnyOf()`` is the thesis's method, which has none.
     """
 
-    def __init__(self, model: Field, *, guard: StopRule | None = None) -> None:
+    def __init__(self, model: RegressionModel, *, guard: StopRule | None = None) -> None:
         self.model = model
         self.name = model.policy
         self.task = model.layout.task

@@ -6,18 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any, Protocol
 
-from layflat.data.types import Episode, Provenance, Task
+from layflat.data.types import Episode, Provenance, RobotName
 from layflat.policy import finishing_policy
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.dmp.model import DmpModel
 from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
 from layflat.policy.gp.model import GpModel
-from layflat.policy.model_policy import FieldPolicy
-from layflat.policy.scripted.baselines import Hold, RandomMoves, drag_rule, stretch_right
-from layflat.policy.trained_model import Field, Learned
-from layflat.policy.wrappers.recovery import Recovery
-from layflat.policy.wrappers.swing_damping import Steady
+from layflat.policy.model_policy import ModelPolicy
+from layflat.policy.scripted.baselines import RandomPolicy, ZeroPolicy, drag_rule, stretch_right
+from layflat.policy.trained_model import RegressionModel, TrainedModel
+from layflat.policy.wrappers.recovery import RecoveryWrapper
+from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 
 
 class Trainer(Protocol):
@@ -31,21 +31,21 @@ class Trainer(Protocol):
         provenance: Provenance | None = None,
         progress: Callable[[int, int, str], None] | None = None,
         **options: Any,
-    ) -> Learned: ...
+    ) -> TrainedModel: ...
 
 
-MADE: Mapping[str, Callable[[Task], Policy]] = {
-    "hold": Hold,
-    "random": RandomMoves,
+BUILTIN_POLICIES: Mapping[str, Callable[[RobotName], Policy]] = {
+    "hold": ZeroPolicy,
+    "random": RandomPolicy,
     "stretch-right": stretch_right,
     "drag-rule": drag_rule,
 }
 """Policies that need no training."""
 
-DECORATORS: Mapping[str, Callable[[Policy], Policy]] = {"steady": Steady, "recovery": Recovery}
+WRAPPERS: Mapping[str, Callable[[Policy], Policy]] = {"steady": SwingDampingWrapper, "recovery": RecoveryWrapper}
 """What any policy can have around it."""
 
-AROUND = ("recovery", "steady")
+RECOMMENDED_WRAPPERS = ("recovery", "steady")
 """All of them as they are made for each other: steadiness outermost, so that it also waits while recovery lowers."""
 
 
@@ -59,13 +59,13 @@ def _learner(module: str, name: str, inputs: str) -> Trainer:
         provenance: Provenance | None = None,
         progress: Callable[[int, int, str], None] | None = None,
         **options: Any,
-    ) -> Learned:
+    ) -> TrainedModel:
         if not episodes:
             raise PolicyError("there are no demonstrations to learn from; at least one is needed")
         # Imported here: who only rolls out need not have, nor wait for, what only training needs.
         fit = import_module(f"layflat.policy.{module}").fit
         layout = input_set(episodes[0].task, inputs)
-        model: Learned = fit(
+        model: TrainedModel = fit(
             episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress, **options
         )
         return model
@@ -73,7 +73,7 @@ def _learner(module: str, name: str, inputs: str) -> Trainer:
     return train_one
 
 
-TRAINED: Mapping[str, Trainer] = {
+TRAINERS: Mapping[str, Trainer] = {
     name: _learner(module, name, inputs)
     for name, module, inputs in (
         ("gp-word", "gp.fit", "all"),
@@ -89,16 +89,16 @@ TRAINED: Mapping[str, Trainer] = {
 """Policies that are learned from demonstrations: the thesis's two, the ablations of what they see in between, and other
 methods (section 5-3). Each is a module with a ``fit`` and what it may see."""
 
-TRAINABLE = tuple(TRAINED)
+TRAINABLE_POLICIES = tuple(TRAINERS)
 
 
-def make(name: str, task: Task) -> Policy:
+def make(name: str, task: RobotName) -> Policy:
     """A policy that needs no training."""
-    if name in TRAINED:
+    if name in TRAINERS:
         raise PolicyError(f"policy {name!r} is learned; train it and give the model's file")
-    if name not in MADE:
-        raise PolicyError(f"policy {name!r} is unknown; it must be one of {', '.join(MADE)}")
-    return MADE[name](task)
+    if name not in BUILTIN_POLICIES:
+        raise PolicyError(f"policy {name!r} is unknown; it must be one of {', '.join(BUILTIN_POLICIES)}")
+    return BUILTIN_POLICIES[name](task)
 
 
 def train(
@@ -109,10 +109,10 @@ def train(
     provenance: Provenance | None = None,
     progress: Callable[[int, int, str], None] | None = None,
     intervention_weight: int = 1,
-) -> Learned:
+) -> TrainedModel:
     """A model of a trainable policy; ``intervention_weight`` is as in layflat.policy.gp.fit.FitOptions, for Gaussian processes."""
-    if name not in TRAINED:
-        raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE)}")
+    if name not in TRAINERS:
+        raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE_POLICIES)}")
     options: dict[str, Any] = {}
     if intervention_weight != 1:
         if not name.startswith("gp-"):
@@ -120,26 +120,28 @@ def train(
         from layflat.policy.gp.fit import FitOptions
 
         options["options"] = FitOptions(intervention_weight=intervention_weight)
-    return TRAINED[name](episodes, seed=seed, provenance=provenance, progress=progress, **options)
+    return TRAINERS[name](episodes, seed=seed, provenance=provenance, progress=progress, **options)
 
 
-def from_model(model: Learned) -> Policy:
+def from_model(model: TrainedModel) -> Policy:
     """The policy that a trained model makes."""
-    if model.policy not in TRAINED:
-        raise PolicyError(f"the model's policy {model.policy!r} is unknown; it must be one of {', '.join(TRAINABLE)}")
+    if model.policy not in TRAINERS:
+        raise PolicyError(
+            f"the model's policy {model.policy!r} is unknown; it must be one of {', '.join(TRAINABLE_POLICIES)}"
+        )
     if model.policy == finishing_policy.NAME and isinstance(model, GpModel):
-        return finishing_policy.FinishPolicy(model)
+        return finishing_policy.FinishingPolicy(model)
     if isinstance(model, DmpModel):
         return DmpPolicy(model)
-    if isinstance(model, Field):
-        return FieldPolicy(model)
+    if isinstance(model, RegressionModel):
+        return ModelPolicy(model)
     raise PolicyError(f"there is no policy for a {type(model).__name__}")
 
 
-def decorated(policy: Policy, names: Sequence[str]) -> Policy:
-    """``policy`` within each of DECORATORS, the last one outermost."""
+def wrap(policy: Policy, names: Sequence[str]) -> Policy:
+    """``policy`` within each of WRAPPERS, the last one outermost."""
     for name in names:
-        if name not in DECORATORS:
-            raise PolicyError(f"there is no {name!r} to put around a policy; it must be one of {', '.join(DECORATORS)}")
-        policy = DECORATORS[name](policy)
+        if name not in WRAPPERS:
+            raise PolicyError(f"there is no {name!r} to put around a policy; it must be one of {', '.join(WRAPPERS)}")
+        policy = WRAPPERS[name](policy)
     return policy

@@ -56,7 +56,7 @@ class BelowThreshold:
         return Stop(by="threshold", reason=f"output below {1000 * self._threshold_m:g} mm for {self._ticks} ticks")
 
 
-class TickLimit:
+class StepLimit:
     """``ticks`` ticks have passed since the last reset, this one included."""
 
     def __init__(self, ticks: int) -> None:

@@ -20,7 +20,7 @@ STOP_TICKS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Learned:
+class TrainedModel:
     """Base of the trained models; immutable, arrays read-only.
 
     A method adds its arrays as fields and says how they are kept: ``arrays`` and ``settings`` are what its file holds
@@ -94,7 +94,9 @@ class Learned:
         return {name: kind(getattr(self, name)) for name, kind in self.SETTINGS.items()}
 
     @classmethod
-    def restored(cls, shared: Mapping[str, Any], arrays: Mapping[str, Any], settings: Mapping[str, Any]) -> Learned:
+    def restored(
+        cls, shared: Mapping[str, Any], arrays: Mapping[str, Any], settings: Mapping[str, Any]
+    ) -> TrainedModel:
         """The model whose shared fields, ``arrays`` and ``settings`` these are."""
         return cls(**shared, **arrays, **settings)
 
@@ -104,7 +106,7 @@ class Learned:
             raise PolicyError(f"{name} is {value}; it must be above 0")
 
 
-class Field(Learned):
+class RegressionModel(TrainedModel):
     """A model whose action is a function of what is seen now: a field over its inputs."""
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:

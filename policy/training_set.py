@@ -23,7 +23,7 @@ Predict = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lessons:
+class TrainingSet:
     """What was seen and done in whole demonstrations of one task, cloth and tick; arrays read-only."""
 
     layout: FeatureLayout
@@ -55,7 +55,7 @@ class Lessons:
         }
 
 
-def lessons(episodes: Sequence[Episode], layout: FeatureLayout) -> Lessons:
+def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> TrainingSet:
     """All ticks but those of phase ``disturb``; PolicyError where the demonstrations do not go together.
 
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
@@ -66,7 +66,7 @@ def lessons(episodes: Sequence[Episode], layout: FeatureLayout) -> Lessons:
     if count < MIN_POINTS:
         raise PolicyError(f"the demonstrations hold {count} ticks; at least {MIN_POINTS} are needed")
     size = action_size(layout.task)
-    return Lessons(
+    return TrainingSet(
         layout=layout,
         episodes=tuple(episodes),
         inputs=frozen_array(np.concatenate([layout.matrix(steps) for steps in kept]), (count, layout.size), "inputs"),
@@ -78,7 +78,7 @@ def lessons(episodes: Sequence[Episode], layout: FeatureLayout) -> Lessons:
     )
 
 
-def held_out_rmse(taught: Lessons, fit: Callable[[FloatArray, FloatArray], Predict]) -> tuple[float, ...] | None:
+def held_out_rmse(taught: TrainingSet, fit: Callable[[FloatArray, FloatArray], Predict]) -> tuple[float, ...] | None:
     """(A,) m per tick: error on each demonstration by what ``fit`` makes of the others; None where there are none."""
     labels = np.unique(taught.groups)
     if len(labels) < 2:

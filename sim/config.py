@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from layflat.data.types import TASKS, TICK_S, Task
+from layflat.data.types import ROBOTS, TICK_S, RobotName
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.sim.cloth.cloth import ClothSpec, cloth_spec
 from layflat.sim.cloth.starts import STARTS, Start
@@ -13,10 +13,10 @@ from layflat.sim.physics.bullet.world import SimError
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchSettings:
+class SimConfig:
     """What a bench is made of; with a seed it determines a start."""
 
-    task: Task
+    task: RobotName
     start: Start = "hanging"
     """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
     flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
@@ -34,8 +34,8 @@ class BenchSettings:
     spec: ClothSpec = field(init=False)
 
     def __post_init__(self) -> None:
-        if self.task not in TASKS:
-            raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(TASKS)}")
+        if self.task not in ROBOTS:
+            raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(ROBOTS)}")
         if self.start not in STARTS:
             raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
         if self.start == "crumpled" and self.task != "pickers":
@@ -47,7 +47,7 @@ class BenchSettings:
         object.__setattr__(self, "spec", cloth_spec(self.cloth))
 
     def described(self) -> dict[str, str | float | bool]:
-        """All but task, cloth and tick_s, by name: ``BenchSettings(task=..., cloth=..., tick_s=..., **described)``."""
+        """All but task, cloth and tick_s, by name: ``SimConfig(task=..., cloth=..., tick_s=..., **described)``."""
         names = [item.name for item in fields(self) if item.init]
         return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "tick_s")}
 

@@ -1,4 +1,4 @@
-"""The gymnasium protocol on top of ``Placing``: ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``.
+"""The gymnasium protocol on top of ``ClothSimulation``: ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``.
 
 What repeats: the same seed and actions give the same bits in every fresh process. In a process that goes on with
 another episode the start and the flight are still the same bits, but once cloth touches cloth the nodes may differ by
@@ -14,12 +14,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, Task, action_size
+from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, RobotName, action_size
 from layflat.sim.camera.camera import default_pinhole
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 RENDER_SIZE = (640, 480)
 SPACE_LIMIT_M = 2.0
@@ -31,7 +31,7 @@ DISTURB_TICK = 100
 ObsDict = dict[str, NDArray[Any]]
 
 
-class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
+class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     """Lay the cloth flat on the table.
 
     Action: Box(-1, 1, (2,) or (6,)), displacement of this tick / ACTION_LIMIT_M in the order of ACTION_NAMES; cut off
@@ -53,7 +53,7 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
 
     def __init__(
         self,
-        task: Task,
+        task: RobotName,
         *,
         cloth: str = "towel",
         table_friction: float = 1.0,
@@ -64,14 +64,14 @@ class PlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         disturb_tick: int = DISTURB_TICK,
         render_mode: str | None = None,
     ) -> None:
-        """``disturbance`` names what befalls the cloth at tick ``disturb_tick``; the rest is as in BenchSettings."""
+        """``disturbance`` names what befalls the cloth at tick ``disturb_tick``; the rest is as in SimConfig."""
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SimError(f"render_mode is {render_mode!r}; it must be None or 'rgb_array'")
         if disturbance is not None:
             disturbance_spec(disturbance)
         self.render_mode = render_mode
-        self.bench = Placing(
-            BenchSettings(task=task, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
+        self.bench = ClothSimulation(
+            SimConfig(task=task, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
         )
         self._images = images
         self._disturbance = disturbance

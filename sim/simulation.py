@@ -6,36 +6,38 @@ from functools import partial
 
 import numpy as np
 
-from layflat.data.types import FLAT_AREA, FloatArray, Observation, Truth
-from layflat.perception.cloth.pipeline import Perceiver, Percept, PerceptionConfig
+from layflat.data.types import FLAT_AREA, FloatArray, GroundTruth, Observation
+from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import descriptor
 from layflat.sim.camera.camera import D435_NOISE, Camera, default_pinhole
 from layflat.sim.cloth import starts
 from layflat.sim.cloth.cloth import Cloth
-from layflat.sim.config import BenchSettings
-from layflat.sim.disturbances.controller import Disturbance
-from layflat.sim.disturbances.mouse_drag import Pull, picked_node
-from layflat.sim.disturbances.presets import DisturbanceSpec, Plan, disturbance_spec
-from layflat.sim.physics.bullet.air_drag import Air
+from layflat.sim.config import SimConfig
+from layflat.sim.disturbances.controller import DisturbanceController
+from layflat.sim.disturbances.mouse_drag import MouseDrag, pick_node
+from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
+from layflat.sim.physics.bullet.air_drag import AirDrag
 from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
-from layflat.sim.robots.base import Holder
-from layflat.sim.robots.hanger import Hanger
-from layflat.sim.robots.pickers import Pickers
+from layflat.sim.robots.base import Robot
+from layflat.sim.robots.hanger import PandaHanger
+from layflat.sim.robots.pickers import FreePickers
 
 DISTURBANCE_STREAM = 0xD157
 """Tells the chance of a disturbance from that of the start of the same seed."""
 
 
-class Placing:
+class ClothSimulation:
     """The bench: one world at a time, made anew by each ``reset``. One per process."""
 
-    def __init__(self, settings: BenchSettings) -> None:
+    def __init__(self, settings: SimConfig) -> None:
         self.settings = settings
         self.world: World | None = None
-        self.percept: Percept | None = None
+        self.percept: ClothState | None = None
         """What perception made of the last observation; None without a camera."""
         self._pinhole = default_pinhole()
-        self._perceiver = Perceiver(self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor)))
+        self._perceiver = PerceptionPipeline(
+            self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor))
+        )
 
     def reset(self, seed: int) -> None:
         """Hang the cloth and make the start's random moves; the same seed in a fresh process gives the same bits."""
@@ -44,24 +46,26 @@ class Placing:
         spec = settings.spec
         rng = np.random.default_rng([seed, 0x57A7])
         self.world = World(step_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
-        first = starts.beginning(settings.start, spec, rng)
+        first = starts.sample_initial_state(settings.start, spec, rng)
         self.cloth = Cloth(self.world, spec, first.nodes)
-        self.air = Air(self.cloth)
-        starts.clip(self.cloth, first.corners, self.air)
-        self.holder: Holder = (
-            Hanger(self.cloth, first.corners, control=settings.control)
+        self.air = AirDrag(self.cloth)
+        starts.attach(self.cloth, first.corners, self.air)
+        self.holder: Robot = (
+            PandaHanger(self.cloth, first.corners, control=settings.control)
             if settings.task == "hanger"
-            else Pickers(self.cloth, first.corners)
+            else FreePickers(self.cloth, first.corners)
         )
-        self.disturbance: Disturbance | None = None
-        self._pull: Pull | None = None
+        self.disturbance: DisturbanceController | None = None
+        self._pull: MouseDrag | None = None
         self._pull_target: FloatArray | None = None
         self._force_n = np.zeros(3)
         self._nodes = self.cloth.nodes()
         if settings.camera:
             self._start_camera(seed)
         self.holder.grip()
-        drawn = starts.begin(settings.start, self.cloth, self.holder, self.step, partial(self._befall, rng=rng), rng)
+        drawn = starts.run_start_motion(
+            settings.start, self.cloth, self.holder, self.step, partial(self._befall, rng=rng), rng
+        )
         self._halves_before = self.world.halves_done
         self.start = self._describe_start() | dict(first.about) | dict(drawn)
 
@@ -113,9 +117,9 @@ class Placing:
             lowest_m=lowest,
         )
 
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         """The mesh, and what it says of contact and folds."""
-        return Truth(
+        return GroundTruth(
             nodes=self._nodes,
             contact_portion_true=self.cloth.contact_portion_true(self._nodes),
             flat_area=self.cloth.flat_area(self._nodes),
@@ -196,11 +200,11 @@ class Placing:
             self.disturbance.stop()
         self._befall(_spec(what), _chance(seed, repeat))
 
-    def _befall(self, spec: DisturbanceSpec, rng: np.random.Generator) -> Plan:
-        self.disturbance = Disturbance(self._running(), self.cloth, spec, rng)
+    def _befall(self, spec: DisturbanceSpec, rng: np.random.Generator) -> DisturbanceTrajectory:
+        self.disturbance = DisturbanceController(self._running(), self.cloth, spec, rng)
         return self.disturbance.plan
 
-    def disturbance_plan(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> Plan:
+    def disturbance_plan(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> DisturbanceTrajectory:
         """What ``disturb`` would do."""
         return _spec(what).schedule(_chance(seed, repeat), self.settings.spec)
 
@@ -216,7 +220,7 @@ class Placing:
         if self._pull is not None and self._pull.node != node:
             self.let_go()
         if self._pull is None:
-            self._pull = Pull(world, self.cloth, node)
+            self._pull = MouseDrag(world, self.cloth, node)
         self._pull_target = target
 
     def _follow_pull(self) -> None:
@@ -244,7 +248,7 @@ class Placing:
     def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
         """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""
         self._running()
-        return picked_node(self._nodes, self.settings.spec.triangles(), ray_origin, ray_direction)
+        return pick_node(self._nodes, self.settings.spec.triangles(), ray_origin, ray_direction)
 
     @property
     def disturbed(self) -> bool:

@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, Episode, Observation, Provenance, Step, Task, Truth
+from layflat.data.types import (
+    ACTION_LIMIT_M,
+    ACTION_NAMES,
+    TICK_S,
+    Episode,
+    GroundTruth,
+    Observation,
+    Provenance,
+    RobotName,
+    Step,
+)
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell that starts the tests in its background has them ignore Ctrl-C, and with them what they start.
@@ -33,7 +43,7 @@ def _observation(rng: np.random.Generator, time_s: float, portion: float, images
 
 
 def _build_episode(
-    task: Task = "hanger",
+    task: RobotName = "hanger",
     ticks: int = 5,
     seed: int = 0,
     images: bool = False,
@@ -46,7 +56,7 @@ def _build_episode(
     portions = np.linspace(0.0, 0.97, ticks + 1)
     observations = [_observation(rng, i * TICK_S, float(p), images) for i, p in enumerate(portions)]
     truths = [
-        Truth(nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=float(p), flat_area=float(p) - 0.01)
+        GroundTruth(nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=float(p), flat_area=float(p) - 0.01)
         for p in portions
     ]
     steps = [

@@ -17,12 +17,12 @@ from typing import Literal, get_args
 import cv2
 import numpy as np
 
-from layflat.app.evaluation.plan import Case, Entrant, Group, Plan
+from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec, WorkItem
 from layflat.app.evaluation.run import run_batch
-from layflat.app.support.errors import run_guarded
+from layflat.app.support.errors import run_command
 from layflat.app.support.progress import Progress
-from layflat.app.workers.schedule import ScheduledDisturbance, When
-from layflat.data.types import Episode, Observation, Phase, Step, Truth
+from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
+from layflat.data.types import Episode, GroundTruth, Observation, Phase, Step
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 Fault = Literal["kill", "segfault", "hang", "exception", "exit", "disk"]
@@ -41,10 +41,10 @@ class Scripted:
     tick_s: float = 0.0
     """Wall time of a placing and of each case."""
 
-    def __call__(self, group: Group) -> FakePlaying:
+    def __call__(self, group: WorkItem) -> FakePlaying:
         return FakePlaying(self, group)
 
-    def suffer(self, group: Group, where: str) -> None:
+    def suffer(self, group: WorkItem, where: str) -> None:
         planned = self.faults.get((key_of(group), where), ())
         fault = planned[group.attempt - 1] if len(planned) >= group.attempt else None
         if fault == "disk":
@@ -60,7 +60,7 @@ class Scripted:
 class Looking(Scripted):
     """With a look at a picture, as every real episode has."""
 
-    def suffer(self, group: Group, where: str) -> None:
+    def suffer(self, group: WorkItem, where: str) -> None:
         cv2.setNumThreads(cv2.getNumThreads())
         cv2.resize(np.zeros((800, 800), np.float32), (2000, 2000))
 
@@ -68,23 +68,23 @@ class Looking(Scripted):
 class FakePlaying:
     """A group's episode as numbers that follow from its name."""
 
-    def __init__(self, script: Scripted, group: Group) -> None:
+    def __init__(self, script: Scripted, group: WorkItem) -> None:
         self._script = script
         self._group = group
         self._placed = False
 
-    def place(self) -> None:
+    def run_until_stop(self) -> None:
         self._script.suffer(self._group, PLACING)
         self._placed = True
 
-    def finish(self, case: Case) -> Episode:
+    def finish(self, case: DisturbanceCase) -> Episode:
         if not self._placed:
-            self.place()
+            self.run_until_stop()
         self._script.suffer(self._group, case.name)
         return fake_episode(self._group, case)
 
 
-def key_of(group: Group) -> str:
+def key_of(group: WorkItem) -> str:
     return f"{group.entrant.task} {group.cloth} {group.entrant.name} {group.seed}"
 
 
@@ -105,7 +105,7 @@ def _suffer(fault: Fault) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))
 
 
-def fake_episode(group: Group, case: Case) -> Episode:
+def fake_episode(group: WorkItem, case: DisturbanceCase) -> Episode:
     """Three ticks of placing, and two for each disturbance; the same numbers whoever makes them, and wherever."""
     words = f"{key_of(group)} {case.name}".encode()
     rng = np.random.default_rng(list(words))
@@ -114,7 +114,9 @@ def fake_episode(group: Group, case: Case) -> Episode:
         phases += ["disturb", "repair"] * item.repeats
     contact = rng.uniform(0, 1, len(phases) + 1)
     observations = [_observation(0.1 * tick, float(value)) for tick, value in enumerate(contact)]
-    truths = [Truth(nodes=np.zeros((4, 3)), contact_portion_true=float(c), flat_area=0.5 + float(c)) for c in contact]
+    truths = [
+        GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=float(c), flat_area=0.5 + float(c)) for c in contact
+    ]
     size = 2 if group.entrant.task == "hanger" else 6
     steps = tuple(
         Step(observation=seen, truth=truth, action=np.zeros(size), phase=phase)
@@ -146,15 +148,17 @@ def _observation(time_s: float, contact: float) -> Observation:
     )
 
 
-def fake_plan(seeds: int = 4, *, policies: tuple[str, ...] = ("hold", "drag-rule"), limit_s: float = 60.0) -> Plan:
+def fake_plan(
+    seeds: int = 4, *, policies: tuple[str, ...] = ("hold", "drag-rule"), limit_s: float = 60.0
+) -> EvaluationPlan:
     """Each start undisturbed, pushed after the stop, and pushed on the way."""
     push = ScheduledDisturbance(spec=DISTURBANCES["push"], repeats=2)
-    early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=When(moment="tick", value=1))
-    return Plan(
-        entrants=tuple(Entrant(name=name, task="hanger", made=name) for name in policies),
+    early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=Trigger(moment="tick", value=1))
+    return EvaluationPlan(
+        entrants=tuple(PolicySpec(name=name, task="hanger", made=name) for name in policies),
         cloths=("towel",),
         seeds=tuple(range(seeds)),
-        cases=(Case(name="push", schedule=(push,)), Case(name="mix/early", schedule=(early,))),
+        cases=(DisturbanceCase(name="push", schedule=(push,)), DisturbanceCase(name="mix/early", schedule=(early,))),
         limit_s=limit_s,
     )
 
@@ -169,4 +173,4 @@ def main(out: str, seeds: str, workers: str, tick_s: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run_guarded(lambda: main(*sys.argv[1:])))
+    sys.exit(run_command(lambda: main(*sys.argv[1:])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from layflat.data.types import Observation, Task
+from layflat.data.types import Observation, RobotName
 from layflat.policy.base import Decision
 from layflat.policy.scripted.baselines import along_z
 
@@ -12,7 +12,7 @@ class Down:
 
     name = "down"
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: RobotName) -> None:
         self.task = task
 
     def reset(self, seed: int) -> None:

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.intrinsics import Lens
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.camera.pinhole import PinholeCamera
 
 Rgb = tuple[float, float, float]
 
@@ -85,9 +85,9 @@ class Shot:
     """m, 0 where missing."""
     cloth: NDArray[np.bool_]
     """Where the cloth is."""
-    camera: Pinhole
+    camera: PinholeCamera
     """Truth."""
-    lens: Lens = field(repr=False)
+    lens: Intrinsics = field(repr=False)
 
     def save(self, folder: Path, name: str = "frame") -> tuple[Path, Path]:
         """rgb and 16-bit depth in millimetres, as a RealSense user saves them."""
@@ -105,14 +105,14 @@ def stand(
     width: int = 640,
     height: int = 480,
     turn: float = 0.0,
-) -> tuple[Pinhole, Lens]:
+) -> tuple[PinholeCamera, Intrinsics]:
     """A D435 ``distance`` from the origin, ``tilt`` from straight above, rolled; ``turn`` walks it round the table."""
     a, t, r = (math.radians(angle) for angle in (turn, tilt, roll))
     eye = distance * np.array([math.sin(t) * math.sin(a), -math.sin(t) * math.cos(a), math.cos(t)])
     forward = -eye / distance
     right = np.array([math.cos(a), math.sin(a), 0.0])
     down = np.cross(forward, right)
-    lens = Lens.d435(width, height)
+    lens = Intrinsics.d435(width, height)
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack(
         [math.cos(r) * right + math.sin(r) * down, math.cos(r) * down - math.sin(r) * right, forward]
@@ -123,8 +123,8 @@ def stand(
 
 def shoot(
     scene: Scene,
-    camera: Pinhole,
-    lens: Lens,
+    camera: PinholeCamera,
+    lens: Intrinsics,
     *,
     seed: int | None = None,
     depth_noise: float = 0.0026,
@@ -163,7 +163,7 @@ def shoot(
     )
 
 
-def _hit(camera: Pinhole, rays: NDArray, level: NDArray | float) -> tuple[NDArray, NDArray, NDArray]:
+def _hit(camera: PinholeCamera, rays: NDArray, level: NDArray | float) -> tuple[NDArray, NDArray, NDArray]:
     depth = (level - camera.position[2]) / rays[2]
     return camera.position[0] + depth * rays[0], camera.position[1] + depth * rays[1], depth
 

@@ -14,9 +14,9 @@ from layflat.app.benchmarks import measure, measure_batch, measure_data, measure
 from layflat.app.support import validators
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
-from layflat.app.workers.episode_pool import JOB_LIMIT_S, fresh_processes
-from layflat.data.types import TASKS, TICK_S, FloatArray, Task
+from layflat.app.support.provenance import capture_provenance
+from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
+from layflat.data.types import ROBOTS, TICK_S, FloatArray, RobotName
 
 CLOTH, FINE_CLOTH = "towel", "towel-fine"
 AIR_GOAL, TABLE_GOAL = 1.5, 1.0
@@ -42,7 +42,7 @@ SECONDS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class BenchmarkRow:
     """One line of the table."""
 
     name: str
@@ -61,11 +61,11 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measurement:
+class BenchmarkResult:
     """One fresh process."""
 
     kind: str
-    task: Task
+    task: RobotName
     cloth: str
     work: Callable[..., dict[str, FloatArray]]
     arguments: tuple[object, ...]
@@ -77,11 +77,11 @@ class Measurement:
         return f"{self.kind}, {self.task}, {self.cloth}"
 
 
-def bench(json: Path | None, *, force: bool) -> list[Row]:
+def bench(json: Path | None, *, force: bool) -> list[BenchmarkRow]:
     """Measure everything in fresh processes, one at a time; a table on stdout, and ``json`` where asked for."""
     if json is not None:
         validators.writable_file(json, force=force)
-    rows: list[Row] = []
+    rows: list[BenchmarkRow] = []
     plan = list(measurements(json.parent if json is not None else None))
     with Progress({item.title: SECONDS[item.kind] for item in plan}) as progress:
         for item in plan:
@@ -93,16 +93,16 @@ def bench(json: Path | None, *, force: bool) -> list[Row]:
     return rows
 
 
-def measured(item: Measurement) -> dict[str, FloatArray]:
+def measured(item: BenchmarkResult) -> dict[str, FloatArray]:
     """What came of it: in a process of its own, or, where it makes its own processes, from here."""
     if item.forks:
         return item.work(*item.arguments)
-    with fresh_processes(1) as pool:
+    with process_pool(1) as pool:
         samples: dict[str, FloatArray] = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
     return samples
 
 
-def measurements(folder: Path | None) -> Iterator[Measurement]:
+def measurements(folder: Path | None) -> Iterator[BenchmarkResult]:
     """What is measured, in order; episodes are kept in ``folder``, so that its disk is timed, or a temporary one."""
     for kind, cloth in (
         ("physics", CLOTH),
@@ -110,41 +110,41 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
         ("fine physics", FINE_CLOTH),
         ("fine seeing", FINE_CLOTH),
     ):
-        for task in TASKS:
+        for task in ROBOTS:
             if kind in SEEING_GOALS:
-                yield Measurement(
+                yield BenchmarkResult(
                     kind=kind, task=task, cloth=cloth, work=measure.seeing, arguments=(task, cloth, folder)
                 )
             else:
                 blocks = measure.BLOCKS if cloth == CLOTH else measure.FEWER_BLOCKS
-                yield Measurement(
+                yield BenchmarkResult(
                     kind=kind, task=task, cloth=cloth, work=measure.physics, arguments=(task, cloth, blocks)
                 )
-    yield Measurement(kind="sight", task=TASKS[0], cloth=CLOTH, work=measure_perception.sight, arguments=())
-    for task in TASKS:
-        yield Measurement(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
+    yield BenchmarkResult(kind="sight", task=ROBOTS[0], cloth=CLOTH, work=measure_perception.sight, arguments=())
+    for task in ROBOTS:
+        yield BenchmarkResult(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
     for across in measure_solver_settings.ACROSS:
-        yield Measurement(
+        yield BenchmarkResult(
             kind="recipes",
-            task=TASKS[0],
+            task=ROBOTS[0],
             cloth=f"{across} x {across}",
             work=measure_solver_settings.recipes,
             arguments=(across, CLOTH),
         )
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
-        yield Measurement(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
-    task = TASKS[0]
-    yield Measurement(
+        yield BenchmarkResult(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
+    task = ROBOTS[0]
+    yield BenchmarkResult(
         kind="batch", task=task, cloth=CLOTH, work=measure_batch.scaling, arguments=(task, CLOTH, folder), forks=True
     )
 
 
-def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]) -> list[Row]:
+def rows_of(item: BenchmarkResult, samples: dict[str, FloatArray], before: list[BenchmarkRow]) -> list[BenchmarkRow]:
     """The lines that a measurement makes; ``before`` holds those of the default cloth."""
     prefix = f"{item.task} {item.cloth}"
     if item.kind in measure_data.SECONDS:
         lines = measure_data.lines_of(item.kind, samples)
-        return [Row(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
+        return [BenchmarkRow(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
     if item.kind == "predicting":
         name = f"{item.task} GP, {measure.GP_POINTS} points / GPy"
         return [_beside(name, samples["predict"], samples["GPy"], "ms")]
@@ -176,7 +176,7 @@ def rows_of(item: Measurement, samples: dict[str, FloatArray], before: list[Row]
     return rows
 
 
-def _sight_rows(samples: dict[str, FloatArray]) -> list[Row]:
+def _sight_rows(samples: dict[str, FloatArray]) -> list[BenchmarkRow]:
     """Whole percepts of one frame beside the goal, the plain way to the same numbers, and other descriptors'."""
     others = {
         "goal": np.full_like(samples["percept"], PERCEPT_GOAL_S),
@@ -187,37 +187,37 @@ def _sight_rows(samples: dict[str, FloatArray]) -> list[Row]:
     return [_beside(f"percept / {name}", samples["percept"], other, "ms") for name, other in others.items()]
 
 
-def _rtf(name: str, tick_wall_s: FloatArray, baseline: float) -> Row:
+def _rtf(name: str, tick_wall_s: FloatArray, baseline: float) -> BenchmarkRow:
     value = TICK_S / float(np.median(tick_wall_s))
-    return Row(name=name, value=value, unit=RTF, baseline=baseline, samples=len(tick_wall_s))
+    return BenchmarkRow(name=name, value=value, unit=RTF, baseline=baseline, samples=len(tick_wall_s))
 
 
-def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER_TICK) -> Row:
+def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER_TICK) -> BenchmarkRow:
     """The ratio is the median of those of neighbouring blocks, which a busy machine slows alike."""
     theirs = float(np.median(theirs_s))
     ratio = float(np.median(ours_s / theirs_s))
-    return Row(name=name, value=1e3 * theirs * ratio, unit=unit, baseline=1e3 * theirs, samples=len(ours_s))
+    return BenchmarkRow(name=name, value=1e3 * theirs * ratio, unit=unit, baseline=1e3 * theirs, samples=len(ours_s))
 
 
-def _faster(name: str, ours_s: FloatArray, theirs_s: FloatArray) -> Row:
+def _faster(name: str, ours_s: FloatArray, theirs_s: FloatArray) -> BenchmarkRow:
     """Simulated over wall time of both, from wall s per simulated s of neighbouring blocks."""
     theirs = 1 / float(np.median(theirs_s))
     ratio = float(np.median(theirs_s / ours_s))
-    return Row(name=name, value=ratio * theirs, unit=RTF, baseline=theirs, samples=len(ours_s))
+    return BenchmarkRow(name=name, value=ratio * theirs, unit=RTF, baseline=theirs, samples=len(ours_s))
 
 
-def _more_workers(samples: dict[str, FloatArray]) -> Row:
+def _more_workers(samples: dict[str, FloatArray]) -> BenchmarkRow:
     """Episodes a minute of the most workers, beside those of one."""
     few, many = (60 / float(samples[str(workers)][0]) for workers in measure_batch.WORKERS)
     name = f"batch of {measure_batch.EPISODES}, {measure_batch.WORKERS[-1]} workers / 1"
-    return Row(name=name, value=many, unit="episodes / min", baseline=few)
+    return BenchmarkRow(name=name, value=many, unit="episodes / min", baseline=few)
 
 
-def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> Row:
-    return Row(name=name, value=factor * float(np.median(walls_s)), unit=unit, samples=len(walls_s))
+def _plain(name: str, walls_s: FloatArray, factor: float, unit: str) -> BenchmarkRow:
+    return BenchmarkRow(name=name, value=factor * float(np.median(walls_s)), unit=unit, samples=len(walls_s))
 
 
-def content(rows: list[Row]) -> dict[str, object]:
+def content(rows: list[BenchmarkRow]) -> dict[str, object]:
     """The JSON object without its schema number."""
     return {
         "rows": [
@@ -225,11 +225,11 @@ def content(rows: list[Row]) -> dict[str, object]:
             for row in rows
         ],
         "samples": {row.name: row.samples for row in rows},
-        "provenance": asdict(provenance_now()),
+        "provenance": asdict(capture_provenance()),
     }
 
 
-def show(rows: list[Row]) -> None:
+def show(rows: list[BenchmarkRow]) -> None:
     """Print the table on stdout."""
     table = Table()
     table.add_column("measurement")

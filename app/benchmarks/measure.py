@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from layflat.app.workers.rollout import run_episode
+from layflat.app.workers.rollout import rollout
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, FloatArray, Task, action_size
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.data.types import Episode, FloatArray, RobotName, action_size
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.policy.base import Policy
 from layflat.policy.features import input_set
 from layflat.policy.gp.fit import import_gpy
 from layflat.policy.gp.kernel import JITTER, Hyperparameters, covariance
 from layflat.policy.gp.model import GpModel
-from layflat.policy.scripted.baselines import Drag, Hold
+from layflat.policy.scripted.baselines import DragPolicy, ZeroPolicy
 from layflat.policy.stopping import AnyOf
-from layflat.sim.config import BenchSettings
-from layflat.sim.simulation import Placing
+from layflat.sim.config import SimConfig
+from layflat.sim.simulation import ClothSimulation
 
 SEED = 0
 BLOCK_TICKS = 5
@@ -46,9 +46,9 @@ EPISODE_TICKS = 100
 """Of the episode whose keeping is timed: about what a demonstration has."""
 
 
-def physics(task: Task, cloth: str, blocks: int = BLOCKS, ticks: int = BLOCK_TICKS) -> dict[str, FloatArray]:
+def physics(task: RobotName, cloth: str, blocks: int = BLOCKS, ticks: int = BLOCK_TICKS) -> dict[str, FloatArray]:
     """Without a camera. Wall s per tick: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
-    bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
+    bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))
     try:
         bench.reset(SEED)
         samples = _side_by_side(bench, "air", blocks, ticks)
@@ -61,13 +61,13 @@ def physics(task: Task, cloth: str, blocks: int = BLOCKS, ticks: int = BLOCK_TIC
         bench.close()
 
 
-def seeing(task: Task, cloth: str, folder: Path | None = None, ticks: int = SEEING_TICKS) -> dict[str, FloatArray]:
+def seeing(task: RobotName, cloth: str, folder: Path | None = None, ticks: int = SEEING_TICKS) -> dict[str, FloatArray]:
     """With camera, perception and recording, on the table.
 
-    Wall s per tick of ``run_episode``, with the share of a tick in keeping the episode: ``flat``, ``drag``. Wall s each
+    Wall s per tick of ``rollout``, with the share of a tick in keeping the episode: ``flat``, ``drag``. Wall s each
     of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_TICKS, durable in ``folder``).
     """
-    bench = Placing(BenchSettings(task=task, cloth=cloth))
+    bench = ClothSimulation(SimConfig(task=task, cloth=cloth))
     try:
         bench.reset(SEED)
         lay_down(bench)
@@ -79,23 +79,23 @@ def seeing(task: Task, cloth: str, folder: Path | None = None, ticks: int = SEEI
         bench.close()
 
 
-def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, FloatArray]:
+def _seeing(bench: ClothSimulation, recorder: SessionRecorder, ticks: int) -> dict[str, FloatArray]:
     task = bench.settings.task
     policies: dict[str, Policy] = {
-        "drag": Drag(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
-        "flat": Hold(task),
+        "drag": DragPolicy(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
+        "flat": ZeroPolicy(task),
     }
     walls: dict[str, list[float]] = {}
-    episode = run_episode(bench, Hold(task), seed=SEED, max_ticks=2)
+    episode = rollout(bench, ZeroPolicy(task), seed=SEED, max_ticks=2)
     for name, policy in policies.items():
         for _ in range(SEEING_BLOCKS):
             began = time.perf_counter()
-            episode = run_episode(bench, policy, seed=SEED, max_ticks=ticks)
+            episode = rollout(bench, policy, seed=SEED, max_ticks=ticks)
             walls.setdefault(name, []).append((time.perf_counter() - began) / ticks)
     kept = lengthened(episode)
     keep = _repeat(lambda: recorder.keep(kept), 5)
     frames = [bench.camera.capture() for _ in range(3)]
-    perceiver = Perceiver(bench.camera.pinhole, flat_pixels=1000)
+    perceiver = PerceptionPipeline(bench.camera.pinhole, flat_pixels=1000)
     return {name: np.array(wall) + np.median(keep) / len(kept.steps) for name, wall in walls.items()} | {
         "keep": keep,
         "capture": _repeat(bench.camera.capture, FRAMES),
@@ -103,7 +103,7 @@ def _seeing(bench: Placing, recorder: SessionRecorder, ticks: int) -> dict[str, 
     }
 
 
-def predicting(task: Task) -> dict[str, FloatArray]:
+def predicting(task: RobotName) -> dict[str, FloatArray]:
     """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs: ours and GPy's."""
     model = random_model(task)
     here, there = np.zeros((1, model.layout.size)), np.zeros((1, model.layout.size))
@@ -127,7 +127,7 @@ def as_gpy(model: GpModel) -> list[Any]:
     return processes
 
 
-def random_model(task: Task, points: int = GP_POINTS) -> GpModel:
+def random_model(task: RobotName, points: int = GP_POINTS) -> GpModel:
     """As large as a trained one, and as good as chance."""
     layout, outputs = input_set(task, "all"), action_size(task)
     rng = np.random.default_rng(SEED)
@@ -148,7 +148,7 @@ def random_model(task: Task, points: int = GP_POINTS) -> GpModel:
     )
 
 
-def lay_down(bench: Placing, most_ticks: int = 100) -> None:
+def lay_down(bench: ClothSimulation, most_ticks: int = 100) -> None:
     """Down until the free edge touches, then forward and down until the held edge is at rest height."""
     task, spec = bench.settings.task, bench.settings.spec
     forward, down = LAY_STEP_M
@@ -165,7 +165,7 @@ def lay_down(bench: Placing, most_ticks: int = 100) -> None:
         bench.step(_moves(task, 0.0, 0.0))
 
 
-def _side_by_side(bench: Placing, name: str, blocks: int, ticks: int) -> dict[str, FloatArray]:
+def _side_by_side(bench: ClothSimulation, name: str, blocks: int, ticks: int) -> dict[str, FloatArray]:
     """Ticks without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
     zeros = _moves(bench.settings.task, 0.0, 0.0)
     walls = [(_bare(bench, ticks), _ours(bench, zeros, ticks)) for _ in range(blocks)]
@@ -173,7 +173,7 @@ def _side_by_side(bench: Placing, name: str, blocks: int, ticks: int) -> dict[st
     return {name: ours, f"{name} bare": bare}
 
 
-def _ours(bench: Placing, action: FloatArray, ticks: int) -> float:
+def _ours(bench: ClothSimulation, action: FloatArray, ticks: int) -> float:
     """Wall s per tick."""
     for _ in range(SETTLE_TICKS):
         bench.step(action)
@@ -183,7 +183,7 @@ def _ours(bench: Placing, action: FloatArray, ticks: int) -> float:
     return (time.perf_counter() - began) / ticks
 
 
-def _bare(bench: Placing, ticks: int) -> float:
+def _bare(bench: ClothSimulation, ticks: int) -> float:
     """Wall s per tick of stepping alone."""
     world, substeps = bench.cloth.world, bench.settings.substeps
     bench.holder.rest()
@@ -219,7 +219,7 @@ def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[s
     return {name: np.array(wall) for name, wall in walls.items()}
 
 
-def _moves(task: Task, dx: float, dz: float) -> FloatArray:
+def _moves(task: RobotName, dx: float, dz: float) -> FloatArray:
     """(A,) m: the whole holder moves."""
     return np.array([dx, dz] if task == "hanger" else [dx, 0.0, dz] * 2)
 

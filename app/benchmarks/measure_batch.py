@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from layflat.app.evaluation.plan import Entrant, Plan
+from layflat.app.evaluation.plan import EvaluationPlan, PolicySpec
 from layflat.app.evaluation.run import run_batch
-from layflat.app.evaluation.simulated_episode import BenchPlay
-from layflat.app.evaluation.work_item import Play
+from layflat.app.evaluation.simulated_episode import SimulatedEpisode
+from layflat.app.evaluation.work_item import EpisodeFactory
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.make_policy import SCRIPTED
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 
 WORKERS = (1, 2)
 EPISODES = 4
@@ -22,14 +22,18 @@ EPISODES = 4
 
 
 def scaling(
-    task: Task, cloth: str, folder: Path | None = None, play: Play = BenchPlay, episodes: int = EPISODES
+    task: RobotName,
+    cloth: str,
+    folder: Path | None = None,
+    play: EpisodeFactory = SimulatedEpisode,
+    episodes: int = EPISODES,
 ) -> dict[str, FloatArray]:
     """Wall s per episode, by the number of workers; the rows are written to ``folder``'s disk.
 
     Call it in a process that has stepped no simulation: the workers are forked from it.
     """
-    plan = Plan(
-        entrants=(Entrant(name=SCRIPTED, task=task, made=SCRIPTED),), cloths=(cloth,), seeds=tuple(range(episodes))
+    plan = EvaluationPlan(
+        entrants=(PolicySpec(name=SCRIPTED, task=task, made=SCRIPTED),), cloths=(cloth,), seeds=tuple(range(episodes))
     )
     walls = {}
     for workers in WORKERS:

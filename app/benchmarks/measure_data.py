@@ -21,20 +21,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.benchmarks.measure import DRAG_STEP_M, SEED, lay_down, lengthened
-from layflat.app.workers.rollout import run_episode
+from layflat.app.workers.rollout import rollout
 from layflat.data.atomic_files import fsync_path
 from layflat.data.format.encode import LIBVER, arrays_of, attributes_of
-from layflat.data.session.episode_writer import Running
+from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.session_writer import SessionFile
-from layflat.data.types import ACTION_LIMIT_M, Episode, FloatArray, Observation, Step, Task, Truth, action_size
-from layflat.policy.scripted.baselines import Drag
+from layflat.data.types import (
+    ACTION_LIMIT_M,
+    Episode,
+    FloatArray,
+    GroundTruth,
+    Observation,
+    RobotName,
+    Step,
+    action_size,
+)
+from layflat.policy.scripted.baselines import DragPolicy
 from layflat.policy.stopping import AnyOf
-from layflat.sim.config import BenchSettings
-from layflat.sim.simulation import Placing
+from layflat.sim.config import SimConfig
+from layflat.sim.simulation import ClothSimulation
 
-TASK: Task = "pickers"
+TASK: RobotName = "pickers"
 CLOTH = "towel"
 TICKS = 24
 REPEATS = 5
@@ -62,7 +71,7 @@ Line = tuple[str, float, str, float | None, int]
 class _Timed:
     """A running recording with a clock around what the loop waits for."""
 
-    running: Running
+    running: EpisodeWriter
     walls_s: list[float] = field(default_factory=list)
 
     def on_tick(self, step: Step, tick: int) -> None:
@@ -164,7 +173,7 @@ def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
 
 
 def _record(recorder: SessionRecorder, ticks: int) -> tuple[dict[str, FloatArray], Episode]:
-    bench = Placing(BenchSettings(task=TASK, cloth=CLOTH))
+    bench = ClothSimulation(SimConfig(task=TASK, cloth=CLOTH))
     timed: list[_Timed] = []
 
     def begin(beginning: Episode) -> _Timed:
@@ -174,9 +183,9 @@ def _record(recorder: SessionRecorder, ticks: int) -> tuple[dict[str, FloatArray
     try:
         bench.reset(SEED)
         lay_down(bench)
-        policy = Drag(TASK, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
+        policy = DragPolicy(TASK, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
         began = time.perf_counter()
-        episode = run_episode(bench, policy, seed=SEED, images=True, max_ticks=ticks, begin=begin)
+        episode = rollout(bench, policy, seed=SEED, images=True, max_ticks=ticks, begin=begin)
         wall_s = time.perf_counter() - began
     finally:
         bench.close()
@@ -229,8 +238,10 @@ def _made_up(*, ticks: int, nodes: int) -> Episode:
             contact_portion=tick / ticks,
         )
 
-    def truth(tick: int) -> Truth:
-        return Truth(nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=tick / ticks, flat_area=tick / ticks)
+    def truth(tick: int) -> GroundTruth:
+        return GroundTruth(
+            nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=tick / ticks, flat_area=tick / ticks
+        )
 
     steps = [
         Step(

@@ -16,11 +16,11 @@ from layflat.app.benchmarks.measure import alternating
 from layflat.data.types import FloatArray
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.cloth.contact import contact_mask, smooth_height
-from layflat.perception.cloth.pipeline import Perceiver, PerceptionConfig
+from layflat.perception.cloth.pipeline import PerceptionConfig, PerceptionPipeline
 from layflat.perception.cloth.segmentation import segment
 from layflat.perception.descriptors.gabor import gabor_bank
 from layflat.perception.descriptors.how import HowConfig, HowDescriptor
-from layflat.perception.descriptors.preprocess import PrepareConfig
+from layflat.perception.descriptors.preprocess import PreprocessConfig
 from layflat.perception.descriptors.registry import descriptor
 from layflat.perception.descriptors.word import (
     AXIAL,
@@ -44,7 +44,7 @@ def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
     camera = default_pinhole()
     frame = wrinkled_frame()
     perceivers = {
-        name: Perceiver(camera, PerceptionConfig(descriptor=descriptor(key)), flat_pixels=19600)
+        name: PerceptionPipeline(camera, PerceptionConfig(descriptor=descriptor(key)), flat_pixels=19600)
         for name, key in (("percept", "word-axial"), ("how", "how"), ("word", "word"), ("hog", "hog"))
     }
     works: dict[str, Callable[[], object]] = {
@@ -61,21 +61,21 @@ def wrinkled_frame(seed: int = 0) -> Frame:
     return Frame(drawn.rgb, DepthSensor(DepthNoise(), seed=seed).measure(drawn.depth))
 
 
-def plain_percept(perceiver: Perceiver, frame: Frame, config: WordConfig) -> tuple[int, NDArray[np.float64]]:
+def plain_percept(perceiver: PerceptionPipeline, frame: Frame, config: WordConfig) -> tuple[int, NDArray[np.float64]]:
     """Contact pixels and L of Algorithm 1, (n,), as one would write it down: each step on the whole image.
 
-    What ``Perceiver.perceive`` computes of a part of the image and by transforms; the numbers are the same.
+    What ``PerceptionPipeline.perceive`` computes of a part of the image and by transforms; the numbers are the same.
     """
     view = plain_view(perceiver, frame)
     return int(np.count_nonzero(view.contact)), plain_sums(view, config)
 
 
-def plain_how(perceiver: Perceiver, frame: Frame) -> NDArray[np.float64]:
+def plain_how(perceiver: PerceptionPipeline, frame: Frame) -> NDArray[np.float64]:
     """HOW as it is published: every filter over the whole image at its full resolution."""
-    return HowDescriptor(HowConfig(prepare=PrepareConfig(decimation=1))).describe(plain_view(perceiver, frame))
+    return HowDescriptor(HowConfig(preprocess=PreprocessConfig(decimation=1))).describe(plain_view(perceiver, frame))
 
 
-def plain_view(perceiver: Perceiver, frame: Frame) -> ClothView:
+def plain_view(perceiver: PerceptionPipeline, frame: Frame) -> ClothView:
     """The whole table view."""
     settings, camera = perceiver.config, perceiver.camera
     cloth_seen = segment(frame.rgb, settings.colour, settings.min_area_px)
@@ -116,7 +116,7 @@ def _plain_channel(
 
 def same_numbers(config: WordConfig = AXIAL) -> float:
     """Largest relative difference of L between the fast and the plain way, over frames."""
-    perceiver = Perceiver(default_pinhole())
+    perceiver = PerceptionPipeline(default_pinhole())
     worst = 0.0
     for seed in range(4):
         frame = wrinkled_frame(seed)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS, BareOurs, BareRecipe
+from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS, BareLayflat, BareSimulation
 from layflat.data.types import FloatArray
 from layflat.sim.cloth.cloth import cloth_spec
 
@@ -26,8 +26,8 @@ def recipes(across: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = B
     spec = replace(cloth_spec(cloth), rows=across, columns=across)
     samples: dict[str, FloatArray] = {}
     for situation in SITUATIONS:
-        worlds: dict[str, BareOurs | BareRecipe] = {OURS: BareOurs(spec, situation)}
-        worlds |= {name: BareRecipe(recipe, across, situation) for name, recipe in RECIPES.items()}
+        worlds: dict[str, BareLayflat | BareSimulation] = {OURS: BareLayflat(spec, situation)}
+        worlds |= {name: BareSimulation(recipe, across, situation) for name, recipe in RECIPES.items()}
         try:
             for world in worlds.values():
                 _stepped(world, settle_s)
@@ -55,7 +55,7 @@ def lines_of(across: int, samples: Mapping[str, FloatArray]) -> list[Line]:
     ]
 
 
-def _stepped(world: BareOurs | BareRecipe, simulated_s: float) -> float:
+def _stepped(world: BareLayflat | BareSimulation, simulated_s: float) -> float:
     """Wall s per simulated s."""
     steps = round(simulated_s / world.step_s)
     began = time.perf_counter()

@@ -36,7 +36,7 @@ HANG_LENGTHS = 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recipe:
+class SolverSettings:
     """What its authors' calls of Bullet say."""
 
     name: str
@@ -52,14 +52,14 @@ class Recipe:
     """Arguments of ``setPhysicsEngineParameter``."""
 
 
-RECIPES: Mapping[str, Recipe] = {
+RECIPES: Mapping[str, SolverSettings] = {
     recipe.name: recipe
     for recipe in (
-        Recipe(
+        SolverSettings(
             name="DeformableRavens", length_m=0.2, mass_kg=0.5, rate_hz=480.0, friction=1.0, margin_of_edge=0.2,
             springs={"springElasticStiffness": 40, "springDampingStiffness": 0.1, "springDampingAllDirections": 0},
         ),
-        Recipe(
+        SolverSettings(
             name="DEDO", length_m=3.75, mass_kg=1.0, rate_hz=500.0, friction=0.1,
             springs={
                 "springElasticStiffness": 50, "springDampingStiffness": 0.1, "springDampingAllDirections": 1,
@@ -71,10 +71,10 @@ RECIPES: Mapping[str, Recipe] = {
 }  # fmt: skip
 
 
-class BareRecipe:
+class BareSimulation:
     """A cloth of ``across`` x ``across`` nodes by a recipe, in a world of its own, in one situation."""
 
-    def __init__(self, recipe: Recipe, across: int, situation: Situation) -> None:
+    def __init__(self, recipe: SolverSettings, across: int, situation: Situation) -> None:
         self.step_s = 1 / recipe.rate_hz
         self._client: int = bullet.connect(bullet.DIRECT)
         bullet.resetSimulation(bullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=self._client)
@@ -88,7 +88,7 @@ class BareRecipe:
             for node in (across * (across - 1), across * across - 1):
                 bullet.createSoftBodyAnchor(self._body, node, -1, -1, physicsClientId=self._client)
 
-    def _load(self, recipe: Recipe, across: int, situation: Situation) -> int:
+    def _load(self, recipe: SolverSettings, across: int, situation: Situation) -> int:
         spec = grid(recipe.length_m, across)
         margin = None if recipe.margin_of_edge is None else recipe.margin_of_edge * recipe.length_m / (across - 1)
         low, high = (margin or 0.0) + DROP_M, HANG_LENGTHS * recipe.length_m
@@ -126,7 +126,7 @@ class BareRecipe:
         bullet.disconnect(physicsClientId=self._client)
 
 
-class BareOurs:
+class BareLayflat:
     """Our own cloth in the same situation, in its own world, without holder, drag or guard."""
 
     def __init__(self, spec: ClothSpec, situation: Situation) -> None:

@@ -18,11 +18,11 @@ import pandas as pd
 import typer
 
 from layflat.app.support import validators
-from layflat.app.support.atomic_write import replacing, write_text
+from layflat.app.support.atomic_write import atomic_write, write_text
 from layflat.app.support.progress import Progress
 from layflat.data.types import FloatArray
 from layflat.perception.camera.rectified_view import ClothView
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.base import Descriptor
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.perception.descriptors.word import AXIAL, LETTER, WordDescriptor
@@ -119,12 +119,12 @@ def sheets(condition: Condition, phases: int = PHASES) -> Iterator[tuple[float, 
         yield normal, Sheet(waves=tuple(waves), centre=centre), k
 
 
-class Viewer:
+class SyntheticCamera:
     """The bench's camera over drawn sheets."""
 
     def __init__(self) -> None:
         self.camera = default_pinhole()
-        self.perceiver = Perceiver(self.camera)
+        self.perceiver = PerceptionPipeline(self.camera)
 
     def view(self, sheet: Sheet, condition: Condition, seed: int) -> ClothView | None:
         drawn = draw_sheet(self.camera, sheet, replace(condition.drawing, seed=seed))
@@ -140,7 +140,9 @@ def axis_error_deg(vector: FloatArray, normal: float) -> float:
     return (math.degrees(math.atan2(vector[1], vector[0]) - normal) + 90) % 180 - 90
 
 
-def measure(viewer: Viewer, condition: Condition, entrants: Mapping[str, Descriptor], phases: int) -> pd.DataFrame:
+def measure(
+    viewer: SyntheticCamera, condition: Condition, entrants: Mapping[str, Descriptor], phases: int
+) -> pd.DataFrame:
     """One line per sheet and descriptor: true angle, signed error (NaN where no direction was given)."""
     lines = []
     for normal, sheet, seed in sheets(condition, phases):
@@ -162,7 +164,7 @@ def study(out: Path, *, phases: int = PHASES) -> pd.DataFrame:
 
     validators.writable_folder(out)
     cv2.setNumThreads(1)
-    viewer, rows = Viewer(), list(conditions())
+    viewer, rows = SyntheticCamera(), list(conditions())
     made: dict[str, Descriptor] = {name: make() for name, make in DESCRIPTORS.items()}
     parts = []
     with Progress({"ladder": FRAME_S * ANGLES * phases, "conditions": FRAME_S * ANGLES * phases * len(rows)}) as bar:
@@ -177,7 +179,7 @@ def study(out: Path, *, phases: int = PHASES) -> pd.DataFrame:
     write_text(out / "word.csv", frame.to_csv(index=False, float_format="%.4f"))
     write_text(out / "word-tables.md", tables(ladder, frame))
     for name, figure in (("word-bias.png", bias_figure(ladder, list(LADDER))), ("word-light.png", light_figure(frame))):
-        with replacing(out / name) as aside:
+        with atomic_write(out / name) as aside:
             aside.write_bytes(figure)
     return frame
 
@@ -220,16 +222,16 @@ def _main(
     phases: Annotated[int, typer.Option(help="Sheets for each direction.")] = PHASES,
 ) -> None:
     """Measure the descriptors over light and sensor, into DIR."""
-    study(out, phases=validators.at_least_one("--phases", phases))
+    study(out, phases=validators.positive("--phases", phases))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """``python -m layflat.app.benchmarks.word_study``."""
-    from layflat.app.support.errors import run_guarded
+    from layflat.app.support.errors import run_command
 
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
     app.command()(_main)
-    raise SystemExit(run_guarded(lambda: app(arguments, standalone_mode=False)))
+    raise SystemExit(run_command(lambda: app(arguments, standalone_mode=False)))
 
 
 if __name__ == "__main__":

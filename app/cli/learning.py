@@ -61,10 +61,10 @@ def record(
     """
     validators.require_simulator()
     from layflat.app.commands.record import record as run
-    from layflat.app.commands.record_config import Wish
+    from layflat.app.commands.record_config import RecordConfig
 
     run(
-        Wish(
+        RecordConfig(
             path=path,
             task=task,
             cloth=cloth,

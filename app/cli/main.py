@@ -32,7 +32,7 @@ from layflat.app.cli.options import (
     maybe_count,
 )
 from layflat.app.support import validators
-from layflat.app.support.errors import INTERRUPTED, WRONG_CALL, run_guarded
+from layflat.app.support.errors import INTERRUPTED, USAGE_ERROR, run_command
 
 ControllerName = Literal["word", "stretch-right", "random"]
 
@@ -122,7 +122,7 @@ def word(
 
     WORD and contact portion; x to the image's right, y up.
     """
-    from layflat.app.commands.analyze_frame import word as run
+    from layflat.app.commands.analyze_frame import analyze_frame_files as run
 
     run(
         rgb,
@@ -237,7 +237,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     # once, when they are imported.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    status = run_guarded(lambda: _dispatch(arguments), debug="--debug" in arguments)
+    status = run_command(lambda: _dispatch(arguments), debug="--debug" in arguments)
     if argv is None and status == INTERRUPTED:
         # Where Ctrl-C struck inside exec(), as in many imports, CPython would end by a signal instead of a status.
         sys.stdout.flush()
@@ -253,7 +253,7 @@ def _dispatch(arguments: list[str]) -> int:
     except typer.TyperException as error:
         sentence = " ".join(error.format_message().split()).replace("Value error, ", "")
         print(f"layflat: {sentence.rstrip('.')}; `layflat --help` lists what there is", file=sys.stderr)
-        return int(getattr(error, "exit_code", WRONG_CALL))
+        return int(getattr(error, "exit_code", USAGE_ERROR))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 def count(param: typer.CallbackParam, value: int) -> int:
     """Callback of an option that must be at least 1."""
-    return validators.at_least_one(f"--{str(param.name).replace('_', '-')}", value)
+    return validators.positive(f"--{str(param.name).replace('_', '-')}", value)
 
 
 def maybe_count(param: typer.CallbackParam, value: int | None) -> int | None:

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from layflat.app.media.rgbd_io import read_depth, read_rgb, same_size
 from layflat.app.support import validators
-from layflat.app.support.atomic_write import replacing
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.atomic_write import atomic_write
+from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.metrics import write_json
-from layflat.perception.camera.intrinsics import Lens
-from layflat.perception.cloth.analyze_frame import SeenFrame, see_frame
+from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import hue_name
-from layflat.perception.cloth.pipeline import Percept, PerceptionConfig
+from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.descriptors.base import Descriptor
 from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
@@ -31,7 +31,7 @@ WIDEST_NAMED = 120.0
 """Degrees; a wider range of hue has no name."""
 
 
-def word(
+def analyze_frame_files(
     rgb_path: Path,
     depth_path: Path,
     *,
@@ -46,21 +46,21 @@ def word(
     descriptor_name: str,
     seed: int,
     force: bool,
-) -> SeenFrame:
+) -> FrameResult:
     """See the frame; a few lines on stdout, a JSON file and a drawn picture where asked for.
 
     ``seed`` draws the pixels and trials that the table is found with.
     """
     if hsv is not None and cloth_at is not None:
-        raise WrongCall("--hsv and --cloth-at both say what colour the cloth has; give one of them")
+        raise UsageError("--hsv and --cloth-at both say what colour the cloth has; give one of them")
     colour, at = parse_hsv(hsv), parse_point(cloth_at)
-    known = descriptor(validators.known_name("descriptor", descriptor_name, DESCRIPTORS))
+    known = descriptor(validators.one_of("descriptor", descriptor_name, DESCRIPTORS))
     contact_m = contact_height(contact_mm)
     _check_outputs(json, overlay, (rgb_path, depth_path), force=force)
     rgb, depth = read_rgb(rgb_path), read_depth(depth_path, depth_scale)
     same_size(rgb_path, rgb, depth_path, depth)
     lens = parse_intrinsics(intrinsics, *rgb.shape[1::-1])
-    seen = see_frame(
+    seen = analyze_frame(
         rgb,
         depth,
         lens,
@@ -85,7 +85,7 @@ def contact_height(millimetres: float | None) -> float:
     if millimetres is None:
         return PerceptionConfig.contact_height_m
     if not 1 <= millimetres < 1000 * PerceptionConfig.near_height_m:
-        raise WrongCall(
+        raise UsageError(
             f"--contact-mm is {millimetres:g}; it must be at least 1 and "
             f"below {1000 * PerceptionConfig.near_height_m:g}"
         )
@@ -98,7 +98,7 @@ def parse_hsv(text: str | None) -> HsvRange | None:
         return None
     hue_min, hue_max, saturation_min, value_min = _numbers("--hsv", text, "H_MIN,H_MAX,S_MIN,V_MIN")
     if saturation_min == value_min == 0:
-        raise WrongCall(f"--hsv is {text}; with S_MIN and V_MIN both 0 everything black is cloth: raise one of them")
+        raise UsageError(f"--hsv is {text}; with S_MIN and V_MIN both 0 everything black is cloth: raise one of them")
     return HsvRange(hue_min=hue_min, hue_max=hue_max, saturation_min=saturation_min, value_min=value_min)
 
 
@@ -108,16 +108,16 @@ def parse_point(text: str | None) -> tuple[int, int] | None:
         return None
     x, y = _numbers("--cloth-at", text, "X,Y")
     if max(abs(x), abs(y)) > 1e6:
-        raise WrongCall(f"--cloth-at is {text}; it must be a pixel of the image, X,Y")
+        raise UsageError(f"--cloth-at is {text}; it must be a pixel of the image, X,Y")
     return round(x), round(y)
 
 
-def parse_intrinsics(text: str | None, width: int, height: int) -> Lens:
+def parse_intrinsics(text: str | None, width: int, height: int) -> Intrinsics:
     """FX,FY,CX,CY in pixels, or those of a D435 for this size."""
     if text is None:
-        return Lens.d435(width, height)
+        return Intrinsics.d435(width, height)
     fx, fy, cx, cy = _numbers("--intrinsics", text, "FX,FY,CX,CY")
-    return Lens(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+    return Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
 
 
 def _numbers(option: str, text: str, form: str) -> list[float]:
@@ -128,7 +128,7 @@ def _numbers(option: str, text: str, form: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != wanted or not all(math.isfinite(number) for number in numbers):
-        raise WrongCall(f"{option} is {text!r}; it must be {wanted} numbers with commas, {form}")
+        raise UsageError(f"{option} is {text!r}; it must be {wanted} numbers with commas, {form}")
     return numbers
 
 
@@ -139,16 +139,16 @@ def _check_outputs(json: Path | None, overlay: Path | None, inputs: tuple[Path, 
         if path is None:
             continue
         if path.resolve() in taken:
-            raise WrongCall(f"{path} is named twice; inputs and outputs must be different files")
+            raise UsageError(f"{path} is named twice; inputs and outputs must be different files")
         taken.append(path.resolve())
     if overlay is not None and overlay.suffix.lower() != ".png":
-        raise WrongCall(f"{overlay} is not a .png file; the overlay is written as .png")
+        raise UsageError(f"{overlay} is not a .png file; the overlay is written as .png")
     for path in (json, overlay):
         if path is not None:
             validators.writable_file(path, force=force)
 
 
-def _drawn(rgb: NDArray[np.uint8], seen: SeenFrame, known: Descriptor) -> NDArray[np.uint8]:
+def _drawn(rgb: NDArray[np.uint8], seen: FrameResult, known: Descriptor) -> NDArray[np.uint8]:
     """The frame with the direction that this descriptor gives."""
     direction = known.direction(seen.view)
     shown = replace(seen.percept, word=direction.vector, strength=direction.strength)
@@ -156,13 +156,13 @@ def _drawn(rgb: NDArray[np.uint8], seen: SeenFrame, known: Descriptor) -> NDArra
 
 
 def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
-    with replacing(path) as aside:
+    with atomic_write(path) as aside:
         if not cv2.imwrite(str(aside), rgb[..., ::-1]):
             raise LayflatError(f"{path} could not be written; is the disc full?")
 
 
 def content(
-    seen: SeenFrame, known: Descriptor, lens: Lens, *, assumed: bool, flat_pixels: int | None
+    seen: FrameResult, known: Descriptor, lens: Intrinsics, *, assumed: bool, flat_pixels: int | None
 ) -> dict[str, Any]:
     """The JSON object without its schema number; directions in image axes, x right, y up."""
     percept, plane = seen.percept, seen.plane
@@ -199,7 +199,7 @@ def content(
     }
 
 
-def _doubts(percept: Percept, flat_pixels: int | None) -> list[str]:
+def _doubts(percept: ClothState, flat_pixels: int | None) -> list[str]:
     """What makes the contact portion doubtful."""
     if flat_pixels is None or percept.contact_portion <= MOST_CONTACT:
         return []

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from layflat.app.media.episode_plots import curves_of, plot_session
-from layflat.app.media.episode_video import camera_frames, check_drawable, write_film
+from layflat.app.media.episode_video import camera_frames, check_drawable, write_episode_video
 from layflat.app.support import validators
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
 from layflat.data.format import schema
@@ -34,7 +34,7 @@ def export(
 ) -> None:
     """Write a session, or its episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
     if not images and form != "lerobot":
-        raise WrongCall(f"--no-images is for lerobot; the {form} export has images exactly where its form has a place")
+        raise UsageError(f"--no-images is for lerobot; the {form} export has images exactly where its form has a place")
     with open_session(path) as session:
         names = chosen_names(session, outcome)
         if form == "robomimic":
@@ -73,19 +73,19 @@ def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> Non
 def film(path: Path, out: Path, *, episode: int, force: bool) -> None:
     """Film an episode as its camera saw it, with contact and WORD drawn on it."""
     if out.suffix != ".webm":
-        raise WrongCall(f"{out} is not a .webm file; films are written as .webm")
+        raise UsageError(f"{out} is not a .webm file; films are written as .webm")
     with open_session(path) as session:
         recorded = session.episode(schema.demo_name(episode))
     check_drawable(recorded)
     validators.writable_file(out, force=force)
-    count = write_film(out, camera_frames(recorded), recorded)
+    count = write_episode_video(out, camera_frames(recorded), recorded)
     print(f"filmed {schema.demo_name(episode)}, {count} frames {out}")
 
 
 def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
     """Draw the page of plots of a session, or of one of its episodes, as a PNG."""
     if out.suffix != ".png":
-        raise WrongCall(f"{out} is not a .png file; plots are written as .png")
+        raise UsageError(f"{out} is not a .png file; plots are written as .png")
     with open_session(path) as session:
         names = session.names if episode is None else (schema.demo_name(episode),)
         for name in names:
@@ -98,17 +98,19 @@ def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
 
 
 def chosen_names(session: Session, outcome: Outcome | None) -> Sequence[str]:
-    """The episodes to take; WrongCall where there are none."""
+    """The episodes to take; UsageError where there are none."""
     names = session.select(outcome=outcome)
     if not names:
-        raise WrongCall(f"none of the {len(session)} episodes of {session.path} is a {outcome}; choose another outcome")
+        raise UsageError(
+            f"none of the {len(session)} episodes of {session.path} is a {outcome}; choose another outcome"
+        )
     return names
 
 
 def new_folder(path: Path, *, force: bool) -> None:
-    """A folder that is not there yet, or may be replaced; WrongCall otherwise."""
+    """A folder that is not there yet, or may be replaced; UsageError otherwise."""
     if path.exists() and not path.is_dir():
-        raise WrongCall(f"{path} is not a folder; this export makes a folder")
+        raise UsageError(f"{path} is not a folder; this export makes a folder")
     if path.is_dir() and any(path.iterdir()) and not force:
-        raise WrongCall(f"{path} holds something already; give --force to replace it, or another name")
+        raise UsageError(f"{path} holds something already; give --force to replace it, or another name")
     validators.writable_folder(path.absolute().parent)

@@ -13,14 +13,14 @@ from rich.table import Table
 
 from layflat.app.support import validators
 from layflat.app.support.console import console
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
 from layflat.data.format import schema
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.reader import Session, open_session
 from layflat.data.tools.stats import ColumnStats, session_stats
 from layflat.data.tools.validate import validate as violations_of
-from layflat.data.types import OUTCOMES, DisturbanceRecord, Task
+from layflat.data.types import OUTCOMES, DisturbanceRecord, RobotName
 
 ROWS_MAX = 20
 """Episodes that a page lists one by one; of more, the first and the last."""
@@ -40,7 +40,7 @@ def info(path: Path, *, json: Path | None, force: bool) -> None:
 
 
 def validate(path: Path, *, json: Path | None, force: bool) -> None:
-    """Print each violation with its path; WrongCall where there is one."""
+    """Print each violation with its path; UsageError where there is one."""
     validators.readable_file(path, "a session that was recorded by layflat")
     if json is not None:
         validators.writable_file(json, force=force)
@@ -52,7 +52,7 @@ def validate(path: Path, *, json: Path | None, force: bool) -> None:
         write_json(json, {"file": str(path), "valid": not found, "violations": rows})
     if found:
         count = "one violation" if len(found) == 1 else f"{len(found)} violations"
-        raise WrongCall(f"{path} has {count}; `layflat data repair` saves what is whole")
+        raise UsageError(f"{path} has {count}; `layflat data repair` saves what is whole")
     print(f"valid {path}")
 
 
@@ -170,7 +170,7 @@ def _number(what: str, value: float) -> str:
 # Statistics
 
 
-def column_names(task: Task) -> dict[str, tuple[str, ...]]:
+def column_names(task: RobotName) -> dict[str, tuple[str, ...]]:
     """Names of the columns of each data set; empty where they have none."""
     return {field.key: schema.columns_of(field, task) for field in schema.FIELDS}
 

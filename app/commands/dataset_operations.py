@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.errors import LayflatError, UsageError
 from layflat.data.format import schema
 from layflat.data.session.reader import open_session
 from layflat.data.tools import operations
@@ -22,7 +22,7 @@ def split(path: Path, out: Path, *, shares: Sequence[str], seed: int, force: boo
     """Deal the episodes out into ``out/NAME.h5``, one for each ``NAME=SHARE``."""
     known = dict(_share(text) for text in shares)
     if len(known) < len(shares):
-        raise WrongCall(f"--share names a part twice ({', '.join(shares)}); give each part one share")
+        raise UsageError(f"--share names a part twice ({', '.join(shares)}); give each part one share")
     targets = {name: out / f"{name}.h5" for name in known}
     for target in targets.values():
         validators.writable_file(target, force=force)
@@ -32,14 +32,14 @@ def split(path: Path, out: Path, *, shares: Sequence[str], seed: int, force: boo
 
 
 def _share(text: str) -> tuple[str, float]:
-    """NAME=SHARE, or WrongCall."""
+    """NAME=SHARE, or UsageError."""
     name, _, number = text.partition("=")
     try:
         share = float(number)
     except ValueError:
         share = math.nan
     if not PART_NAME.fullmatch(name) or not 0 < share < math.inf:
-        raise WrongCall(f"--share is {text!r}; it must be a name and a number above 0, such as train=0.8")
+        raise UsageError(f"--share is {text!r}; it must be a name and a number above 0, such as train=0.8")
     return name, share
 
 
@@ -59,7 +59,7 @@ def filter_episodes(
     with open_session(path) as session:
         total, names = len(session), session.select(outcome=outcome)
     if not names:
-        raise WrongCall(f"none of the {total} episodes of {path} is a {outcome}; choose another outcome")
+        raise UsageError(f"none of the {total} episodes of {path} is a {outcome}; choose another outcome")
     kept = operations.filter_session(
         path,
         out,
@@ -80,7 +80,7 @@ def _limits(what: str, limits: tuple[float | None, float | None]) -> tuple[float
         return None
     low, high = -math.inf if least is None else float(least), math.inf if most is None else float(most)
     if not low <= high:
-        raise WrongCall(f"--min-{what} is {least} and --max-{what} is {most}; nothing can pass both")
+        raise UsageError(f"--min-{what} is {least} and --max-{what} is {most}; nothing can pass both")
     return low, high
 
 
@@ -88,7 +88,7 @@ def merge(paths: Sequence[Path], out: Path, *, force: bool) -> None:
     """Put sessions into one."""
     for path in paths:
         if out.exists() and path.exists() and out.samefile(path):
-            raise WrongCall(f"{out} is one of the files to merge; give another name")
+            raise UsageError(f"{out} is one of the files to merge; give another name")
     validators.writable_file(out, force=force)
     names = operations.merge(paths, out, force=force)
     print(f"wrote {len(names)} episodes of {len(paths)} sessions {out}")

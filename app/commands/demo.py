@@ -17,25 +17,25 @@ import pandas as pd
 
 from layflat.app.commands.record import keep_all
 from layflat.app.commands.train import successful_demonstrations
-from layflat.app.media.frames import disturbance_ticks, placing_ticks, sheet, strip
-from layflat.app.media.perception_overlay import Drawer
+from layflat.app.media.frames import contact_sheet, disturbance_ticks, frame_strip, placing_ticks
+from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.png import write_png
 from layflat.app.report.demo import FRAME_WIDTH, ReportInput, TaskResults, pictured_run, write_report
 from layflat.app.support import validators
 from layflat.app.support.atomic_write import write_text
-from layflat.app.support.errors import LayflatError, WrongCall
-from layflat.app.support.metrics import COLUMNS, row_of, write_json
+from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.metrics import COLUMNS, episode_metrics, write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 from layflat.app.support.statistics import summary
-from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, fresh_processes, run_jobs
+from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, process_pool, run_episodes
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, Task
+from layflat.data.types import Episode, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
-from layflat.policy.trained_model import Field, Learned
+from layflat.policy.trained_model import RegressionModel, TrainedModel
 from layflat.sim.cloth.cloth import CLOTHS
 
 DEMONSTRATIONS = 10
@@ -46,26 +46,26 @@ DISTURBANCE = "thesis"
 FINISH = "gp-finish"
 POLICIES = ("gp-baseline", "gp-word", FINISH)
 RULE = "drag-rule"
-FINISHER = "+".join((FINISH, *registry.AROUND))
+FINISHER = "+".join((FINISH, *registry.RECOMMENDED_WRAPPERS))
 """The policy that goes past the thesis's."""
 DEMONSTRATION_S = 12.0
 RUN_S = 16.0
-TRAINING_S: Mapping[Task, float] = {"hanger": 15.0, "pickers": 60.0}
+TRAINING_S: Mapping[RobotName, float] = {"hanger": 15.0, "pickers": 60.0}
 REPORT_S = 25.0
 """Core-seconds of one item, for the first estimate of the time left."""
 
 
 def run_demo(
-    out: Path, *, episodes: int, seed: int, tasks: tuple[Task, ...], cloth: str, workers: int, force: bool
+    out: Path, *, episodes: int, seed: int, tasks: tuple[RobotName, ...], cloth: str, workers: int, force: bool
 ) -> Path:
     """Run the story into ``out`` and print where the report is; returns the report's path."""
-    validators.known_name("cloth", cloth, CLOTHS)
+    validators.one_of("cloth", cloth, CLOTHS)
     if out.exists() and not out.is_dir():
-        raise WrongCall(f"{out} is not a folder; give another --out")
+        raise UsageError(f"{out} is not a folder; give another --out")
     validators.writable_folder(out)
     report = out / "report.html"
     if report.exists() and not force:
-        raise WrongCall(f"{report} exists; give --force to make everything anew, or another --out")
+        raise UsageError(f"{report} exists; give --force to make everything anew, or another --out")
     if force:
         _clear(out, tasks)
     results = []
@@ -75,17 +75,24 @@ def run_demo(
             demonstrations = _demonstrate(out, task, cloth, seed, workers, progress)
             models = _learn(out, task, seed, workers, progress)
             # What FINISH rolls out are the processes of gp-word: shown once.
-            fields = {name: model for name, model in models.items() if isinstance(model, Field) and name != FINISH}
+            fields = {
+                name: model for name, model in models.items() if isinstance(model, RegressionModel) and name != FINISH
+            }
             runs, lost = _place(task, cloth, models, episodes, seed, workers, progress)
             notes += [f"{task} task, {f.job.source}, seed {f.job.seed}: lost, {f.reason}" for f in lost]
             results.append(
                 TaskResults(
-                    task=task, cloth=cloth, demonstrations=demonstrations, models=fields, runs=runs, draw=Drawer()
+                    task=task,
+                    cloth=cloth,
+                    demonstrations=demonstrations,
+                    models=fields,
+                    runs=runs,
+                    draw=PerceptionOverlay(),
                 )
             )
             _write_rows(out, [e for r in results for group in r.runs.values() for e in group])
         progress.phase("report", items=1)
-        content = ReportInput(tasks=tuple(results), provenance=provenance_now(), seed=seed, notes=tuple(notes))
+        content = ReportInput(tasks=tuple(results), provenance=capture_provenance(), seed=seed, notes=tuple(notes))
         write_report(report, content, tick=progress.status)
         _draw_frames(out / "frames.png", results[0])
         progress.advance()
@@ -93,7 +100,7 @@ def run_demo(
     return report
 
 
-def _phases(tasks: Sequence[Task], episodes: int, workers: int) -> dict[str, float]:
+def _phases(tasks: Sequence[RobotName], episodes: int, workers: int) -> dict[str, float]:
     phases: dict[str, float] = {}
     for task in tasks:
         phases[f"{task}: demonstrations"] = DEMONSTRATION_S * DEMONSTRATIONS / workers
@@ -103,7 +110,7 @@ def _phases(tasks: Sequence[Task], episodes: int, workers: int) -> dict[str, flo
     return phases
 
 
-def _clear(out: Path, tasks: Sequence[Task]) -> None:
+def _clear(out: Path, tasks: Sequence[RobotName]) -> None:
     """Remove what an earlier demo wrote there, and nothing else."""
     names = [f"demonstrations-{task}.h5" for task in tasks] + [
         "episodes.csv",
@@ -117,7 +124,9 @@ def _clear(out: Path, tasks: Sequence[Task]) -> None:
         shutil.rmtree(out / f"{name}.parts", ignore_errors=True)
 
 
-def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, progress: Progress) -> tuple[Episode, ...]:
+def _demonstrate(
+    out: Path, task: RobotName, cloth: str, seed: int, workers: int, progress: Progress
+) -> tuple[Episode, ...]:
     """Record what is missing of the demonstrations; all of them, in the order of their seeds."""
     path = out / f"demonstrations-{task}.h5"
     wanted = [DEMONSTRATION_SEED + seed + k for k in range(DEMONSTRATIONS)]
@@ -129,7 +138,7 @@ def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, pro
     progress.phase(f"{task}: demonstrations", items=DEMONSTRATIONS)
     progress.advance(len(wanted) - len(missing))
     with SessionRecorder(path, task=task, cloth=cloth, descriptor=DEFAULT) as recorder:
-        jobs = [EpisodeJob(task=task, cloth=cloth, seed=s) for s in missing]
+        jobs = [EpisodeConfig(task=task, cloth=cloth, seed=s) for s in missing]
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
     if lost:
         raise LayflatError(
@@ -139,15 +148,15 @@ def _demonstrate(out: Path, task: Task, cloth: str, seed: int, workers: int, pro
         return tuple(sorted(session.episodes(images=False), key=lambda episode: episode.seed))
 
 
-def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -> dict[str, Learned]:
+def _learn(out: Path, task: RobotName, seed: int, workers: int, progress: Progress) -> dict[str, TrainedModel]:
     """Train the policies, each in a process of its own, or load what an earlier run trained."""
     path = out / f"demonstrations-{task}.h5"
     progress.phase(f"{task}: training", items=len(POLICIES))
     files = {policy: out / f"{policy}-{task}.npz" for policy in POLICIES}
     missing = [policy for policy, file in files.items() if not file.exists()]
     progress.advance(len(POLICIES) - len(missing))
-    with fresh_processes(min(workers, len(POLICIES))) as pool:
-        futures: dict[str, Future[Learned]] = {
+    with process_pool(min(workers, len(POLICIES))) as pool:
+        futures: dict[str, Future[TrainedModel]] = {
             policy: pool.schedule(_train, args=[path, policy, seed]) for policy in missing
         }
         for policy, future in futures.items():
@@ -158,22 +167,28 @@ def _learn(out: Path, task: Task, seed: int, workers: int, progress: Progress) -
     return {policy: model_files.load(file) for policy, file in files.items()}
 
 
-def _train(path: Path, policy: str, seed: int) -> Learned:
-    return registry.train(policy, successful_demonstrations(path), seed=seed, provenance=provenance_now())
+def _train(path: Path, policy: str, seed: int) -> TrainedModel:
+    return registry.train(policy, successful_demonstrations(path), seed=seed, provenance=capture_provenance())
 
 
 def _place(
-    task: Task, cloth: str, models: dict[str, Learned], episodes: int, seed: int, workers: int, progress: Progress
-) -> tuple[dict[str, tuple[Episode, ...]], list[JobFailure]]:
+    task: RobotName,
+    cloth: str,
+    models: dict[str, TrainedModel],
+    episodes: int,
+    seed: int,
+    workers: int,
+    progress: Progress,
+) -> tuple[dict[str, tuple[Episode, ...]], list[EpisodeFailure]]:
     """Every policy from the same starts, through the same disturbances; and the baseline with a rule for repair."""
-    entrants: list[tuple[Learned, str | None, tuple[str, ...]]] = [
+    entrants: list[tuple[TrainedModel, str | None, tuple[str, ...]]] = [
         (models["gp-baseline"], None, ()),
         (models["gp-word"], None, ()),
         (models["gp-baseline"], RULE, ()),
-        (models[FINISH], None, registry.AROUND),
+        (models[FINISH], None, registry.RECOMMENDED_WRAPPERS),
     ]
     jobs = [
-        EpisodeJob(
+        EpisodeConfig(
             task=task,
             cloth=cloth,
             seed=seed + k,
@@ -189,9 +204,9 @@ def _place(
     runs: dict[str, list[Episode]] = {job.source: [] for job in jobs}
     lost = []
     progress.phase(f"{task}: placing and disturbance", items=len(jobs))
-    with closing(run_jobs(jobs, workers=workers)) as results:
+    with closing(run_episodes(jobs, workers=workers)) as results:
         for job, result in zip(jobs, results, strict=True):
-            if isinstance(result, JobFailure):
+            if isinstance(result, EpisodeFailure):
                 lost.append(result)
                 progress.advance(status=f"{job.source} seed {job.seed}: lost, {result.reason}")
                 continue
@@ -207,18 +222,18 @@ def _draw_frames(path: Path, results: TaskResults) -> None:
         return
     placing, repair = placing_ticks(run), disturbance_ticks(run)
     rows = [[placing[k] for k in (0, 3, 5, 7, 9)], [repair[k] for k in (2, 3, 4, 6, 9)] if repair else []]
-    write_png(path, sheet([strip(run, ticks, results.draw, FRAME_WIDTH) for ticks in rows if ticks]))
+    write_png(path, contact_sheet([frame_strip(run, ticks, results.draw, FRAME_WIDTH) for ticks in rows if ticks]))
 
 
 def _words(episode: Episode) -> str:
-    row = row_of(episode)
+    row = episode_metrics(episode)
     moments = [row["contact_placed"], row["contact_disturbed"], row["contact_final"]]
     return "contact " + " -> ".join("-" if c is None else f"{c:.2f}" for c in moments)
 
 
 def _write_rows(out: Path, episodes: Sequence[Episode]) -> None:
     """episodes.csv and summary.json, anew after each task, so that an interrupted demo leaves what it has."""
-    rows = [row_of(episode) for episode in episodes]
+    rows = [episode_metrics(episode) for episode in episodes]
     write_text(out / "episodes.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
     groups = summary(rows).replace({np.nan: None}).to_dict(orient="records")
-    write_json(out / "summary.json", {"episodes": rows, "groups": groups, "provenance": vars(provenance_now())})
+    write_json(out / "summary.json", {"episodes": rows, "groups": groups, "provenance": vars(capture_provenance())})

@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from layflat.app.support.errors import LayflatError, run_guarded
+from layflat.app.support.errors import LayflatError, run_command
 from layflat.app.support.validators import SUPPORTED_PYTHONS, available_cores
 
 State = Literal["ok", "note", "problem"]
@@ -176,4 +176,4 @@ EXAMINATIONS: tuple[Callable[[], list[Check]], ...] = (interpreter, system, pack
 
 
 if __name__ == "__main__":
-    sys.exit(run_guarded(doctor))
+    sys.exit(run_command(doctor))

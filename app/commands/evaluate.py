@@ -13,20 +13,20 @@ from rich.console import Console
 from rich.table import Table
 
 from layflat.app.evaluation.local_engine import Engine, local_engine
-from layflat.app.evaluation.plan import Entrant, Plan
+from layflat.app.evaluation.plan import EvaluationPlan, PolicySpec
 from layflat.app.evaluation.ray_engine import ray_engine
-from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.report.evaluation import write_evaluation
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.make_policy import SCRIPTED
-from layflat.data.types import TASKS
+from layflat.data.types import ROBOTS
 from layflat.policy import model_io as model_files
-from layflat.policy.registry import DECORATORS, MADE
-from layflat.policy.trained_model import Learned
+from layflat.policy.registry import BUILTIN_POLICIES, WRAPPERS
+from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.starts import Start
 
 EPISODE_S = 12.0
@@ -53,14 +53,14 @@ def evaluate(
     address: str | None,
     force: bool,
     videos: bool = False,
-) -> Results:
+) -> EvaluationResults:
     """Run ``policies`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, all else in ``out``.
 
     A policy is ``[NAME=]MODEL.npz[+RULE][+DECORATOR...]``; the name of one that needs no training may be the model.
     """
     entrants = entrants_of(policies, tasks)
     taught = dict.fromkeys(entrant.model.cloth for entrant in entrants if entrant.model is not None)
-    plan = Plan(
+    plan = EvaluationPlan(
         entrants=entrants,
         cloths=tuple(cloths or taught or [DEFAULT_CLOTH]),
         seeds=tuple(seed + k for k in range(episodes)),
@@ -86,20 +86,20 @@ def evaluate(
 def engine_of(name: str, workers: int, address: str | None) -> Engine:
     if name == "local":
         if address is not None:
-            raise WrongCall("--address is where a Ray cluster is; give --engine ray with it")
+            raise UsageError("--address is where a Ray cluster is; give --engine ray with it")
         return local_engine(workers)
     if name == "ray":
         return ray_engine(workers, address)
-    raise WrongCall(f"engine {name!r} is unknown; known ones are local, ray")
+    raise UsageError(f"engine {name!r} is unknown; known ones are local, ray")
 
 
 @dataclass(frozen=True)
-class _Given:
+class ParsedPolicy:
     """One policy of the command line, taken apart."""
 
     name: str | None
     stem: str
-    model: Learned | None
+    model: TrainedModel | None
     made: str | None
 
     decorators: tuple[str, ...] = ()
@@ -110,22 +110,22 @@ class _Given:
         return "+".join(name for name in who if name is not None)
 
 
-def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant, ...]:
+def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[PolicySpec, ...]:
     """One entrant for each policy and task; those whose usual names are the same are told apart by their files."""
     given = [_given(text) for text in policies]
     taught = dict.fromkeys(one.model.layout.task for one in given if one.model is not None)
     wanted = tuple(
-        task for task in TASKS if task in [validators.known_name("task", name, TASKS) for name in tasks or taught]
+        task for task in ROBOTS if task in [validators.one_of("task", name, ROBOTS) for name in tasks or taught]
     )
     if not wanted:
-        raise WrongCall("a policy without a model can do any task; give --task hanger or --task pickers")
+        raise UsageError("a policy without a model can do any task; give --task hanger or --task pickers")
     found = [(task, one) for task in wanted for one in given if one.model is None or one.model.layout.task == task]
     left_out = [one for one in given if one.model is not None and one.model.layout.task not in wanted]
     if left_out:
-        raise WrongCall(f"{left_out[0].stem} was taught another task than {', '.join(wanted)}; leave it out")
+        raise UsageError(f"{left_out[0].stem} was taught another task than {', '.join(wanted)}; leave it out")
     usual = [(task, one.name or one.usual_name) for task, one in found]
     return tuple(
-        Entrant(
+        PolicySpec(
             name=f"{name}@{_plain(one.stem)}" if one.name is None and usual.count((task, name)) > 1 else name,
             task=task,
             model=one.model,
@@ -136,23 +136,23 @@ def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[Entrant,
     )
 
 
-def _given(text: str) -> _Given:
-    if text in (*MADE, SCRIPTED):  # even where a file has that name
-        return _Given(None, text, None, text)
+def _given(text: str) -> ParsedPolicy:
+    if text in (*BUILTIN_POLICIES, SCRIPTED):  # even where a file has that name
+        return ParsedPolicy(None, text, None, text)
     if Path(text).exists():
-        return _Given(None, Path(text).stem, _load(Path(text)), None)
+        return ParsedPolicy(None, Path(text).stem, _load(Path(text)), None)
     parts = _SPEC.fullmatch(text)
     name, (who, *around) = (None, [text]) if parts is None else (parts["name"], _taken_apart(parts["who"]))
-    decorators = tuple(word for word in around if word in DECORATORS)
-    rule = next((word for word in around if word in MADE), None)
+    decorators = tuple(word for word in around if word in WRAPPERS)
+    rule = next((word for word in around if word in BUILTIN_POLICIES), None)
     if around != [*([rule] if rule else ()), *decorators]:
-        raise WrongCall(f"policy {text!r}: after the model one rule may come, and then what is around both")
-    if who in (*MADE, SCRIPTED) and rule is None:
-        return _Given(name, who, None, who, decorators)
+        raise UsageError(f"policy {text!r}: after the model one rule may come, and then what is around both")
+    if who in (*BUILTIN_POLICIES, SCRIPTED) and rule is None:
+        return ParsedPolicy(name, who, None, who, decorators)
     if Path(who).suffix != ".npz":
-        known = ", ".join((*MADE, SCRIPTED))
-        raise WrongCall(f"policy {text!r} is neither a model's file (MODEL.npz) nor one of {known}")
-    return _Given(name, Path(who).stem, _load(Path(who)), rule, decorators)
+        known = ", ".join((*BUILTIN_POLICIES, SCRIPTED))
+        raise UsageError(f"policy {text!r} is neither a model's file (MODEL.npz) nor one of {known}")
+    return ParsedPolicy(name, Path(who).stem, _load(Path(who)), rule, decorators)
 
 
 def _taken_apart(text: str) -> list[str]:
@@ -160,12 +160,12 @@ def _taken_apart(text: str) -> list[str]:
     words: list[str] = []
     while True:
         who, plus, word = text.rpartition("+")
-        if not plus or word not in (*MADE, *DECORATORS):
+        if not plus or word not in (*BUILTIN_POLICIES, *WRAPPERS):
             return [text, *words]
         text, words = who, [word, *words]
 
 
-def _load(path: Path) -> Learned:
+def _load(path: Path) -> TrainedModel:
     return model_files.load(validators.readable_file(path, "a model that `layflat train` wrote"))
 
 

@@ -12,18 +12,18 @@ import numpy as np
 from rich.table import Table
 
 from layflat.app.media import frames
-from layflat.app.media.perception_overlay import Drawer
+from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.png import write_png
 from layflat.app.media.video import write_video
 from layflat.app.support import validators
 from layflat.app.support.console import console
-from layflat.app.support.errors import WrongCall
-from layflat.app.support.metrics import row_of, write_json
+from layflat.app.support.errors import UsageError
+from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 from layflat.app.support.statistics import statistics
-from layflat.app.workers.episode_collector import Harvest
-from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_jobs
+from layflat.app.workers.episode_collector import EpisodeCollector
+from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_episodes
 from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
@@ -52,16 +52,16 @@ def flatten(
 
     ``video`` and ``strip`` show the first seed; what is shown and stored is what the controller saw.
     """
-    validators.known_name("controller", controller, CONTROLLERS)
-    validators.known_name("descriptor", descriptor, DESCRIPTORS)
-    validators.known_name("cloth", cloth, CLOTHS)
+    validators.one_of("controller", controller, CONTROLLERS)
+    validators.one_of("descriptor", descriptor, DESCRIPTORS)
+    validators.one_of("cloth", cloth, CLOTHS)
     for file, suffix in ((video, ".webm"), (strip, ".png"), (json, None)):
         if file is not None:
             if suffix is not None and file.suffix != suffix:
-                raise WrongCall(f"{file} is not a {suffix} file; choose a name that ends in {suffix}")
+                raise UsageError(f"{file} is not a {suffix} file; choose a name that ends in {suffix}")
             validators.writable_file(file, force=force)
     jobs = [
-        EpisodeJob(
+        EpisodeConfig(
             task="pickers",
             cloth=cloth,
             seed=seed + k,
@@ -71,7 +71,7 @@ def flatten(
         )
         for k in range(episodes)
     ]
-    harvest = Harvest()
+    harvest = EpisodeCollector()
     with harvest.through_ctrl_c():
         _run(jobs, workers, harvest)
     if not harvest.interrupted:
@@ -85,10 +85,10 @@ def flatten(
     return harvest.end()
 
 
-def _run(jobs: Sequence[EpisodeJob], workers: int, harvest: Harvest) -> None:
+def _run(jobs: Sequence[EpisodeConfig], workers: int, harvest: EpisodeCollector) -> None:
     with (
         Progress({"flattening": EPISODE_S * len(jobs) / workers}) as progress,
-        closing(run_jobs(jobs, workers=workers)) as results,
+        closing(run_episodes(jobs, workers=workers)) as results,
     ):
         progress.phase("flattening", items=len(jobs))
         harvest.gather(results, progress, _told)
@@ -99,30 +99,32 @@ def _told(row: Mapping[str, Any]) -> str:
 
 
 def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | None) -> None:
-    drawer = Drawer()
+    drawer = PerceptionOverlay()
     if video is not None:
-        write_video(video, frames.film_frames(episode, drawer, FILM_WIDTH))
+        write_video(video, frames.video_frames(episode, drawer, FILM_WIDTH))
     if strip_file is not None:
         strip = strip_frames(episode, drawer, STRIP_WIDTH)
-        write_png(strip_file, frames.sheet([strip[:STRIP_COLUMNS], strip[STRIP_COLUMNS:]]))
+        write_png(strip_file, frames.contact_sheet([strip[:STRIP_COLUMNS], strip[STRIP_COLUMNS:]]))
 
 
-def strip_frames(episode: Episode, drawer: Drawer, width: int) -> list[frames.Frame]:
+def strip_frames(episode: Episode, drawer: PerceptionOverlay, width: int) -> list[frames.Frame]:
     """Ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their tick."""
-    strip = frames.strip(episode, frames.placing_ticks(episode), drawer, width)
+    strip = frames.frame_strip(episode, frames.placing_ticks(episode), drawer, width)
     return [replace(frame, word=f"tick {frame.tick}:") for frame in strip]
 
 
-def _content(controller: str, descriptor: str, done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
+def _content(
+    controller: str, descriptor: str, done: Sequence[Episode], lost: Sequence[EpisodeFailure]
+) -> dict[str, Any]:
     """What ``--json`` holds besides the schema: the shared rows, each start's history, the mean."""
-    rows = [row_of(episode) for episode in done]
+    rows = [episode_metrics(episode) for episode in done]
     return {
         "controller": controller,
         "descriptor": descriptor,
         "episodes": rows,
         "starts": [{"seed": episode.seed, **episode.start} for episode in done],
         "summary": _summary(rows),
-        "provenance": vars(provenance_now()),
+        "provenance": vars(capture_provenance()),
         "lost": [{"seed": failure.job.seed, "reason": failure.reason} for failure in lost],
     }
 
@@ -146,7 +148,7 @@ def show(episodes: Sequence[Episode]) -> None:
         table.add_column(name, justify="right")
     lines = []
     for episode in episodes:
-        row = row_of(episode)
+        row = episode_metrics(episode)
         line = (
             row["contact_start"],
             episode.truths()[0].contact_portion_true,

@@ -14,13 +14,13 @@ from rich.live import Live
 from rich.table import Table
 
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.teleop.calibration import Calibration, Raw
-from layflat.app.workstation.teleop.devices import Device, Pads, pad_events
+from layflat.app.workstation.teleop.calibration import Calibration, RawState
+from layflat.app.workstation.teleop.devices import Device, GamepadRegistry, pad_events
 from layflat.app.workstation.teleop.gamepad import CONTROLS
-from layflat.app.workstation.teleop.gamepad_state import PadState, label
-from layflat.app.workstation.teleop.layouts import Counts
+from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
+from layflat.app.workstation.teleop.layouts import DeviceCapabilities
 from layflat.app.workstation.teleop.mapping import mapping_file, write_mapping
 
 LOOK_S = 0.02
@@ -36,7 +36,7 @@ def monitor(mapping: Path | None, seconds: float | None) -> None:
     if mapping is not None:
         validators.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
     pygame, controller = sdl.start()
-    pads = Pads(pygame, controller, mapping=mapping)
+    pads = GamepadRegistry(pygame, controller, mapping=mapping)
     pads.refresh()
     with ExitStack() as stack:
         stack.callback(pads.close)
@@ -58,10 +58,10 @@ def calibrate(file: Path | None, force: bool) -> None:
     """Ask for each stick and button of the first pad, and write where they are."""
     pygame, _ = sdl.start()
     instance, joystick = _first(pygame)
-    guid, name, counts = joystick.get_guid(), joystick.get_name(), Counts.of(joystick)
+    guid, name, counts = joystick.get_guid(), joystick.get_name(), DeviceCapabilities.of(joystick)
     path = file or mapping_file(guid)
     if path.suffix != ".json":
-        raise WrongCall(f"{path} is no .json file; mappings are written as .json")
+        raise UsageError(f"{path} is no .json file; mappings are written as .json")
     validators.writable_file(path, force=force)
     print(f"{name}: {counts.axes} axes, {counts.buttons} buttons, {counts.hats} hats", file=sys.stderr)
     calibration = Calibration(counts, lambda text: print(f"  {text}", file=sys.stderr, flush=True), time.monotonic)
@@ -110,7 +110,7 @@ def _lines(joystick: Any, device: Device | None) -> Callable[[], None]:
 
 def _line(joystick: Any, device: Device | None) -> str:
     if device is None:
-        raw = Raw.of(joystick)
+        raw = RawState.of(joystick)
         return f"axes {' '.join(f'{value:+.2f}' for value in raw.axes)} pressed {' '.join(sorted(raw.pressed)) or '-'}"
     state = device.state()
     numbers = " ".join(f"{name} {value:+.2f}" for name, value in _axes_of(state).items())
@@ -131,7 +131,7 @@ def _table(joystick: Any, device: Device | None) -> Table:
     title = f"{joystick.get_name()}, " + (f"known by {device.how}" if device is not None else "unknown")
     table = Table("input", "value", "", "does", title=title)
     if device is None:
-        raw = Raw.of(joystick)
+        raw = RawState.of(joystick)
         for number, value in enumerate(raw.axes):
             table.add_row(f"axis {number}", f"{value:+.2f}", _bar(value), "")
         table.add_row("pressed", "", " ".join(sorted(raw.pressed)), "`layflat gamepad calibrate` names them")
@@ -146,7 +146,7 @@ def _table(joystick: Any, device: Device | None) -> Table:
     return table
 
 
-def _axes_of(state: PadState) -> dict[str, float]:
+def _axes_of(state: GamepadState) -> dict[str, float]:
     return {
         "left x": state.left[0],
         "left y": state.left[1] + 0.0,  # Not -0.

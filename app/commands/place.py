@@ -10,22 +10,22 @@ from typing import Any
 from rich.table import Table
 
 from layflat.app.commands.record import kept_line, run_kept
-from layflat.app.media.frames import film_frames
-from layflat.app.media.perception_overlay import Drawer
+from layflat.app.media.frames import video_frames
+from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.video import write_video
 from layflat.app.support import validators
 from layflat.app.support.console import console
-from layflat.app.support.errors import WrongCall
-from layflat.app.support.metrics import crashed_row, row_of, write_json
+from layflat.app.support.errors import UsageError
+from layflat.app.support.metrics import crashed_metrics, episode_metrics, write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
-from layflat.app.workers.episode_collector import Harvest
-from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_jobs
+from layflat.app.support.provenance import capture_provenance
+from layflat.app.workers.episode_collector import EpisodeCollector
+from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_episodes
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
 from layflat.policy import model_io as model_files
-from layflat.policy.registry import DECORATORS
-from layflat.policy.trained_model import Learned
+from layflat.policy.registry import WRAPPERS
+from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
@@ -49,20 +49,20 @@ def place(
 ) -> list[Episode]:
     """Place with ``model`` from the starts of ``seed``, ``seed + 1``, ...; a table on stdout, files where asked for.
 
-    ``around``: names of layflat.policy.registry.DECORATORS, the last one outermost.
+    ``around``: names of layflat.policy.registry.WRAPPERS, the last one outermost.
     """
     validators.readable_file(model, "a model that `layflat train` wrote")
     learned = model_files.load(model)
-    cloth = validators.known_name("cloth", cloth or learned.cloth, CLOTHS)
-    disturbance = validators.known_name("disturbance", disturb or "none", DISTURBANCES)
-    decorators = tuple(validators.known_name("decorator", name, DECORATORS) for name in around)
+    cloth = validators.one_of("cloth", cloth or learned.cloth, CLOTHS)
+    disturbance = validators.one_of("disturbance", disturb or "none", DISTURBANCES)
+    decorators = tuple(validators.one_of("decorator", name, WRAPPERS) for name in around)
     for file, append in ((record, True), (video, False), (json, False)):
         if file is not None:
             validators.writable_file(file, force=force, append=append)
     if video is not None and video.suffix != ".webm":
-        raise WrongCall(f"{video} is not a .webm file; films are written as .webm")
+        raise UsageError(f"{video} is not a .webm file; films are written as .webm")
     jobs = [
-        EpisodeJob(
+        EpisodeConfig(
             task=learned.layout.task,
             cloth=cloth,
             seed=seed + k,
@@ -73,12 +73,12 @@ def place(
         )
         for k in range(episodes)
     ]
-    harvest = Harvest()
+    harvest = EpisodeCollector()
     with harvest.through_ctrl_c():
         _run(jobs, learned, cloth, record, workers, harvest)
     filmed = next((episode for episode in harvest.done if episode.seed == seed), None)
     if video is not None and filmed is not None and not harvest.interrupted:
-        write_video(video, film_frames(filmed, Drawer(), FILM_WIDTH))
+        write_video(video, video_frames(filmed, PerceptionOverlay(), FILM_WIDTH))
     if json is not None and (harvest.done or harvest.lost or not harvest.interrupted):
         write_json(json, _content(harvest.done, harvest.lost))
     if harvest.done:
@@ -86,21 +86,26 @@ def place(
     return harvest.end()
 
 
-def _content(done: Sequence[Episode], lost: Sequence[JobFailure]) -> dict[str, Any]:
+def _content(done: Sequence[Episode], lost: Sequence[EpisodeFailure]) -> dict[str, Any]:
     """The rows in the order of their seeds, those of crashed episodes with the reason beside."""
     crashed = [_crashed_row(f.job, f.reason) for f in lost]
-    rows = sorted([*map(row_of, done), *crashed], key=lambda row: int(row["seed"]))
-    return {"episodes": rows, "provenance": vars(provenance_now()), "lost": len(lost)}
+    rows = sorted([*map(episode_metrics, done), *crashed], key=lambda row: int(row["seed"]))
+    return {"episodes": rows, "provenance": vars(capture_provenance()), "lost": len(lost)}
 
 
-def _crashed_row(job: EpisodeJob, reason: str) -> dict[str, Any]:
-    return crashed_row(
+def _crashed_row(job: EpisodeConfig, reason: str) -> dict[str, Any]:
+    return crashed_metrics(
         policy=job.source, task=job.task, cloth=job.cloth, seed=job.seed, disturbance=job.disturbance, reason=reason
     )
 
 
 def _run(
-    jobs: list[EpisodeJob], learned: Learned, cloth: str, record: Path | None, workers: int, harvest: Harvest
+    jobs: list[EpisodeConfig],
+    learned: TrainedModel,
+    cloth: str,
+    record: Path | None,
+    workers: int,
+    harvest: EpisodeCollector,
 ) -> None:
     """Run the jobs, and record them if asked to."""
     with ExitStack() as stack:
@@ -118,10 +123,10 @@ def _run(
 
 
 def _results(
-    jobs: Sequence[EpisodeJob], recorder: SessionRecorder | None, progress: Progress, workers: int
-) -> Generator[Episode | JobFailure, None, None]:
+    jobs: Sequence[EpisodeConfig], recorder: SessionRecorder | None, progress: Progress, workers: int
+) -> Generator[Episode | EpisodeFailure, None, None]:
     if recorder is None:
-        yield from run_jobs(jobs, workers=workers)
+        yield from run_episodes(jobs, workers=workers)
         return
     with closing(run_kept(jobs, recorder, workers=workers)) as results:
         for result, kept in results:
@@ -136,7 +141,7 @@ def show(episodes: list[Episode]) -> None:
     for name in ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "ticks", "stopped by"):
         table.add_column(name, justify="right")
     for episode in episodes:
-        row = row_of(episode)
+        row = episode_metrics(episode)
         contacts = [row["contact_placed"], row["contact_disturbed"], row["contact_final"], row["contact_final_true"]]
         cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
         flat = f"{row['flat_area_final']:.3f}"

@@ -6,13 +6,13 @@ from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
 
-from layflat.app.commands.record_config import Wish
+from layflat.app.commands.record_config import RecordConfig
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_numbered
-from layflat.data.session.journal import JournalTicket
-from layflat.data.session.recorder import KeptEpisode, SessionRecorder
+from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_enumerated
+from layflat.data.session.journal import JournalHandle
+from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
@@ -21,23 +21,25 @@ EPISODE_S = 15.0
 """Expected wall time of a demonstration, for the first estimate of the time left."""
 
 
-def record(wish: Wish, *, force: bool, workers: int) -> None:
+def record(wish: RecordConfig, *, force: bool, workers: int) -> None:
     """Record what is wished; one line on stdout for each demonstration."""
     if wish.correct is not None and wish.source == "scripted":
-        raise WrongCall("--correct needs a person who takes over; give --source keyboard or --source gamepad")
-    validators.known_name("cloth", wish.cloth, CLOTHS)
-    validators.known_name("descriptor", wish.descriptor, DESCRIPTORS)
+        raise UsageError("--correct needs a person who takes over; give --source keyboard or --source gamepad")
+    validators.one_of("cloth", wish.cloth, CLOTHS)
+    validators.one_of("descriptor", wish.descriptor, DESCRIPTORS)
     path, episodes = wish.path, wish.episodes
     if force and path.exists() and path.is_file():
-        raise WrongCall(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
+        raise UsageError(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     validators.writable_file(path, force=False, append=True)
     if wish.source != "scripted":
-        from layflat.app.workstation.session.teleop_record import record_by_hand
+        from layflat.app.workstation.session.teleop_record import record_teleoperated
 
-        record_by_hand(wish)
+        record_teleoperated(wish)
         return
     jobs = [
-        EpisodeJob(task=wish.task, cloth=wish.cloth, seed=wish.seed + k, descriptor=wish.descriptor, images=wish.images)
+        EpisodeConfig(
+            task=wish.task, cloth=wish.cloth, seed=wish.seed + k, descriptor=wish.descriptor, images=wish.images
+        )
         for k in range(episodes)
     ]
     with (
@@ -55,13 +57,13 @@ def record(wish: Wish, *, force: bool, workers: int) -> None:
 
 
 def keep_all(
-    jobs: Sequence[EpisodeJob], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool
-) -> list[JobFailure]:
+    jobs: Sequence[EpisodeConfig], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool
+) -> list[EpisodeFailure]:
     """Run the jobs and keep each episode as it comes; returns those that did not come back."""
     lost = []
     with closing(run_kept(jobs, recorder, workers=workers)) as results:
         for result, kept in results:
-            if isinstance(result, JobFailure):
+            if isinstance(result, EpisodeFailure):
                 lost.append(result)
                 status = f"seed {result.job.seed}: lost, {result.reason}"
             else:
@@ -74,8 +76,8 @@ def keep_all(
 
 
 def run_kept(
-    jobs: Sequence[EpisodeJob], recorder: SessionRecorder, *, workers: int
-) -> Generator[tuple[Episode | JobFailure, KeptEpisode | None], None, None]:
+    jobs: Sequence[EpisodeConfig], recorder: SessionRecorder, *, workers: int
+) -> Generator[tuple[Episode | EpisodeFailure, SavedEpisode | None], None, None]:
     """Results of the jobs, each with where it is kept, durable by then; all have journals while they run.
 
     Of those that did not come back the recorder keeps what there is, as partial (None: nothing). After Ctrl-C nobody
@@ -83,10 +85,10 @@ def run_kept(
     """
     journaled = [replace(job, ticket=recorder.ticket()) for job in jobs]
     try:
-        with closing(run_numbered(journaled, workers=workers)) as results:
+        with closing(run_enumerated(journaled, workers=workers)) as results:
             for number, result in results:
                 ticket = ticket_of(journaled[number])
-                if isinstance(result, JobFailure):
+                if isinstance(result, EpisodeFailure):
                     yield result, recorder.recover(ticket)
                 else:
                     yield result, recorder.keep(result, ticket=ticket)
@@ -96,16 +98,16 @@ def run_kept(
         raise
 
 
-def ticket_of(job: EpisodeJob) -> JournalTicket:
+def ticket_of(job: EpisodeConfig) -> JournalHandle:
     if job.ticket is None:
         raise ValueError(f"the job of seed {job.seed} has no ticket")
     return job.ticket
 
 
-def kept_line(kept: KeptEpisode) -> str:
+def kept_line(kept: SavedEpisode) -> str:
     """What was kept, in the words of the contract; it is durable by then."""
     return f"kept {kept.name} {kept.outcome} {kept.ticks} ticks contact {end_contact(kept):.2f} {kept.path}"
 
 
-def end_contact(kept: KeptEpisode) -> float:
+def end_contact(kept: SavedEpisode) -> float:
     return min(1.0, kept.contact_final)

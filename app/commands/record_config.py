@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from layflat.data.types import Task
+from layflat.data.types import RobotName
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class RecordConfig:
     """Demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
 
     path: Path
-    task: Task
+    task: RobotName
     cloth: str
     source: str
     """Who demonstrates: scripted, or a device of layflat.app.workstation.teleop.registry.SOURCES."""

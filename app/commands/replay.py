@@ -12,22 +12,22 @@ import numpy as np
 from pebble import ProcessExpired
 from rich.table import Table
 
-from layflat.app.media.episode_video import check_drawable, scene_frames, write_film
+from layflat.app.media.episode_video import check_drawable, scene_frames, write_episode_video
 from layflat.app.support import validators
 from layflat.app.support.console import console
-from layflat.app.support.errors import LayflatError, WrongCall
-from layflat.app.support.metrics import row_of, write_json
+from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
-from layflat.app.workers.episode_pool import JOB_LIMIT_S, fresh_processes
+from layflat.app.support.provenance import capture_provenance
+from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
 from layflat.data.format import schema
 from layflat.data.session.reader import open_session
 from layflat.data.types import PHASES, Episode, FloatArray
 from layflat.sim.cloth.cloth import CLOTHS
-from layflat.sim.config import BenchSettings
-from layflat.sim.disturbances.presets import DISTURBANCES, Plan
+from layflat.sim.config import SimConfig
+from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 Mode: TypeAlias = Literal["state", "action"]
 TICK_WALL_S = 0.08
@@ -59,7 +59,7 @@ def replay(
 ) -> None:
     """Show episode ``demo_<episode>`` of the session; a table on stdout, files where asked for."""
     if video is not None and video.suffix != ".webm":
-        raise WrongCall(f"{video} is not a .webm file; films are written as .webm")
+        raise UsageError(f"{video} is not a .webm file; films are written as .webm")
     recorded = read_episode(path, episode)
     if video is not None:
         check_drawable(recorded)
@@ -78,7 +78,7 @@ def replay(
     if json is not None:
         write_json(json, {**about, **report})
     if video is not None:
-        write_film(video, scene_frames(shown), shown)
+        write_episode_video(video, scene_frames(shown), shown)
 
 
 def read_episode(path: Path, number: int) -> Episode:
@@ -93,7 +93,7 @@ def read_episode(path: Path, number: int) -> Episode:
 def rerun(recorded: Episode) -> Episode:
     """The recorded actions once more, from the same start, in a process that has never stepped a simulation."""
     _check_can_run(recorded)
-    with Progress({"replay": TICK_WALL_S * len(recorded.steps)}) as progress, fresh_processes(1) as pool:
+    with Progress({"replay": TICK_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
         progress.phase("replay")
         try:
             again: Episode = pool.schedule(_rerun_here, args=[recorded], timeout=JOB_LIMIT_S).result()
@@ -106,48 +106,48 @@ def rerun(recorded: Episode) -> Episode:
 
 
 def _check_can_run(recorded: Episode) -> None:
-    validators.known_name("cloth", recorded.cloth, CLOTHS)
+    validators.one_of("cloth", recorded.cloth, CLOTHS)
     if recorded.seed < 0:
-        raise WrongCall(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
+        raise UsageError(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
     if recorded.first_tick > 0:
-        raise WrongCall(
+        raise UsageError(
             f"the episode's first {recorded.first_tick} ticks were cut off, so it cannot be run again from its start;"
             " replay it with --mode state"
         )
     settings = settings_of(recorded)
     for record in recorded.disturbances:
         if not record.plan:
-            validators.known_name("disturbance", record.name, DISTURBANCES)
+            validators.one_of("disturbance", record.name, DISTURBANCES)
             continue
         try:
-            Plan.recorded(record.plan, settings.spec)
+            DisturbanceTrajectory.recorded(record.plan, settings.spec)
         except SimError as error:
-            raise WrongCall(str(error)) from None
+            raise UsageError(str(error)) from None
 
 
 def _rerun_here(recorded: Episode) -> Episode:
-    from layflat.app.workers.rollout import rerun_episode
+    from layflat.app.workers.rollout import replay_actions
 
-    bench = Placing(settings_of(recorded))
+    bench = ClothSimulation(settings_of(recorded))
     try:
         bench.reset(recorded.seed)
-        return rerun_episode(bench, recorded)
+        return replay_actions(bench, recorded)
     finally:
         bench.close()
 
 
-def settings_of(recorded: Episode) -> BenchSettings:
-    """The bench that the episode was recorded on, as far as its file says so; WrongCall where that is none."""
-    usual = BenchSettings(task=recorded.task, cloth=recorded.cloth)
+def settings_of(recorded: Episode) -> SimConfig:
+    """The bench that the episode was recorded on, as far as its file says so; UsageError where that is none."""
+    usual = SimConfig(task=recorded.task, cloth=recorded.cloth)
     known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
     told: dict[str, Any] = dict(recorded.bench) or {"table_friction": recorded.start.get("table_friction", 1.0)}
     for name, value in told.items():
         if known.get(name) is not type(value):
-            raise WrongCall(f"the episode's bench has {name} {value!r}, which this version does not know")
+            raise UsageError(f"the episode's bench has {name} {value!r}, which this version does not know")
     try:
-        return BenchSettings(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
+        return SimConfig(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
     except SimError as error:
-        raise WrongCall(f"the episode's bench is none of this version: {error}") from None
+        raise UsageError(f"the episode's bench is none of this version: {error}") from None
 
 
 def compare(recorded: Episode, again: Episode) -> Divergence:
@@ -178,7 +178,7 @@ def state_report(episode: Episode) -> dict[str, Any]:
     """The episode's row, what befell the cloth, and what was at each moment."""
     observations, truths = episode.observations(), episode.truths()
     return {
-        "row": row_of(episode),
+        "row": episode_metrics(episode),
         "disturbances": [vars(record) for record in episode.disturbances],
         "forces_n": [step.force_n.tolist() for step in episode.steps],
         "per_tick": {
@@ -214,7 +214,7 @@ def action_report(recorded: Episode, again: Episode, divergence: Divergence) -> 
 
 def changed_versions(recorded: Episode) -> Mapping[str, list[str]]:
     """Package -> [version then, version now], of those that differ."""
-    then, now = recorded.provenance.versions, provenance_now().versions
+    then, now = recorded.provenance.versions, capture_provenance().versions
     names = sorted({*then, *now})
     pairs = {name: [then.get(name, "none"), now.get(name, "none")] for name in names}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}

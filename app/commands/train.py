@@ -11,29 +11,31 @@ from rich.console import Console
 from rich.table import Table
 
 from layflat.app.support import validators
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.types import Episode
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
 from layflat.policy.gp.model import GpModel
-from layflat.policy.trained_model import Learned
+from layflat.policy.trained_model import TrainedModel
 
 EXPECTED_S = 30.0
 
 
-def train(data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1) -> Learned:
+def train(
+    data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1
+) -> TrainedModel:
     """Learn ``policy`` from the successful demonstrations in ``data``, write ``model``, print what was learned."""
-    validators.known_name("policy", policy, registry.TRAINABLE)
+    validators.one_of("policy", policy, registry.TRAINABLE_POLICIES)
     if model.suffix != ".npz":
-        raise WrongCall(f"{model} is not an .npz file; models are written as .npz")
+        raise UsageError(f"{model} is not an .npz file; models are written as .npz")
     validators.writable_file(model, force=force)
     episodes = successful_demonstrations(data)
     corrected = sum(step.intervention for episode in episodes for step in episode.steps)
     if intervention_weight != 1 and not corrected:
-        raise WrongCall(f"nobody corrected a policy in {data}; --intervention-weight has nothing to weight")
+        raise UsageError(f"nobody corrected a policy in {data}; --intervention-weight has nothing to weight")
     # GPy prints when it is interrupted; stdout is for results.
     with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
         progress.phase("training", items=len(episodes[0].steps[0].action))
@@ -41,7 +43,7 @@ def train(data: Path, model: Path, *, policy: str, force: bool, seed: int, inter
             policy,
             episodes,
             seed=seed,
-            provenance=provenance_now(),
+            provenance=capture_provenance(),
             progress=lambda done, of, clause: progress.advance(status=clause),
             intervention_weight=intervention_weight,
         )
@@ -54,20 +56,20 @@ def train(data: Path, model: Path, *, policy: str, force: bool, seed: int, inter
 
 
 def successful_demonstrations(path: Path) -> list[Episode]:
-    """The successful episodes of a session, without images; WrongCall where there is none."""
+    """The successful episodes of a session, without images; UsageError where there is none."""
     with open_session(path) as session:
         names = session.select(outcome="success")
         if not len(session):
-            raise WrongCall(f"{path} holds no demonstrations; record some with `layflat record {path}`")
+            raise UsageError(f"{path} holds no demonstrations; record some with `layflat record {path}`")
         if not names:
-            raise WrongCall(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
+            raise UsageError(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
         episodes = [session.episode(name, images=False) for name in names]
     if not any(episode.steps for episode in episodes):
-        raise WrongCall(f"the demonstrations in {path} hold no ticks; record some with `layflat record`")
+        raise UsageError(f"the demonstrations in {path} hold no ticks; record some with `layflat record`")
     return [episode for episode in episodes if episode.steps]
 
 
-def show(model: Learned, path: Path) -> None:
+def show(model: TrainedModel, path: Path) -> None:
     """Print points, hyperparameters and held-out error on stdout."""
     table = Table(title=f"{model.policy}, {model.layout.task} task, {model.cloth}", title_justify="left")
     columns = hyperparameters(model) if isinstance(model, GpModel) else {}

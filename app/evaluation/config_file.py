@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from layflat.app.evaluation.plan import Case, Entrant, Plan
+from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
 from layflat.app.support.atomic_write import write_text
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import JSON_SCHEMA
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 
 NOT_COMPARED = frozenset({"provenance"})
 """A model that was trained again to the same numbers is the same."""
 
 
-def merged(plan: Plan, path: Path) -> dict[str, Any]:
-    """What ``path`` says, if there is such a file, together with ``plan``; WrongCall where they contradict each other.
+def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
+    """What ``path`` says, if there is such a file, together with ``plan``; UsageError where they contradict each other.
 
     ``invocations`` has an entry for each command that worked on the folder.
     """
@@ -36,12 +36,12 @@ def merged(plan: Plan, path: Path) -> dict[str, Any]:
     for key in ("tasks", "cloths", "seeds"):
         new[key] = list(dict.fromkeys([*there.get(key, ()), *new[key]]))
     if there.get("start", new["start"]) != new["start"]:
-        raise WrongCall(_contradiction(path, f"starts are {there['start']}", f"{new['start']} ones"))
-    new["invocations"] = [*there.get("invocations", ()), vars(provenance_now())]
+        raise UsageError(_contradiction(path, f"starts are {there['start']}", f"{new['start']} ones"))
+    new["invocations"] = [*there.get("invocations", ()), vars(capture_provenance())]
     return new
 
 
-def write(path: Path, asked: Mapping[str, Any]) -> None:
+def save_config(path: Path, asked: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(asked, indent=1) + "\n")
 
 
@@ -70,11 +70,11 @@ def _read(path: Path) -> dict[str, Any]:
     except ValueError:
         there = None
     if not isinstance(there, dict) or there.get("schema") != JSON_SCHEMA or not isinstance(there.get("policies"), dict):
-        raise WrongCall(f"{path} is not what `layflat evaluate` wrote; choose another --out, or --force to begin anew")
+        raise UsageError(f"{path} is not what `layflat evaluate` wrote; choose another --out, or --force to begin anew")
     return there
 
 
-def _described(plan: Plan) -> dict[str, Any]:
+def _described(plan: EvaluationPlan) -> dict[str, Any]:
     return {
         "schema": JSON_SCHEMA,
         "start": plan.start,
@@ -87,7 +87,7 @@ def _described(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _of_entrant(entrant: Entrant) -> dict[str, Any]:
+def _of_entrant(entrant: PolicySpec) -> dict[str, Any]:
     described: dict[str, Any] = {"made": entrant.made, "controller": entrant.controller, "model": None}
     if entrant.decorators:
         described["decorators"] = list(entrant.decorators)
@@ -101,7 +101,7 @@ def _of_entrant(entrant: Entrant) -> dict[str, Any]:
     return described
 
 
-def _of_case(case: Case) -> list[dict[str, Any]]:
+def _of_case(case: DisturbanceCase) -> list[dict[str, Any]]:
     described: list[dict[str, Any]] = json.loads(json.dumps([asdict(item) for item in case.schedule]))
     return described
 
@@ -133,7 +133,7 @@ def _feed(digest: Any, value: object) -> None:
 def _united(there: Mapping[str, Any], new: Mapping[str, Any], kind: str, path: Path) -> dict[str, Any]:
     for name, described in new.items():
         if name in there and there[name] != described:
-            raise WrongCall(_contradiction(path, f"{kind} {name} is another one", "this one"))
+            raise UsageError(_contradiction(path, f"{kind} {name} is another one", "this one"))
     return {**there, **new}
 
 

@@ -16,15 +16,15 @@ from pathlib import Path
 
 import cv2
 
-from layflat.app.evaluation.local_engine import GroupEnd, Isolated
-from layflat.app.evaluation.plan import Group
-from layflat.app.evaluation.work_item import Play, run_file
-from layflat.app.workers.process import end_with_parent
+from layflat.app.evaluation.local_engine import WorkerProcess, WorkResult
+from layflat.app.evaluation.plan import WorkItem
+from layflat.app.evaluation.work_item import EpisodeFactory, run_file
+from layflat.app.workers.process import die_with_parent
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-class Server:
+class ForkServer:
     """The owner's end."""
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Server:
         theirs.close()
         self._line: Connection = Connection(ours.detach())
 
-    def run(self, group: Group, play: Play) -> tuple[GroupEnd, dict[str, bytes]]:
+    def run(self, group: WorkItem, play: EpisodeFactory) -> tuple[WorkResult, dict[str, bytes]]:
         """How the group ended, and the files of its runs; OSError or EOFError where the server has ended instead."""
         self._line.send((group, play))
         end, files = self._line.recv()
@@ -54,7 +54,7 @@ class Server:
 def serve(descriptor: int) -> None:
     """One group after the other until the owner hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent(os.getppid())
+    die_with_parent(os.getppid())
     cv2.setNumThreads(1)
     line = Connection(descriptor)
     while True:
@@ -65,10 +65,10 @@ def serve(descriptor: int) -> None:
         line.send(_run(group, play))
 
 
-def _run(group: Group, play: Play) -> tuple[GroupEnd, dict[str, bytes]]:
+def _run(group: WorkItem, play: EpisodeFactory) -> tuple[WorkResult, dict[str, bytes]]:
     with tempfile.TemporaryDirectory(prefix="layflat-group-") as name:
         folder = Path(name)
-        end = Isolated(group, folder, play).wait()
+        end = WorkerProcess(group, folder, play).wait()
         runs = [run for run in group.run_ids if run not in end.lost]
         return end, {run: run_file(folder, run).read_bytes() for run in runs}
 

@@ -19,25 +19,25 @@ from typing import Any, Protocol, TypeAlias
 
 import cv2
 
-from layflat.app.evaluation.plan import Group
-from layflat.app.evaluation.work_item import WHOLE_GROUP, Play, Said, run_file, run_group
-from layflat.app.workers.interrupts import interrupts_wait
-from layflat.app.workers.process import end_with_parent, why_it_ended
+from layflat.app.evaluation.plan import WorkItem
+from layflat.app.evaluation.work_item import ALL_RUNS, EpisodeFactory, WorkerMessage, run_file, run_work_item
+from layflat.app.workers.interrupts import defer_interrupts
+from layflat.app.workers.process import describe_exit_status, die_with_parent
 
 GRACE_S = 20.0
 """A process that has outlived all alarms for that long is stopped, or sleeps where no signal ends it."""
 LOOK_S = 0.2
 """How long Ctrl-C may wait for an answer."""
 
-NextGroup: TypeAlias = Callable[[], Group | None]
+NextWorkItem: TypeAlias = Callable[[], WorkItem | None]
 """The next group to run; None: none for now, though a group that ends may bring more."""
 
 
 @dataclass(frozen=True)
-class GroupEnd:
+class WorkResult:
     """How a group ended; runs that are not lost have their file."""
 
-    group: Group
+    group: WorkItem
     lost: dict[str, str]
     """Reason by run."""
     rows: dict[str, dict[str, Any]]
@@ -49,14 +49,16 @@ class GroupEnd:
 class Engine(Protocol):
     """Runs groups until there are no more. Closing the iterator ends what still runs."""
 
-    def __call__(self, next_group: NextGroup, folder: Path, play: Play) -> Generator[GroupEnd | None, None, None]:
+    def __call__(
+        self, next_group: NextWorkItem, folder: Path, play: EpisodeFactory
+    ) -> Generator[WorkResult | None, None, None]:
         """Ends as they come, with every run's file in ``folder``; None every now and then, for Ctrl-C."""
 
 
-class Isolated:
+class WorkerProcess:
     """A group that runs in a process of its own."""
 
-    def __init__(self, group: Group, folder: Path, play: Play) -> None:
+    def __init__(self, group: WorkItem, folder: Path, play: EpisodeFactory) -> None:
         context = get_context("fork")
         self.group = group
         self._folder = folder
@@ -76,7 +78,7 @@ class Isolated:
     def overdue(self) -> bool:
         return time.monotonic() > self._give_up_s
 
-    def wait(self) -> GroupEnd:
+    def wait(self) -> WorkResult:
         """What came of it, when it has ended; in the end it is ended here."""
         wait([self.sentinel], timeout=max(self._give_up_s - time.monotonic(), 0.0))
         if self.overdue:
@@ -88,15 +90,17 @@ class Isolated:
         self._process.kill()
         self._process.join()
 
-    def end(self) -> GroupEnd:
+    def end(self) -> WorkResult:
         """What came of it, once it has ended."""
         self._process.join()
         said = {item.run: item for item in _all_said(self._hear)}
-        rest = said.get(WHOLE_GROUP) or Said(WHOLE_GROUP, why_it_ended(self._process.exitcode, self.group.limit_s))
+        rest = said.get(ALL_RUNS) or WorkerMessage(
+            ALL_RUNS, describe_exit_status(self._process.exitcode, self.group.limit_s)
+        )
         self._hear.close()
         self._process.close()
         missing = [run for run in self.group.run_ids if not run_file(self._folder, run).exists()]
-        return GroupEnd(
+        return WorkResult(
             group=self.group,
             lost={run: said.get(run, rest).reason for run in missing},
             rows={item.run: dict(item.row) for item in said.values() if item.row is not None},
@@ -104,32 +108,32 @@ class Isolated:
         )
 
 
-def _all_said(hear: Connection) -> Iterator[Said]:
+def _all_said(hear: Connection) -> Iterator[WorkerMessage]:
     # A sender that was killed in the middle of a word leaves half of one.
     with contextlib.suppress(EOFError, OSError):
         while hear.poll():
             yield hear.recv()
 
 
-def _alone(group: Group, folder: Path, play: Play, say: Connection, parent: int) -> None:
+def _alone(group: WorkItem, folder: Path, play: EpisodeFactory, say: Connection, parent: int) -> None:
     # Ctrl-C reaches the whole process group; only the parent decides what to keep, and then ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent(parent)
-    run_group(group, folder, play, say)
+    die_with_parent(parent)
+    run_work_item(group, folder, play, say)
 
 
 def local_engine(workers: int) -> Engine:
     """``workers`` groups at a time."""
 
-    def run(next_group: NextGroup, folder: Path, play: Play) -> Generator[GroupEnd | None, None, None]:
+    def run(next_group: NextWorkItem, folder: Path, play: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
         # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
         cv2.setNumThreads(1)
-        running: list[Isolated] = []
+        running: list[WorkerProcess] = []
         try:
             while True:
                 while len(running) < workers and (group := next_group()) is not None:
-                    with interrupts_wait():
-                        running.append(Isolated(group, folder, play))
+                    with defer_interrupts():
+                        running.append(WorkerProcess(group, folder, play))
                 if not running:
                     return
                 ready = wait([item.sentinel for item in running], timeout=LOOK_S)

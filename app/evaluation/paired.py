@@ -18,7 +18,7 @@ TIE = 5e-4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Paired:
+class PairedComparison:
     """Differences a - b over n pairs, in the unit of the column."""
 
     n: int
@@ -30,22 +30,22 @@ class Paired:
     worse: int
 
     @property
-    def clear(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether there are enough pairs, and the interval leaves 0 out."""
         return self.n >= LEAST and bool(self.low > 0 or self.high < 0)
 
 
-NO_PAIRS = Paired(n=0, mean=float("nan"), low=float("nan"), high=float("nan"), better=0, worse=0)
+NO_PAIRS = PairedComparison(n=0, mean=float("nan"), low=float("nan"), high=float("nan"), better=0, worse=0)
 
 
-def paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> Paired:
+def compare_paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> PairedComparison:
     """``column`` of ``a`` less that of ``b`` where both have the same ``on`` and a value."""
     both = a.merge(b, on=list(on), suffixes=("_a", "_b"))
     values = (both[f"{column}_a"].astype(float) - both[f"{column}_b"].astype(float)).dropna().to_numpy(float)
     if not len(values):
         return NO_PAIRS
     low, high = confidence_interval(values)
-    return Paired(
+    return PairedComparison(
         n=len(values),
         mean=float(values.mean()),
         low=low,

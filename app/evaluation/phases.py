@@ -10,7 +10,7 @@ from layflat.data.types import Episode, Phase
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
+class PhaseSpan:
     """Ticks of one phase on end."""
 
     phase: Phase
@@ -20,7 +20,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Round:
+class DisturbanceOutcome:
     """One disturbance: camera contact (0..1) just before it, when it was over, and when the repair after it was."""
 
     before: float
@@ -32,29 +32,29 @@ class Round:
         return self.repaired - self.disturbed
 
 
-def stretches(episode: Episode) -> tuple[Stretch, ...]:
+def phase_spans(episode: Episode) -> tuple[PhaseSpan, ...]:
     """The whole episode; empty for one without ticks."""
     phases = [step.phase for step in episode.steps]
     begins = [tick for tick, phase in enumerate(phases) if tick == 0 or phase != phases[tick - 1]]
     return tuple(
-        Stretch(phase=phases[first], first=first, after=after)
+        PhaseSpan(phase=phases[first], first=first, after=after)
         for first, after in zip(begins, [*begins[1:], len(phases)], strict=True)
     )
 
 
-def rounds(episode: Episode) -> tuple[Round, ...]:
+def disturbance_outcomes(episode: Episode) -> tuple[DisturbanceOutcome, ...]:
     """Every disturbance that ended; its repair may be missing, and then ends where it began.
 
     A disturbance after which nothing moved for a tick and the next one form one stretch, so count as one.
     """
     contact = np.clip(episode.contact(), 0.0, 1.0)
-    parts = stretches(episode)
+    parts = phase_spans(episode)
     found = []
     for k, part in enumerate(parts):
         if part.phase == "disturb":
             after = parts[k + 1].after if k + 1 < len(parts) else part.after
             found.append(
-                Round(
+                DisturbanceOutcome(
                     before=float(contact[part.first]),
                     disturbed=float(contact[part.after]),
                     repaired=float(contact[after]),

@@ -11,18 +11,18 @@ from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from layflat.app.support.errors import WrongCall
-from layflat.app.support.validators import known_name
+from layflat.app.support.errors import UsageError
+from layflat.app.support.validators import one_of
 from layflat.app.workers.make_policy import SCRIPTED
 from layflat.app.workers.schedule import ScheduledDisturbance
-from layflat.data.types import TASKS, Task
+from layflat.data.types import ROBOTS, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
-from layflat.policy.registry import DECORATORS, MADE
+from layflat.policy.registry import BUILTIN_POLICIES, WRAPPERS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
-from layflat.policy.trained_model import Learned
+from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.cloth.starts import STARTS, Start
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError
 
 LIMIT_S = 900.0
@@ -34,34 +34,34 @@ _CASE = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*(/[a-z0-9]+([-_][a-z0-9]+)*)?")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entrant:
+class PolicySpec:
     """Who takes part, in one task: a trained model, a policy made by name, or a controller of wrinkle removal."""
 
     name: str
     """As in the column ``policy``."""
-    task: Task
-    model: Learned | None = None
+    task: RobotName
+    model: TrainedModel | None = None
     made: str | None = None
-    """A name of layflat.policy.registry.MADE, or "scripted"; with a model: who takes over after a disturbance."""
+    """A name of layflat.policy.registry.BUILTIN_POLICIES, or "scripted"; with a model: who takes over after a disturbance."""
     controller: str | None = None
     """A name of layflat.policy.scripted.wrinkle_removal.CONTROLLERS; it begins from a crumpled cloth."""
     decorators: tuple[str, ...] = ()
-    """Of layflat.policy.registry.DECORATORS, what is around the policy."""
+    """Of layflat.policy.registry.WRAPPERS, what is around the policy."""
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
-            raise WrongCall(f"policy name {self.name!r} cannot be part of a file's name; use letters, digits and .+@-")
-        known_name("task", self.task, TASKS)
+            raise UsageError(f"policy name {self.name!r} cannot be part of a file's name; use letters, digits and .+@-")
+        one_of("task", self.task, ROBOTS)
         if self.made is not None:
-            known_name("policy", self.made, (*MADE, *(() if self.model else (SCRIPTED,))))
+            one_of("policy", self.made, (*BUILTIN_POLICIES, *(() if self.model else (SCRIPTED,))))
         if self.controller is not None:
-            known_name("controller", self.controller, CONTROLLERS)
+            one_of("controller", self.controller, CONTROLLERS)
         for name in self.decorators:
-            known_name("decorator", name, DECORATORS)
+            one_of("decorator", name, WRAPPERS)
         if self.model is not None and self.model.layout.task != self.task:
-            raise WrongCall(f"{self.name} was taught the {self.model.layout.task} task, not {self.task}")
+            raise UsageError(f"{self.name} was taught the {self.model.layout.task} task, not {self.task}")
         if (self.controller is not None) == (self.model is not None or self.made is not None):
-            raise WrongCall(f"{self.name} must be a model, a policy by name, or a controller")
+            raise UsageError(f"{self.name} must be a model, a policy by name, or a controller")
 
     @property
     def descriptor(self) -> str:
@@ -69,7 +69,7 @@ class Entrant:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class DisturbanceCase:
     """What happens to the cloth in an episode."""
 
     name: str
@@ -78,7 +78,7 @@ class Case:
 
     def __post_init__(self) -> None:
         if not _CASE.fullmatch(self.name):
-            raise WrongCall(f"disturbance name {self.name!r} must be small letters, digits and -, as in folds/corner")
+            raise UsageError(f"disturbance name {self.name!r} must be small letters, digits and -, as in folds/corner")
 
     @property
     def after_the_stop(self) -> bool:
@@ -86,22 +86,22 @@ class Case:
         return all(item.when.moment == "stopped" for item in self.schedule)
 
 
-UNDISTURBED = Case(name="none")
+NO_DISTURBANCE = DisturbanceCase(name="none")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Group:
+class WorkItem:
     """Episodes that begin with the same placing: one process, forked for each case."""
 
-    entrant: Entrant
+    entrant: PolicySpec
     cloth: str
     seed: int
     start: Start
-    cases: tuple[Case, ...]
+    cases: tuple[DisturbanceCase, ...]
     limit_s: float
     attempt: int = 1
 
-    def run_id(self, case: Case) -> str:
+    def run_id(self, case: DisturbanceCase) -> str:
         """Unique in a batch, and the name of the episode's file."""
         parts = (self.entrant.task, self.cloth, self.entrant.name, f"s{self.seed:04d}", case.name.replace("/", "."))
         return SEPARATOR.join(parts)
@@ -110,20 +110,20 @@ class Group:
     def run_ids(self) -> tuple[str, ...]:
         return tuple(self.run_id(case) for case in self.cases)
 
-    def only(self, wanted: Container[str], *, attempt: int | None = None) -> Group:
+    def only(self, wanted: Container[str], *, attempt: int | None = None) -> WorkItem:
         """The group with those cases whose run is wanted."""
         cases = tuple(case for case, run in zip(self.cases, self.run_ids, strict=True) if run in wanted)
         return replace(self, cases=cases, attempt=attempt or self.attempt)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class EvaluationPlan:
     """A batch, settled: the same plan gives the same rows, however many workers share it, and on any engine."""
 
-    entrants: tuple[Entrant, ...]
+    entrants: tuple[PolicySpec, ...]
     cloths: tuple[str, ...]
     seeds: tuple[int, ...]
-    cases: tuple[Case, ...] = ()
+    cases: tuple[DisturbanceCase, ...] = ()
     """Besides the undisturbed one, which is always there."""
     start: Start = "hanging"
     limit_s: float = LIMIT_S
@@ -138,33 +138,33 @@ class Plan:
         ):
             _each_once(kind, values)
         for cloth in self.cloths:
-            known_name("cloth", cloth, CLOTHS)
-        known_name("start", self.start, STARTS)
+            one_of("cloth", cloth, CLOTHS)
+        one_of("start", self.start, STARTS)
         for task in self.tasks:
             _possible(task, self.start)
         if not self.limit_s > 0:
-            raise WrongCall(f"--limit-s is {self.limit_s}; it must be above 0")
+            raise UsageError(f"--limit-s is {self.limit_s}; it must be above 0")
 
     @property
-    def tasks(self) -> tuple[Task, ...]:
+    def tasks(self) -> tuple[RobotName, ...]:
         return tuple(dict.fromkeys(entrant.task for entrant in self.entrants))
 
     @property
-    def all_cases(self) -> tuple[Case, ...]:
-        return (UNDISTURBED, *self.cases)
+    def all_cases(self) -> tuple[DisturbanceCase, ...]:
+        return (NO_DISTURBANCE, *self.cases)
 
     @property
     def episodes(self) -> int:
         return len(self.entrants) * len(self.cloths) * len(self.seeds) * len(self.all_cases)
 
-    def groups(self) -> Iterator[Group]:
+    def groups(self) -> Iterator[WorkItem]:
         """In the order of the finished rows: by task and cloth, then start by start, so that a part is paired, too."""
         for task in self.tasks:
             for cloth in self.cloths:
                 for seed in self.seeds:
                     for entrant in self.entrants:
                         if entrant.task == task:
-                            yield Group(
+                            yield WorkItem(
                                 entrant=entrant,
                                 cloth=cloth,
                                 seed=seed,
@@ -174,17 +174,17 @@ class Plan:
                             )
 
 
-def _possible(task: Task, start: Start) -> None:
+def _possible(task: RobotName, start: Start) -> None:
     try:
-        BenchSettings(task=task, start=start)
+        SimConfig(task=task, start=start)
     except SimError as error:
-        raise WrongCall(str(error)) from None
+        raise UsageError(str(error)) from None
 
 
 def _each_once(kind: str, values: Sequence[object]) -> None:
     if not values:
-        raise WrongCall(f"there is no {kind}; at least one is needed")
+        raise UsageError(f"there is no {kind}; at least one is needed")
     for position, value in enumerate(values):
         if value in values[:position]:
             words = " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-            raise WrongCall(f"{kind} {words} is there twice; each must have a name of its own")
+            raise UsageError(f"{kind} {words} is there twice; each must have a name of its own")

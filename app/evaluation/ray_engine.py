@@ -12,16 +12,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from layflat.app.evaluation.fork_server import ONE_THREAD, Server
-from layflat.app.evaluation.local_engine import LOOK_S, Engine, GroupEnd, NextGroup
-from layflat.app.evaluation.plan import Group
-from layflat.app.evaluation.work_item import Play, run_file
+from layflat.app.evaluation.fork_server import ONE_THREAD, ForkServer
+from layflat.app.evaluation.local_engine import LOOK_S, Engine, NextWorkItem, WorkResult
+from layflat.app.evaluation.plan import WorkItem
+from layflat.app.evaluation.work_item import EpisodeFactory, run_file
 from layflat.app.support.errors import LayflatError
-from layflat.data.atomic_files import os_reason, write_durably
+from layflat.data.atomic_files import fsync_write, os_reason
 
 AHEAD = 2
 """Tasks that are handed out for each core, so that none waits for this process."""
-_SERVER: list[Server] = []
+_SERVER: list[ForkServer] = []
 """Of a Ray worker, from its first group on."""
 
 
@@ -32,7 +32,7 @@ def ray_engine(workers: int, address: str | None) -> Engine:
     """
     ray = _ray()
 
-    def run(next_group: NextGroup, folder: Path, play: Play) -> Generator[GroupEnd | None, None, None]:
+    def run(next_group: NextWorkItem, folder: Path, play: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
         _connect(ray, workers, address)
         try:
             yield from _run(ray, next_group, folder, play)
@@ -65,9 +65,11 @@ def _connect(ray: Any, workers: int, address: str | None) -> None:
         raise LayflatError(f"the Ray cluster at {address or 'this machine'} does not answer: {words}") from error
 
 
-def _run(ray: Any, next_group: NextGroup, folder: Path, play: Play) -> Generator[GroupEnd | None, None, None]:
+def _run(
+    ray: Any, next_group: NextWorkItem, folder: Path, play: EpisodeFactory
+) -> Generator[WorkResult | None, None, None]:
     task = ray.remote(num_cpus=1, max_retries=0)(run_on_node)
-    pending: dict[Any, Group] = {}
+    pending: dict[Any, WorkItem] = {}
     while True:
         most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
         while len(pending) < most and (group := next_group()) is not None:
@@ -80,30 +82,30 @@ def _run(ray: Any, next_group: NextGroup, folder: Path, play: Play) -> Generator
             yield _end(ray, reference, pending.pop(reference), folder)
 
 
-def _end(ray: Any, reference: Any, group: Group, folder: Path) -> GroupEnd:
+def _end(ray: Any, reference: Any, group: WorkItem, folder: Path) -> WorkResult:
     """Of a task that has ended: its files are written here."""
     try:
         end, files = ray.get(reference)
     except (ray.exceptions.RayError, EOFError, OSError) as error:
         reason = f"its Ray worker was lost: {' '.join(str(error).split())[:200]}"
-        return GroupEnd(group, dict.fromkeys(group.run_ids, reason), {})
+        return WorkResult(group, dict.fromkeys(group.run_ids, reason), {})
     try:
         for run, content in files.items():
-            write_durably(run_file(folder, run), content)
+            fsync_write(run_file(folder, run), content)
     except OSError as error:
         return replace(end, lost=dict.fromkeys(_missing(group, folder), ""), unwritable=os_reason(error))
     # That the node's disk is full is that node's trouble: another try may come to another node.
     return replace(end, unwritable=None)
 
 
-def _missing(group: Group, folder: Path) -> list[str]:
+def _missing(group: WorkItem, folder: Path) -> list[str]:
     return [run for run in group.run_ids if not run_file(folder, run).exists()]
 
 
-def run_on_node(group: Group, play: Play) -> tuple[GroupEnd, dict[str, bytes]]:
+def run_on_node(group: WorkItem, play: EpisodeFactory) -> tuple[WorkResult, dict[str, bytes]]:
     """In a Ray worker: by the server that it has from its first group on."""
     if not _SERVER:
-        _SERVER.append(Server())
+        _SERVER.append(ForkServer())
     try:
         return _SERVER[0].run(group, play)
     except (EOFError, OSError):

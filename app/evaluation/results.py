@@ -24,7 +24,7 @@ _NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_WORDS, *_TRUTHS,
 
 
 @dataclass(frozen=True)
-class Results:
+class EvaluationResults:
     """A batch's folder: ``rows`` of all episodes, the ``summary``, and each episode by its run's name."""
 
     folder: Path
@@ -36,7 +36,7 @@ class Results:
     """As in batch.json: what was asked."""
 
     @staticmethod
-    def open(folder: str | Path) -> Results:
+    def open(folder: str | Path) -> EvaluationResults:
         """What is there of a batch that runs, was interrupted, or is finished; DataError where there is none."""
         folder = Path(folder)
         try:
@@ -46,7 +46,7 @@ class Results:
             summary = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         except (OSError, ValueError) as error:
             raise DataError(f"{folder} does not hold the results of `layflat evaluate` ({error})") from error
-        return Results(folder, rows, summary, batch)
+        return EvaluationResults(folder, rows, summary, batch)
 
     def episode(self, run: str) -> Episode:
         """The episode of a row, without images; DataError where it crashed and there is none."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from layflat.app.support.atomic_write import write_text
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
 
 EXTRA = ("run", "start", "attempts", "reason")
@@ -24,11 +24,11 @@ ALL_COLUMNS = (*COLUMNS, *EXTRA)
 _RUN = ALL_COLUMNS.index("run")
 
 
-class Ledger:
+class ResultsCsv:
     """The rows of a batch, on disk: in memory are only the names of their runs."""
 
     def __init__(self, path: Path) -> None:
-        """Opens, and heals, what is there; WrongCall where it is not a batch's."""
+        """Opens, and heals, what is there; UsageError where it is not a batch's."""
         self.path = path
         self.runs: set[str] = set()
         kept = _whole_lines(path)
@@ -73,7 +73,7 @@ def _whole_lines(path: Path) -> list[list[str]]:
         return []
     lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
     if lines and tuple(lines[0]) != ALL_COLUMNS:
-        raise WrongCall(f"{path} is not a table of `layflat evaluate` of this version; choose another --out")
+        raise UsageError(f"{path} is not a table of `layflat evaluate` of this version; choose another --out")
     return [line for line in lines[1:] if len(line) == len(ALL_COLUMNS) and line[_RUN]]
 
 

@@ -13,18 +13,27 @@ from pathlib import Path
 from typing import Any
 
 from layflat.app.evaluation import config_file
-from layflat.app.evaluation.local_engine import Engine, GroupEnd, local_engine
-from layflat.app.evaluation.plan import Group, Plan
-from layflat.app.evaluation.results import BATCH, EPISODES, RUNS, SUMMARY, Results, as_rows, read_rows, read_run
-from layflat.app.evaluation.results_csv import Ledger
-from layflat.app.evaluation.simulated_episode import BenchPlay
+from layflat.app.evaluation.local_engine import Engine, WorkResult, local_engine
+from layflat.app.evaluation.plan import EvaluationPlan, WorkItem
+from layflat.app.evaluation.results import (
+    BATCH,
+    EPISODES,
+    RUNS,
+    SUMMARY,
+    EvaluationResults,
+    as_rows,
+    read_rows,
+    read_run,
+)
+from layflat.app.evaluation.results_csv import ResultsCsv
+from layflat.app.evaluation.simulated_episode import SimulatedEpisode
 from layflat.app.evaluation.summary import summary_of
-from layflat.app.evaluation.work_item import Play, run_file
+from layflat.app.evaluation.work_item import EpisodeFactory, run_file
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
-from layflat.app.support.metrics import crashed_row, row_of, write_json
+from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.metrics import crashed_metrics, episode_metrics, write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import git_revision, provenance_now
+from layflat.app.support.provenance import capture_provenance, git_revision
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, os_reason
 from layflat.data.types import DataError
 
@@ -34,19 +43,19 @@ LOCK = ".running"
 
 
 def run_batch(
-    plan: Plan,
+    plan: EvaluationPlan,
     out: Path,
     *,
     workers: int = 1,
     engine: Engine | None = None,
     force: bool = False,
     progress: Progress | None = None,
-    play: Play = BenchPlay,
-) -> Results:
+    play: EpisodeFactory = SimulatedEpisode,
+) -> EvaluationResults:
     """Run what ``out`` does not hold yet of ``plan``; episodes that crash are rows, not errors.
 
     ``engine`` is this machine's unless another is given. ``progress`` is in a phase whose items are the plan's
-    episodes. KeyboardInterrupt comes when everything that is finished has been kept. WrongCall where ``out`` holds
+    episodes. KeyboardInterrupt comes when everything that is finished has been kept. UsageError where ``out`` holds
     another batch; LayflatError where it takes no more files.
     """
     validators.writable_folder(out)
@@ -59,7 +68,7 @@ def run_batch(
                 batch.run(engine or local_engine(workers), play, interrupts)
         finally:
             batch.finish()
-    return Results.open(out)
+    return EvaluationResults.open(out)
 
 
 def clear(out: Path) -> None:
@@ -72,23 +81,23 @@ def clear(out: Path) -> None:
 class Batch:
     """A plan and the folder that it runs into."""
 
-    def __init__(self, plan: Plan, out: Path, progress: Progress | None) -> None:
+    def __init__(self, plan: EvaluationPlan, out: Path, progress: Progress | None) -> None:
         self._plan = plan
         self._out = out
         self._progress = progress
         self._runs = out / RUNS
         if (out / EPISODES).exists() and not (out / BATCH).exists():
-            raise WrongCall(f"{out} holds other results; choose another --out, or --force to replace them")
-        self._asked = config_file.merged(plan, out / BATCH)
+            raise UsageError(f"{out} holds other results; choose another --out, or --force to replace them")
+        self._asked = config_file.merge_config(plan, out / BATCH)
         self._runs.mkdir(exist_ok=True)
         for torn in self._runs.glob(f"*{PART_SUFFIX}"):
             torn.unlink()
-        config_file.write(out / BATCH, self._asked)
-        self._ledger = Ledger(out / EPISODES)
-        self._again: deque[Group] = deque()
+        config_file.save_config(out / BATCH, self._asked)
+        self._ledger = ResultsCsv(out / EPISODES)
+        self._again: deque[WorkItem] = deque()
         self._groups = plan.groups()
 
-    def run(self, engine: Engine, play: Play, interrupts: Interrupts) -> None:
+    def run(self, engine: Engine, play: EpisodeFactory, interrupts: Interrupts) -> None:
         """Until nothing is left; KeyboardInterrupt after Ctrl-C."""
         self._collect()
         self._count_finished()
@@ -107,7 +116,7 @@ class Batch:
             rows = read_rows(self._out / EPISODES)
             if len(rows):
                 provenance = {
-                    **vars(provenance_now()),
+                    **vars(capture_provenance()),
                     "git": git_revision(),
                     "seeds": self._asked["seeds"],
                     "asked": BATCH,
@@ -115,7 +124,7 @@ class Batch:
                 content = {**summary_of(rows), "episodes": as_rows(rows), "provenance": provenance}
                 write_json(self._out / SUMMARY, content)
 
-    def _next(self) -> Group | None:
+    def _next(self) -> WorkItem | None:
         if self._again:
             return self._again.popleft()
         for group in self._groups:
@@ -124,7 +133,7 @@ class Batch:
                 return group.only(missing)
         return None
 
-    def _note(self, end: GroupEnd) -> None:
+    def _note(self, end: WorkResult) -> None:
         """Rows of what is finished, another try of what is lost, and then a row for that, too."""
         rows, lost = [], dict(end.lost)
         for run in end.group.run_ids:
@@ -145,7 +154,7 @@ class Batch:
             raise LayflatError(_full(self._out, end.unwritable))
 
     def _row(self, run: str, attempt: int, known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        row = known or row_of(read_run(self._runs, run))
+        row = known or episode_metrics(read_run(self._runs, run))
         return {**row, "run": run, "start": self._plan.start, "attempts": attempt, "reason": None}
 
     def _collect(self) -> None:
@@ -174,9 +183,9 @@ class Batch:
             self._progress.advance(status=f"{row['run']}: {what}")
 
 
-def _crashed_row(group: Group, run: str, reason: str) -> dict[str, Any]:
+def _crashed_row(group: WorkItem, run: str, reason: str) -> dict[str, Any]:
     case = next(case for case in group.cases if group.run_id(case) == run)
-    row = crashed_row(
+    row = crashed_metrics(
         policy=group.entrant.name,
         task=group.entrant.task,
         cloth=group.cloth,

@@ -5,54 +5,54 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from layflat.app.evaluation.plan import Case, Entrant, Group
-from layflat.app.workers.make_policy import player
-from layflat.app.workers.rollout import PLACE_TICKS, disturb_and_repair, place
-from layflat.app.workers.runner import Run
-from layflat.app.workers.schedule import Watch
+from layflat.app.evaluation.plan import DisturbanceCase, PolicySpec, WorkItem
+from layflat.app.workers.make_policy import make_policy
+from layflat.app.workers.rollout import PLACE_TICKS, run_disturbances, run_until_stop
+from layflat.app.workers.runner import EpisodeRunner
+from layflat.app.workers.schedule import DisturbanceScheduler
 from layflat.data.types import Episode, StoppedBy
 from layflat.policy.base import Policy
 from layflat.policy.scripted import wrinkle_removal
-from layflat.sim.config import BenchSettings
-from layflat.sim.simulation import Placing
+from layflat.sim.config import SimConfig
+from layflat.sim.simulation import ClothSimulation
 
 
-class BenchPlay:
+class SimulatedEpisode:
     """Made in a process that has not stepped a simulation yet; the bench ends with the process."""
 
-    def __init__(self, group: Group) -> None:
+    def __init__(self, group: WorkItem) -> None:
         entrant = group.entrant
-        settings = BenchSettings(task=entrant.task, cloth=group.cloth, start=group.start, descriptor=entrant.descriptor)
-        bench = Placing(settings)
+        settings = SimConfig(task=entrant.task, cloth=group.cloth, start=group.start, descriptor=entrant.descriptor)
+        bench = ClothSimulation(settings)
         bench.reset(group.seed)
         began = time.monotonic()
-        self._run = Run(bench, policy_of(entrant, bench), seed=group.seed)
+        self._run = EpisodeRunner(bench, policy_of(entrant, bench), seed=group.seed)
         self._max_ticks = PLACE_TICKS if entrant.controller is None else wrinkle_removal.TICKS
         self._stopped_by: StoppedBy | None = None
         self._wall_s = time.monotonic() - began
 
-    def place(self) -> None:
-        self._place(Watch())
+    def run_until_stop(self) -> None:
+        self._place(DisturbanceScheduler())
 
-    def finish(self, case: Case) -> Episode:
-        watch = Watch(case.schedule)
+    def finish(self, case: DisturbanceCase) -> Episode:
+        watch = DisturbanceScheduler(case.schedule)
         if self._stopped_by is None:
             self._place(watch)
         began = time.monotonic()
         self._run.disturbance = case.name
-        episode = self._run.episode(disturb_and_repair(self._run, watch, self._stopped_by or "tick_limit"))
+        episode = self._run.episode(run_disturbances(self._run, watch, self._stopped_by or "tick_limit"))
         # Not the time in which this process waited for the forks before this one.
         return replace(episode, wall_s=self._wall_s + time.monotonic() - began)
 
-    def _place(self, watch: Watch) -> None:
+    def _place(self, watch: DisturbanceScheduler) -> None:
         began = time.monotonic()
-        self._stopped_by = place(self._run, watch, max_ticks=self._max_ticks)
+        self._stopped_by = run_until_stop(self._run, watch, max_ticks=self._max_ticks)
         self._wall_s += time.monotonic() - began
 
 
-def policy_of(entrant: Entrant, bench: Placing) -> Policy:
+def policy_of(entrant: PolicySpec, bench: ClothSimulation) -> Policy:
     """Who decides for ``entrant``."""
-    return player(
+    return make_policy(
         bench,
         name=entrant.name,
         model=entrant.model,

@@ -23,9 +23,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from layflat.app.evaluation.plan import Case
-from layflat.app.support.errors import WrongCall
-from layflat.app.workers.schedule import ScheduledDisturbance, When
+from layflat.app.evaluation.plan import DisturbanceCase
+from layflat.app.support.errors import UsageError
+from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec
 from layflat.sim.physics.bullet.world import SimError
 
@@ -49,72 +49,72 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(file.name.removesuffix(SUFFIX) for file in folder.iterdir() if file.name.endswith(SUFFIX)))
 
 
-def cases_of(what: str) -> tuple[Case, ...]:
-    """The cases of a suite's name, of a single disturbance's name, or of somebody's own FILE.toml; else WrongCall."""
+def cases_of(what: str) -> tuple[DisturbanceCase, ...]:
+    """The cases of a suite's name, of a single disturbance's name, or of somebody's own FILE.toml; else UsageError."""
     if what in shipped():
         text = (resources.files("layflat.app.evaluation") / "suite_files" / f"{what}{SUFFIX}").read_text(
             encoding="utf-8"
         )
         return parse(text, what, f"suite {what}")
     if what in DISTURBANCES and what != "none":
-        return (Case(name=what, schedule=(ScheduledDisturbance(spec=DISTURBANCES[what]),)),)
+        return (DisturbanceCase(name=what, schedule=(ScheduledDisturbance(spec=DISTURBANCES[what]),)),)
     path = Path(what)
     if path.suffix == SUFFIX:
         return parse(_text_of(path), path.stem.lower(), str(path))
     known = ", ".join(dict.fromkeys([*shipped(), *(name for name in DISTURBANCES if name != "none")]))
-    raise WrongCall(f"disturbance {what!r} is unknown; give one of {known}, or a suite of your own as FILE.toml")
+    raise UsageError(f"disturbance {what!r} is unknown; give one of {known}, or a suite of your own as FILE.toml")
 
 
-def parse(text: str, name: str, where: str) -> tuple[Case, ...]:
-    """Cases of a suite's text; WrongCall, naming ``where`` it is from, says the first thing that is wrong."""
+def parse(text: str, name: str, where: str) -> tuple[DisturbanceCase, ...]:
+    """Cases of a suite's text; UsageError, naming ``where`` it is from, says the first thing that is wrong."""
     try:
         suite = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise WrongCall(f"{where} is not TOML: {error}") from None
+        raise UsageError(f"{where} is not TOML: {error}") from None
     _known_keys(suite, _SUITE_KEYS, where)
     if suite.get("schema") != SCHEMA:
-        raise WrongCall(f"{where}: schema is {suite.get('schema')!r}; it must be {SCHEMA}")
+        raise UsageError(f"{where}: schema is {suite.get('schema')!r}; it must be {SCHEMA}")
     if not isinstance(suite.get("about", ""), str):
-        raise WrongCall(f"{where}: about is {suite['about']!r}; it must be a sentence")
+        raise UsageError(f"{where}: about is {suite['about']!r}; it must be a sentence")
     tables = _tables(suite, "case", where)
     cases = tuple(_case(table, name, f"{where}, case {n + 1}", len(tables)) for n, table in enumerate(tables))
     for case in cases:
         if [other.name for other in cases].count(case.name) > 1:
-            raise WrongCall(f"{where}: two cases are named {case.name}; each needs a name of its own")
+            raise UsageError(f"{where}: two cases are named {case.name}; each needs a name of its own")
     return cases
 
 
-def _case(table: Mapping[str, Any], suite: str, where: str, siblings: int) -> Case:
+def _case(table: Mapping[str, Any], suite: str, where: str, siblings: int) -> DisturbanceCase:
     _known_keys(table, _CASE_KEYS, where)
     name = table.get("name")
     if name is None and siblings > 1:
-        raise WrongCall(f"{where} has no name; of several cases each needs one")
+        raise UsageError(f"{where} has no name; of several cases each needs one")
     if not isinstance(name, (str, type(None))):
-        raise WrongCall(f"{where}: name is {name!r}; it must be a word")
+        raise UsageError(f"{where}: name is {name!r}; it must be a word")
     full = suite if name is None or siblings == 1 else f"{suite}/{name}"
     items = _tables(table, "disturbance", where)
-    return Case(name=full, schedule=tuple(_item(item, name or suite, where) for item in items))
+    return DisturbanceCase(name=full, schedule=tuple(_item(item, name or suite, where) for item in items))
 
 
 def _item(table: Mapping[str, Any], name: str, where: str) -> ScheduledDisturbance:
     repeats = table.get("repeats", 1)
     if not _is_whole(repeats) or not 1 <= repeats <= MAX_REPEATS:
-        raise WrongCall(f"{where}: repeats is {repeats!r}; it must be a whole number from 1 to {MAX_REPEATS}")
+        raise UsageError(f"{where}: repeats is {repeats!r}; it must be a whole number from 1 to {MAX_REPEATS}")
     spec = _spec(table, name, where)
     return ScheduledDisturbance(spec=spec, when=_when(table.get("when", "stopped"), where), repeats=repeats)
 
 
-def _when(value: object, where: str) -> When:
+def _when(value: object, where: str) -> Trigger:
     if value == "stopped":
-        return When()
+        return Trigger()
     if isinstance(value, dict) and len(value) == 1:
         ((moment, number),) = value.items()
         if moment in ("tick", "contact") and isinstance(number, (int, float)) and not isinstance(number, bool):
             try:
-                return When(moment=moment, value=number)
-            except WrongCall as error:
-                raise WrongCall(f"{where}: {error}") from None
-    raise WrongCall(f'{where}: when is {value!r}; it must be "stopped", {{ tick = 30 }} or {{ contact = 0.5 }}')
+                return Trigger(moment=moment, value=number)
+            except UsageError as error:
+                raise UsageError(f"{where}: {error}") from None
+    raise UsageError(f'{where}: when is {value!r}; it must be "stopped", {{ tick = 30 }} or {{ contact = 0.5 }}')
 
 
 def _spec(table: Mapping[str, Any], name: str, where: str) -> DisturbanceSpec:
@@ -122,7 +122,7 @@ def _spec(table: Mapping[str, Any], name: str, where: str) -> DisturbanceSpec:
     try:
         return DisturbanceSpec.from_mapping({**said, "name": name})
     except SimError as error:
-        raise WrongCall(f"{where}: {error}") from None
+        raise UsageError(f"{where}: {error}") from None
 
 
 def _is_whole(value: object) -> bool:
@@ -132,21 +132,21 @@ def _is_whole(value: object) -> bool:
 def _tables(parent: Mapping[str, Any], key: str, where: str) -> list[Mapping[str, Any]]:
     tables = parent.get(key)
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
-        raise WrongCall(f"{where} has no [[{key if key == 'case' else f'case.{key}'}]]; it needs at least one")
+        raise UsageError(f"{where} has no [[{key if key == 'case' else f'case.{key}'}]]; it needs at least one")
     return tables
 
 
 def _known_keys(table: Mapping[str, Any], known: Collection[str], where: str) -> None:
     for key in table:
         if key not in known:
-            raise WrongCall(f"{where}: {key!r} is unknown there; known are {', '.join(known)}")
+            raise UsageError(f"{where}: {key!r} is unknown there; known are {', '.join(known)}")
 
 
 def _text_of(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise WrongCall(f"{path} has {path.stat().st_size} bytes; a suite has at most {MAX_BYTES}")
+            raise UsageError(f"{path} has {path.stat().st_size} bytes; a suite has at most {MAX_BYTES}")
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not text"
-        raise WrongCall(f"the suite {path} cannot be read: {reason.lower()}") from None
+        raise UsageError(f"the suite {path} cannot be read: {reason.lower()}") from None

@@ -15,42 +15,42 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-from layflat.app.evaluation.plan import Case, Group
-from layflat.app.support.errors import describe
-from layflat.app.support.metrics import row_of
-from layflat.app.workers.process import end_after, in_a_fork, why_it_ended
-from layflat.data.atomic_files import os_reason, write_durably
-from layflat.data.session.session_writer import file_image
+from layflat.app.evaluation.plan import DisturbanceCase, WorkItem
+from layflat.app.support.errors import format_error
+from layflat.app.support.metrics import episode_metrics
+from layflat.app.workers.process import describe_exit_status, run_in_fork, set_deadline
+from layflat.data.atomic_files import fsync_write, os_reason
+from layflat.data.session.session_writer import serialize
 from layflat.data.types import Episode
 
 DEMO = "demo_0"
 REASON_CHARS = 300
 """All that is said of a group's losses has to fit into a pipe."""
-WHOLE_GROUP = ""
+ALL_RUNS = ""
 UNWRITABLE_STATUS = 2
 """Of a fork whose episode could not be written."""
 
 
-class Playing(Protocol):
+class ForkableEpisode(Protocol):
     """A group's episode in the making."""
 
-    def place(self) -> None:
+    def run_until_stop(self) -> None:
         """Until the policy stops."""
 
-    def finish(self, case: Case) -> Episode:
+    def finish(self, case: DisturbanceCase) -> Episode:
         """What follows; and the placing first, where it has not been done yet."""
 
 
-Play: TypeAlias = Callable[[Group], Playing]
+EpisodeFactory: TypeAlias = Callable[[WorkItem], ForkableEpisode]
 """Begins a group's episode: the bench is reset, no tick has passed."""
 
 
 @dataclass(frozen=True)
-class Said:
+class WorkerMessage:
     """What a group's process tells of a run."""
 
     run: str
-    """WHOLE_GROUP: of every run that is not told of by itself."""
+    """ALL_RUNS: of every run that is not told of by itself."""
     reason: str = ""
     """Why there is no file."""
     unwritable: bool = False
@@ -63,50 +63,52 @@ def run_file(folder: Path, run: str) -> Path:
     return folder / f"{run}.h5"
 
 
-def run_group(group: Group, folder: Path, play: Play, say: Connection) -> None:
+def run_work_item(group: WorkItem, folder: Path, play: EpisodeFactory, say: Connection) -> None:
     """Run the group's cases in forks of this process, which is used up then; what is lost is said, never raised."""
     early = [case for case in group.cases if not case.after_the_stop]
     late = [case for case in group.cases if case.after_the_stop]
     try:
-        end_after(group.limit_s)
+        set_deadline(group.limit_s)
         playing = play(group)
         if _finish_all(group, early, playing, folder, say) and late:
-            end_after(group.limit_s)
-            playing.place()
+            set_deadline(group.limit_s)
+            playing.run_until_stop()
             _finish_all(group, late, playing, folder, say)
     except Exception as error:
-        say.send(Said(WHOLE_GROUP, _words(error)))
+        say.send(WorkerMessage(ALL_RUNS, _words(error)))
 
 
-def _finish_all(group: Group, cases: Sequence[Case], playing: Playing, folder: Path, say: Connection) -> bool:
+def _finish_all(
+    group: WorkItem, cases: Sequence[DisturbanceCase], playing: ForkableEpisode, folder: Path, say: Connection
+) -> bool:
     """Each case in a copy of this process; False where the folder takes no more files."""
-    end_after(0)
+    set_deadline(0)
     for case in cases:
-        status = in_a_fork(partial(_finish, group, case, playing, folder, say))
+        status = run_in_fork(partial(_finish, group, case, playing, folder, say))
         if status == UNWRITABLE_STATUS:
             return False
         if status != 0:
-            say.send(Said(group.run_id(case), why_it_ended(status, group.limit_s)))
+            say.send(WorkerMessage(group.run_id(case), describe_exit_status(status, group.limit_s)))
     return True
 
 
-def _finish(group: Group, case: Case, playing: Playing, folder: Path, say: Connection) -> int:
+def _finish(group: WorkItem, case: DisturbanceCase, playing: ForkableEpisode, folder: Path, say: Connection) -> int:
     run = group.run_id(case)
-    end_after(group.limit_s)
+    set_deadline(group.limit_s)
     try:
         episode = replace(playing.finish(case), source=group.entrant.name, disturbance=case.name)
-        image = file_image(DEMO, episode, uuid.uuid4().hex, keep_images=True)
+        image = serialize(DEMO, episode, uuid.uuid4().hex, keep_images=True)
     except Exception as error:
-        say.send(Said(run, _words(error)))
+        say.send(WorkerMessage(run, _words(error)))
         return 0
     try:
-        write_durably(run_file(folder, run), image)
+        fsync_write(run_file(folder, run), image)
     except OSError as error:
-        say.send(Said(run, os_reason(error), unwritable=True))
+        say.send(WorkerMessage(run, os_reason(error), unwritable=True))
         return UNWRITABLE_STATUS
-    say.send(Said(run, row=row_of(episode)))
+    say.send(WorkerMessage(run, row=episode_metrics(episode)))
     return 0
 
 
 def _words(error: Exception) -> str:
-    return describe(error)[0][:REASON_CHARS]
+    return format_error(error)[0][:REASON_CHARS]

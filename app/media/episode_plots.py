@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from layflat.app.report.figures import DPI, MUTED, STYLE
-from layflat.app.support.atomic_write import replacing
+from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.metrics import disturbed_spans
-from layflat.data.types import ACTION_NAMES, OUTCOMES, Episode, FloatArray, Outcome, Task, actions_of
+from layflat.data.types import ACTION_NAMES, OUTCOMES, Episode, FloatArray, Outcome, RobotName, actions_of
 
 COLOURS: Mapping[Outcome, str] = {"success": "#0f766e", "failure": "#c2571a", "partial": "#6d5bd0"}
 AXIS_COLOURS: Mapping[str, str] = {"x": "#0369a1", "y": "#4d7c0f", "z": "#b8336a"}
@@ -31,7 +31,7 @@ class Curves:
     """What is drawn of one episode."""
 
     name: str
-    task: Task
+    task: RobotName
     outcome: Outcome
     time_s: FloatArray
     """(T + 1,) s, 0 at the first tick."""
@@ -122,7 +122,7 @@ def plot_session(path: Path, title: str, episodes: Iterable[Curves]) -> int:
             panels[key].set_xlabel("time since the disturbance began (s)" if aligned else "time (s)")
             panels[key].grid(axis="y")
             _mark(panels[key], all_curves, named=key == "contact")
-        with replacing(path) as aside:
+        with atomic_write(path) as aside:
             figure.savefig(aside, format="png", dpi=DPI, metadata={"Software": None})
     return len(all_curves)
 

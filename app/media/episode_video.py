@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.media.frames import caption, film_frame
-from layflat.app.media.perception_overlay import Drawer
+from layflat.app.media.frames import caption, video_frame
+from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.video import write_video
 from layflat.app.support import validators
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.data.types import Episode
-from layflat.sim.camera.replay_scene import Stage
+from layflat.sim.camera.replay_scene import ReplayScene
 from layflat.sim.cloth.cloth import CLOTHS, cloth_spec
 
 WIDTH, HEIGHT = 640, 480
@@ -26,17 +26,17 @@ FRAME_S = 0.06
 
 
 def check_drawable(episode: Episode) -> None:
-    """WrongCall where the recorded cloth is none that can be drawn."""
-    validators.known_name("cloth", episode.cloth, CLOTHS)
+    """UsageError where the recorded cloth is none that can be drawn."""
+    validators.one_of("cloth", episode.cloth, CLOTHS)
     spec = cloth_spec(episode.cloth)
     wanted, shape = (spec.rows * spec.columns, 3), episode.final_truth.nodes.shape
     if shape != wanted:
-        raise WrongCall(
+        raise UsageError(
             f"the recorded cloth has nodes of shape {shape} and cannot be drawn; a {spec.name} has {wanted}"
         )
 
 
-def write_film(path: Path, frames: Iterable[NDArray[np.uint8]], episode: Episode) -> int:
+def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode: Episode) -> int:
     """Write the frames of an episode, one for each observation, at its own speed; returns how many they are."""
     count = len(episode.steps) + 1
 
@@ -52,11 +52,11 @@ def write_film(path: Path, frames: Iterable[NDArray[np.uint8]], episode: Episode
 
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     """What was, as a person in front of the robot saw it; drawn from the nodes, one frame for each observation."""
-    with Stage(episode.task, episode.cloth) as stage:
+    with ReplayScene(episode.task, episode.cloth) as stage:
         for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             image = stage.render(truth.nodes, seen.holder_position, WIDTH, HEIGHT)
             contact = min(max(seen.contact_portion, 0.0), 1.0)
-            yield film_frame(image, WIDTH, f"{caption(episode, tick)}  contact {100 * contact:.0f} %")
+            yield video_frame(image, WIDTH, f"{caption(episode, tick)}  contact {100 * contact:.0f} %")
 
 
 def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
@@ -64,12 +64,12 @@ def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
 
     Where no images were recorded, they are drawn from the nodes; the contact portion shown is the recorded one.
     """
-    drawer = Drawer()
+    drawer = PerceptionOverlay()
     with ExitStack() as stack:
-        stage: Stage | None = None
+        stage: ReplayScene | None = None
         for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             if seen.rgb is None or seen.depth is None:
-                stage = stage or stack.enter_context(Stage(episode.task, episode.cloth))
+                stage = stage or stack.enter_context(ReplayScene(episode.task, episode.cloth))
                 rgb, depth = stage.capture(truth.nodes, seen.holder_position)
                 seen = replace(seen, rgb=rgb, depth=depth)
-            yield film_frame(drawer(seen), WIDTH, caption(episode, tick))
+            yield video_frame(drawer(seen), WIDTH, caption(episode, tick))

@@ -32,7 +32,7 @@ class Frame:
     time_s: float
 
 
-def plain_draw(observation: Observation) -> NDArray[np.uint8]:
+def draw_plain(observation: Observation) -> NDArray[np.uint8]:
     """The camera's picture as it is."""
     if observation.rgb is None:
         raise ValueError("the observation has no image; draw only those that have one")
@@ -55,7 +55,7 @@ def disturbance_ticks(episode: Episode) -> list[int]:
     return [*before, (begin + over + 1) // 2, over, *_spread(over, len(episode.steps), REPAIR_FRAMES + 1)[1:]]
 
 
-def strip(episode: Episode, ticks: Sequence[int], draw: Draw, width: int) -> list[Frame]:
+def frame_strip(episode: Episode, ticks: Sequence[int], draw: Draw, width: int) -> list[Frame]:
     """The frames at (or nearest to) ``ticks`` that have an image, ``width`` pixels wide; empty where none has one."""
     observations = episode.observations()
     pictured = np.array([tick for tick, o in enumerate(observations) if o.rgb is not None])
@@ -66,7 +66,7 @@ def strip(episode: Episode, ticks: Sequence[int], draw: Draw, width: int) -> lis
         Frame(
             tick=tick,
             image=_resized(draw(observations[tick]), width),
-            word=moment(episode, tick),
+            word=frame_label(episode, tick),
             contact=min(observations[tick].contact_portion, 1.0),
             time_s=tick * episode.tick_s,
         )
@@ -74,7 +74,7 @@ def strip(episode: Episode, ticks: Sequence[int], draw: Draw, width: int) -> lis
     ]
 
 
-def moment(episode: Episode, tick: int) -> str:
+def frame_label(episode: Episode, tick: int) -> str:
     """One or two words on what goes on at a moment."""
     if tick == 0:
         return "start"
@@ -87,7 +87,7 @@ def moment(episode: Episode, tick: int) -> str:
     return PHASE_WORDS[episode.steps[tick].phase]
 
 
-def befalls(episode: Episode, tick: int) -> str:
+def active_disturbances(episode: Episode, tick: int) -> str:
     """What acts on the cloth in a tick, and who decides: "wind 0.40 N", "a hand 0.12 N, a person decides", or ""."""
     if tick >= len(episode.steps):
         return ""
@@ -101,19 +101,19 @@ def befalls(episode: Episode, tick: int) -> str:
     return ", ".join(filter(None, (told, *led, "a person decides" if step.intervention else "")))
 
 
-def film_frames(episode: Episode, draw: Draw, width: int) -> Iterator[NDArray[np.uint8]]:
+def video_frames(episode: Episode, draw: Draw, width: int) -> Iterator[NDArray[np.uint8]]:
     """Every observation with an image, ``width`` pixels wide, with the phase written on it."""
     for tick, observation in enumerate(episode.observations()):
         if observation.rgb is not None:
-            yield film_frame(draw(observation), width, caption(episode, tick))
+            yield video_frame(draw(observation), width, caption(episode, tick))
 
 
 def caption(episode: Episode, tick: int) -> str:
     """What goes on at a moment, and what befalls the cloth."""
-    return "  ".join(filter(None, (moment(episode, tick), befalls(episode, tick))))
+    return "  ".join(filter(None, (frame_label(episode, tick), active_disturbances(episode, tick))))
 
 
-def film_frame(image: NDArray[np.uint8], width: int, text: str) -> NDArray[np.uint8]:
+def video_frame(image: NDArray[np.uint8], width: int, text: str) -> NDArray[np.uint8]:
     """The picture ``width`` pixels wide, as a film wants it, with a text in its corner."""
     return _titled(_resized(image, width), text)
 
@@ -123,7 +123,7 @@ def has_images(episode: Episode) -> bool:
     return any(observation.rgb is not None for observation in episode.observations())
 
 
-def sheet(rows: Sequence[Sequence[Frame]]) -> NDArray[np.uint8]:
+def contact_sheet(rows: Sequence[Sequence[Frame]]) -> NDArray[np.uint8]:
     """One picture of several strips of equal length, a row each, with moment and contact written on every frame."""
     if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
         raise ValueError("a sheet needs at least one strip, all of one length and not empty")

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.types import Observation
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.overlay import draw_percept
 from layflat.sim.camera.camera import default_pinhole
 
 SCALE = 2
 
 
-class Drawer:
+class PerceptionOverlay:
     """Perceives an observation's own images again and draws them, with the WORD and contact that were recorded."""
 
     def __init__(self) -> None:
         self._camera = default_pinhole()
-        self._perceiver = Perceiver(self._camera)
+        self._perceiver = PerceptionPipeline(self._camera)
 
     def __call__(self, observation: Observation) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 RGB, twice the camera's size."""

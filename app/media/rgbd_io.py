@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from layflat.app.support import validators
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 
 MOST_PIXELS = 50_000_000
 """A D435's largest picture has 2 million; decoding more than this is not what was meant."""
@@ -23,39 +23,39 @@ NOT_DECODED = (OSError, SyntaxError, ValueError, LookupError, struct.error, zlib
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 RGB of a colour PNG; transparency is dropped. WrongCall for anything else."""
+    """(H, W, 3) uint8 RGB of a colour PNG; transparency is dropped. UsageError for anything else."""
     mode, pixels = _read(path, "a colour picture as PNG")
     if mode in ("1", "L", "LA") or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
-        raise WrongCall(
+        raise UsageError(
             f"{path} is grey ({_kind(pixels)}); a colour picture with 3 channels is needed: is it the depth?"
         )
     if pixels.dtype != np.uint8:
-        raise WrongCall(f"{path} has {_kind(pixels)}; a colour picture with 8 bits is needed")
+        raise UsageError(f"{path} has {_kind(pixels)}; a colour picture with 8 bits is needed")
     return np.ascontiguousarray(pixels[..., 2::-1])  # OpenCV's order is blue, green, red
 
 
 def read_depth(path: Path, scale_mm: float = 1.0) -> NDArray[np.float32]:
-    """(H, W) float32 m of a 16-bit PNG in units of ``scale_mm``, 0 where missing. WrongCall for anything else."""
+    """(H, W) float32 m of a 16-bit PNG in units of ``scale_mm``, 0 where missing. UsageError for anything else."""
     if not (math.isfinite(scale_mm) and 0 < scale_mm <= 1000):
-        raise WrongCall(f"--depth-scale is {scale_mm:g}; it must be the millimetres of one unit, such as 1 or 0.25")
+        raise UsageError(f"--depth-scale is {scale_mm:g}; it must be the millimetres of one unit, such as 1 or 0.25")
     mode, pixels = _read(path, "a depth image as PNG with 16 bits")
     if pixels.ndim != 2 or mode == "LA":
-        raise WrongCall(
+        raise UsageError(
             f"{path} has {_kind(pixels)}; depth has one channel: save the sensor's values, not a picture of them"
         )
     if pixels.dtype != np.uint16:
-        raise WrongCall(
+        raise UsageError(
             f"{path} has {_kind(pixels)}; depth needs 16 bits, whole millimetres: 8 bits lose the millimetres"
         )
     if not pixels.any():
-        raise WrongCall(f"{path} is 0 everywhere: it holds no depth at all")
+        raise UsageError(f"{path} is 0 everywhere: it holds no depth at all")
     return np.asarray(pixels * np.float32(scale_mm / 1000), dtype=np.float32)
 
 
 def same_size(rgb_path: Path, rgb: NDArray[Any], depth_path: Path, depth: NDArray[Any]) -> None:
-    """WrongCall unless both show the same pixels."""
+    """UsageError unless both show the same pixels."""
     if rgb.shape[:2] != depth.shape:
-        raise WrongCall(
+        raise UsageError(
             f"{rgb_path} is {rgb.shape[1]}x{rgb.shape[0]} px and {depth_path} {depth.shape[1]}x{depth.shape[0]} px; "
             "save depth that is aligned to the colour picture"
         )
@@ -72,23 +72,23 @@ def _read(path: Path, what: str) -> tuple[str, NDArray[Any]]:
             if kind == "PNG" and size[0] * size[1] <= MOST_PIXELS:
                 _try_out(path)
     except Image.DecompressionBombError as error:
-        raise WrongCall(
+        raise UsageError(
             f"{path} has more than {MOST_PIXELS // 10**6} million pixels; that is no camera's frame"
         ) from error
     except NOT_DECODED as error:
-        raise WrongCall(f"{path} is not a whole picture; give {what}") from error
+        raise UsageError(f"{path} is not a whole picture; give {what}") from error
     if kind != "PNG":
-        raise WrongCall(f"{path} is a {kind} file; give {what}, which loses nothing")
+        raise UsageError(f"{path} is a {kind} file; give {what}, which loses nothing")
     if size[0] * size[1] > MOST_PIXELS:
-        raise WrongCall(
+        raise UsageError(
             f"{path} has {size[0]}x{size[1]} px; more than {MOST_PIXELS // 10**6} million are no camera's frame"
         )
     try:
         pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except NOT_DECODED as error:
-        raise WrongCall(f"{path} cannot be decoded; give {what}") from error
+        raise UsageError(f"{path} cannot be decoded; give {what}") from error
     if pixels is None:
-        raise WrongCall(f"{path} cannot be decoded; give {what}")
+        raise UsageError(f"{path} cannot be decoded; give {what}")
     return mode, pixels
 
 

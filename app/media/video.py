@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.support.atomic_write import replacing
+from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.errors import LayflatError
 
 FOURCC = "VP80"
@@ -25,7 +25,7 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
     """
     if path.suffix != ".webm":
         raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
-    with replacing(path) as aside:
+    with atomic_write(path) as aside:
         count = _encode(aside, frames, fps)
         readable = count_frames(aside)
         if readable != count:

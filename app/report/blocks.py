@@ -44,7 +44,7 @@ class Figure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Strip:
+class FrameStrip:
     """Frames of one episode in a row; ``tag`` is the policy."""
 
     frames: tuple[Frame, ...]
@@ -53,7 +53,7 @@ class Strip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Film:
+class VideoBlock:
     """A film, made when the page is; ``frames`` may be called once."""
 
     frames: Callable[[], Iterator[NDArray[np.uint8]]]
@@ -62,7 +62,7 @@ class Film:
     caption: str
 
 
-Block: TypeAlias = Text | TableBlock | Figure | Strip | Film
+Block: TypeAlias = Text | TableBlock | Figure | FrameStrip | VideoBlock
 
 
 @dataclass(frozen=True, kw_only=True)

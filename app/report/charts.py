@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from layflat.app.evaluation.phases import stretches
+from layflat.app.evaluation.phases import phase_spans
 from layflat.app.report.figures import DPI, STYLE, colour_of
 from layflat.app.support.statistics import confidence_interval
 from layflat.data.types import Episode, FloatArray
@@ -36,7 +36,7 @@ class Curve:
 
 def curve_of(episode: Episode) -> Curve:
     """What a figure keeps of an episode, a few kilobytes."""
-    parts = [part for part in stretches(episode) if part.phase == "disturb"]
+    parts = [part for part in phase_spans(episode) if part.phase == "disturb"]
     zero = parts[0].first if parts else 0
     ticks = np.arange(len(episode.steps) + 1, dtype=np.float64)
     return Curve(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from layflat.app.evaluation.paired import LEAST, Paired, paired, with_gain
+from layflat.app.evaluation.paired import LEAST, PairedComparison, compare_paired, with_gain
 from layflat.app.report.tables import Table, interval, points
 
 QUANTITIES = {
@@ -20,7 +20,7 @@ QUANTITIES = {
 PAIRED_HEADER = ("difference", "of", "n pairs", "mean (points)", "95\u00a0%\u00a0CI", "higher / lower in", "says")
 
 
-def verdict(difference: Paired) -> str:
+def verdict(difference: PairedComparison) -> str:
     """What a paired difference shows: "higher", "lower", or that these n can show none."""
     if difference.n == 0:
         return "no pair has both values"
@@ -28,12 +28,12 @@ def verdict(difference: Paired) -> str:
         return f"{difference.n} pair{'s are' if difference.n > 1 else ' is'} too few to say"
     if difference.better == difference.worse == 0:
         return f"the same in all {difference.n} pairs"
-    if not difference.clear:
+    if not difference.is_significant:
         return f"no difference that {difference.n} pairs can show"
     return "higher" if difference.mean > 0 else "lower"
 
 
-def difference_sentence(a: str, b: str, column: str, difference: Paired, where: str = "") -> str:
+def difference_sentence(a: str, b: str, column: str, difference: PairedComparison, where: str = "") -> str:
     """One sentence on ``a`` less ``b`` in a column of QUANTITIES."""
     quantity = QUANTITIES[column][1]
     numbers = (
@@ -50,7 +50,7 @@ def difference_sentence(a: str, b: str, column: str, difference: Paired, where: 
     return f"{quantity[0].upper()}{quantity[1:]}: {said} between {a} and {b}{at}: {numbers}."
 
 
-def _short(difference: Paired) -> str:
+def _short(difference: PairedComparison) -> str:
     """As verdict, for a table's cell."""
     said = verdict(difference)
     return (
@@ -64,10 +64,10 @@ def _short(difference: Paired) -> str:
     )
 
 
-def compared(rows: pd.DataFrame, a: str, b: str, quantity: str) -> Paired:
+def compared(rows: pd.DataFrame, a: str, b: str, quantity: str) -> PairedComparison:
     """The paired difference of two policies' rows in a column of QUANTITIES."""
     known = with_gain(rows) if quantity == "gain" else rows
-    return paired(known[known["policy"] == a], known[known["policy"] == b], quantity)
+    return compare_paired(known[known["policy"] == a], known[known["policy"] == b], quantity)
 
 
 def paired_table(rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> Table:

@@ -12,21 +12,21 @@ import numpy as np
 from layflat.app.media import frames
 from layflat.app.media.frames import Draw
 from layflat.app.report import figures, tables
-from layflat.app.report.figures import FieldModel, Panel
+from layflat.app.report.figures import SubplotSpec, VectorFieldModel
 from layflat.app.report.html_assets import film_uri, png_uri, strip_view, template
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.support.atomic_write import write_text
 from layflat.app.support.metrics import disturbed_tick
-from layflat.data.types import FLAT_AREA, Episode, Provenance, Task
+from layflat.data.types import FLAT_AREA, Episode, Provenance, RobotName
 
 FRAME_WIDTH = 300
 FILM_WIDTH = 480
 
-TASK_TITLES: Mapping[Task, str] = {
+TASK_TITLES: Mapping[RobotName, str] = {
     "hanger": "Hanger task: one arm, two clips",
     "pickers": "Pickers task: two free pickers",
 }
-TASK_TEXTS: Mapping[Task, str] = {
+TASK_TEXTS: Mapping[RobotName, str] = {
     "hanger": "A Panda arm holds the cloth by two corners in a clip hanger and moves it in x and z.",
     "pickers": "Two pickers hold one corner each and move it along three axes.",
 }
@@ -43,15 +43,15 @@ Tick = Callable[[str], None]
 class TaskResults:
     """What there is to show of one task."""
 
-    task: Task
+    task: RobotName
     cloth: str
     demonstrations: tuple[Episode, ...]
     """Every attempt, failures too; models were trained on those of outcome "success"."""
-    models: Mapping[str, FieldModel]
+    models: Mapping[str, VectorFieldModel]
     """Policy name -> model, for the attractor fields."""
     runs: Mapping[str, tuple[Episode, ...]]
     """Policy name -> its episodes, by seed; the first with images is pictured and filmed."""
-    draw: Draw = frames.plain_draw
+    draw: Draw = frames.draw_plain
     """Picture of an observation with what perception makes of it (contact, WORD as an arrow)."""
 
 
@@ -147,9 +147,9 @@ def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: Tick) -> d
         return view
     say(f"{run.task}: pictures of {name}")
     view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "ticks": len(run.steps)}
-    view["placing"] = strip_view(frames.strip(run, frames.placing_ticks(run), draw, FRAME_WIDTH))
-    view["disturbance"] = strip_view(frames.strip(run, frames.disturbance_ticks(run), draw, FRAME_WIDTH))
-    view["film"] = film_uri(frames.film_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
+    view["placing"] = strip_view(frames.frame_strip(run, frames.placing_ticks(run), draw, FRAME_WIDTH))
+    view["disturbance"] = strip_view(frames.frame_strip(run, frames.disturbance_ticks(run), draw, FRAME_WIDTH))
+    view["film"] = film_uri(frames.video_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
     return view
 
 
@@ -162,11 +162,11 @@ def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[
     panels = []
     for name in tables.order(results.models):
         model = results.models[name]
-        panels.append(Panel(model=model, title=name, held={}))
+        panels.append(SubplotSpec(model=model, title=name, held={}))
         if disturbed and "contact" in model.layout.names:
             held = float(np.clip(np.mean(disturbed), 0.0, 1.0))
             title = f"{name}, contact held at {100 * held:.0f} %"
-            panels.append(Panel(model=model, title=title, held={"contact": held}))
+            panels.append(SubplotSpec(model=model, title=title, held={"contact": held}))
     return {
         "image": png_uri(figures.attractor_field(results.task, panels, learned)),
         "held": any(panel.held for panel in panels),

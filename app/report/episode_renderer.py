@@ -10,24 +10,24 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.evaluation.phases import stretches
+from layflat.app.evaluation.phases import phase_spans
 from layflat.app.media.episode_video import check_drawable
-from layflat.app.media.frames import Frame, film_frame, moment, strip
-from layflat.app.media.perception_overlay import Drawer
-from layflat.app.support.errors import WrongCall
-from layflat.data.types import Episode, Observation, Task, Truth
-from layflat.sim.camera.replay_scene import Stage
+from layflat.app.media.frames import Frame, frame_label, frame_strip, video_frame
+from layflat.app.media.perception_overlay import PerceptionOverlay
+from layflat.app.support.errors import UsageError
+from layflat.data.types import Episode, GroundTruth, Observation, RobotName
+from layflat.sim.camera.replay_scene import ReplayScene
 
 
-class Painter:
+class EpisodeRenderer:
     """Keeps one stage for each task and cloth while it is open."""
 
     def __init__(self) -> None:
-        self._drawer = Drawer()
-        self._stages: dict[tuple[Task, str], Stage] = {}
+        self._drawer = PerceptionOverlay()
+        self._stages: dict[tuple[RobotName, str], ReplayScene] = {}
         self._stack = ExitStack()
 
-    def __enter__(self) -> Painter:
+    def __enter__(self) -> EpisodeRenderer:
         return self
 
     def __exit__(
@@ -35,7 +35,7 @@ class Painter:
     ) -> None:
         self._stack.close()
 
-    def strip(self, episode: Episode, ticks: Sequence[int], width: int) -> tuple[Frame, ...]:
+    def frame_strip(self, episode: Episode, ticks: Sequence[int], width: int) -> tuple[Frame, ...]:
         """Frames at ``ticks`` of ``observations()``, with contact and WORD drawn; none of a cloth that is unknown."""
         if not drawable(episode):
             return ()
@@ -45,23 +45,23 @@ class Painter:
         steps = tuple(
             replace(step, observation=observation) for step, observation in zip(episode.steps, seen, strict=False)
         )
-        return tuple(strip(replace(episode, steps=steps, final_observation=seen[-1]), ticks, self._drawer, width))
+        return tuple(frame_strip(replace(episode, steps=steps, final_observation=seen[-1]), ticks, self._drawer, width))
 
     def film(self, episode: Episode, width: int) -> Iterator[NDArray[np.uint8]]:
         """Every observation as in ``strip``, with what goes on written on it."""
         for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
-            yield film_frame(self._drawer(self._pictured(episode, seen, truth)), width, moment(episode, tick))
+            yield video_frame(self._drawer(self._pictured(episode, seen, truth)), width, frame_label(episode, tick))
 
-    def _pictured(self, episode: Episode, seen: Observation, truth: Truth) -> Observation:
+    def _pictured(self, episode: Episode, seen: Observation, truth: GroundTruth) -> Observation:
         if seen.rgb is not None and seen.depth is not None:
             return seen
         rgb, depth = self._stage(episode).capture(truth.nodes, seen.holder_position)
         return replace(seen, rgb=rgb, depth=depth)
 
-    def _stage(self, episode: Episode) -> Stage:
+    def _stage(self, episode: Episode) -> ReplayScene:
         key = episode.task, episode.cloth
         if key not in self._stages:
-            self._stages[key] = self._stack.enter_context(Stage(*key))
+            self._stages[key] = self._stack.enter_context(ReplayScene(*key))
         return self._stages[key]
 
 
@@ -69,7 +69,7 @@ def drawable(episode: Episode) -> bool:
     """Whether the recorded cloth is one that can be drawn."""
     try:
         check_drawable(episode)
-    except WrongCall:
+    except UsageError:
         return False
     return True
 
@@ -79,7 +79,7 @@ def key_ticks(episode: Episode, count: int) -> list[int]:
 
     Where there are more stretches than room, the last ones.
     """
-    ends = [0, *(part.after for part in stretches(episode))]
+    ends = [0, *(part.after for part in phase_spans(episode))]
     while len(ends) < count:
         gaps = np.diff(ends)
         if not len(gaps) or gaps.max() < 2:

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from layflat.app.report import charts
-from layflat.app.report.blocks import Block, Card, Figure, Film, Page, Section, Strip, TableBlock, Text
+from layflat.app.report.blocks import Block, Card, Figure, FrameStrip, Page, Section, TableBlock, Text, VideoBlock
 from layflat.app.report.comparison_sentences import compared, difference_sentence, paired_table
-from layflat.app.report.episode_renderer import Painter, drawable, key_ticks
+from layflat.app.report.episode_renderer import EpisodeRenderer, drawable, key_ticks
 from layflat.app.report.page import Tick, write_page
 from layflat.app.report.result_tables import GROUP_NOTE, every_table, failed_table, group_table, policies_of
 from layflat.app.report.tables import percent, points
@@ -32,7 +32,7 @@ ROWS_SHOWN = 2000
 MOMENTS = {"contact_placed": "before", "contact_disturbed": "after the disturbance", "contact_final": "final"}
 
 
-class Results(Protocol):
+class ResultsLike(Protocol):
     """What there is of a batch."""
 
     @property
@@ -43,7 +43,7 @@ class Results(Protocol):
         """The recorded episode of a row that did not crash."""
 
 
-class Folder(Results, Protocol):
+class ResultsFolder(ResultsLike, Protocol):
     """The same, and where it lies."""
 
     @property
@@ -54,10 +54,10 @@ class Folder(Results, Protocol):
         """As in summary.json; empty while the batch runs for the first time."""
 
 
-def write_evaluation(results: Folder, *, videos: bool = False, tick: Tick | None = None) -> Path:
+def write_evaluation(results: ResultsFolder, *, videos: bool = False, tick: Tick | None = None) -> Path:
     """Write the page of a batch into its folder; ``videos`` films best, median and worst. Returns the page's path."""
     path = results.folder / "report.html"
-    with Painter() as painter:
+    with EpisodeRenderer() as painter:
         page = evaluation_page(
             results, painter, title=f"Evaluation: {results.folder.resolve().name}", made=_made(results), videos=videos
         )
@@ -65,7 +65,7 @@ def write_evaluation(results: Folder, *, videos: bool = False, tick: Tick | None
     return path
 
 
-def _made(results: Folder) -> tuple[str, ...]:
+def _made(results: ResultsFolder) -> tuple[str, ...]:
     """How the batch came to be, as its summary says."""
     known = results.summary.get("provenance", {})
     versions = ", ".join(f"{name} {number}" for name, number in known.get("versions", {}).items())
@@ -75,7 +75,7 @@ def _made(results: Folder) -> tuple[str, ...]:
 
 
 def evaluation_page(
-    results: Results, painter: Painter, *, title: str, made: Sequence[str], videos: bool = False
+    results: ResultsLike, painter: EpisodeRenderer, *, title: str, made: Sequence[str], videos: bool = False
 ) -> Page:
     """All that the page shows; films are drawn only when it is written, so before ``painter`` is closed."""
     rows = results.rows
@@ -139,7 +139,9 @@ def contact_curves(rows: pd.DataFrame, curve: Callable[[str], charts.Curve]) -> 
     return Figure(png=charts.spread_over_time(groups), alt="contact portion over time", caption=caption)
 
 
-def example_strips(results: Results, painter: Painter, rows: pd.DataFrame, *, videos: bool) -> Iterator[Block]:
+def example_strips(
+    results: ResultsLike, painter: EpisodeRenderer, rows: pd.DataFrame, *, videos: bool
+) -> Iterator[Block]:
     """Frames (and films) of the best, the median and the worst episode of each policy."""
     for policy in policies_of(rows):
         for name, row in examples(rows[rows["policy"] == policy]):
@@ -150,14 +152,14 @@ def example_strips(results: Results, painter: Painter, rows: pd.DataFrame, *, vi
                 f"{row['flat_area_final']:.3f}, {row['stopped_by']}"
             )
             if drawable(episode):
-                yield Strip(frames=painter.strip(episode, ticks, STRIP_WIDTH), tag=policy, caption=caption)
+                yield FrameStrip(frames=painter.frame_strip(episode, ticks, STRIP_WIDTH), tag=policy, caption=caption)
                 if videos:
                     frames = partial(painter.film, episode, FILM_WIDTH)
-                    yield Film(frames=frames, fps=1.0 / episode.tick_s, tag=policy, caption=caption)
+                    yield VideoBlock(frames=frames, fps=1.0 / episode.tick_s, tag=policy, caption=caption)
 
 
 def _section(
-    results: Results, painter: Painter, condition: Mapping[str, str], rows: pd.DataFrame, videos: bool
+    results: ResultsLike, painter: EpisodeRenderer, condition: Mapping[str, str], rows: pd.DataFrame, videos: bool
 ) -> Section:
     words = f"{condition['task']}, {condition['cloth']}, " + (
         "undisturbed" if condition["disturbance"] == "none" else f"disturbance {condition['disturbance']}"

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import softmax
 
-from layflat.data.types import Episode, FloatArray, Task
+from layflat.data.types import Episode, FloatArray, RobotName
 from layflat.policy.features import FeatureLayout
 
 matplotlib.use("Agg")
@@ -56,11 +56,11 @@ BANDWIDTH_M = 0.02
 MARGIN_M = 0.06
 GRID = (27, 17)
 
-PLANE: Mapping[Task, tuple[str, str, int, int]] = {"hanger": ("x", "z", 0, 1), "pickers": ("x1", "z1", 0, 2)}
+PLANE: Mapping[RobotName, tuple[str, str, int, int]] = {"hanger": ("x", "z", 0, 1), "pickers": ("x1", "z1", 0, 2)}
 """Input columns of the plane that is drawn, and the outputs along them."""
 
 
-class FieldModel(Protocol):
+class VectorFieldModel(Protocol):
     """What the attractor field needs of a model."""
 
     @property
@@ -151,15 +151,15 @@ def _zoom(axis: Axes, runs: Sequence[Episode]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Panel:
+class SubplotSpec:
     """One attractor field: a model, its title, and inputs that are held at a value."""
 
-    model: FieldModel
+    model: VectorFieldModel
     title: str
     held: Mapping[str, float]
 
 
-def attractor_field(task: Task, panels: Sequence[Panel], demonstrations: Sequence[Episode]) -> bytes:
+def attractor_field(task: RobotName, panels: Sequence[SubplotSpec], demonstrations: Sequence[Episode]) -> bytes:
     """Mean displacement (arrows) over its standard deviation (shade) in the xz plane, with the demonstrations.
 
     Thesis, Figure 4-1; in the pickers task of picker 1. The inputs that are not in the plane are, at each point, the
@@ -197,7 +197,7 @@ def attractor_field(task: Task, panels: Sequence[Panel], demonstrations: Sequenc
 
 
 def field_of(
-    task: Task, panel: Panel, demonstrations: Sequence[Episode]
+    task: RobotName, panel: SubplotSpec, demonstrations: Sequence[Episode]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """x, z, dx, dz (m) and standard deviation (m, root mean square of both outputs), each (rows, columns)."""
     column_x, column_z, out_x, out_z = PLANE[task]
@@ -222,7 +222,7 @@ def nearby_average(values: FloatArray, places: FloatArray, points: FloatArray) -
     return np.asarray(softmax(-0.5 * squared / BANDWIDTH_M**2, axis=1) @ values)
 
 
-def _draw_demonstrations(axis: Axes, task: Task, model_task: Task, demonstrations: Sequence[Episode]) -> None:
+def _draw_demonstrations(axis: Axes, task: RobotName, model_task: RobotName, demonstrations: Sequence[Episode]) -> None:
     column_x, column_z, _, _ = PLANE[task]
     layout = FeatureLayout(task=model_task, names=(column_x, column_z))
     for number, episode in enumerate(demonstrations):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from layflat.app.report.blocks import Block, Figure, Film, Page, Strip, TableBlock, Text
+from layflat.app.report.blocks import Block, Figure, FrameStrip, Page, TableBlock, Text, VideoBlock
 from layflat.app.report.html_assets import film_uri, png_uri, strip_view, template
 from layflat.app.report.tables import Table
 from layflat.app.support.atomic_write import write_text
@@ -59,8 +59,8 @@ def _view(block: Block) -> Mapping[str, Any]:
     view: dict[str, Any] = {"kind": type(block).__name__, "block": block}
     if isinstance(block, Figure):
         view["uri"] = png_uri(block.png)
-    elif isinstance(block, Strip):
+    elif isinstance(block, FrameStrip):
         view["frames"] = strip_view(block.frames)
-    elif isinstance(block, Film):
+    elif isinstance(block, VideoBlock):
         view["uri"] = film_uri(block.frames(), fps=block.fps)
     return view

@@ -10,7 +10,7 @@ import numpy as np
 
 from layflat.app.report import thesis_numbers
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.app.support.metrics import disturbed_tick, placed_tick, row_of
+from layflat.app.support.metrics import disturbed_tick, episode_metrics, placed_tick
 from layflat.app.support.statistics import statistics
 from layflat.data.types import FLAT_AREA, Episode, FloatArray
 
@@ -77,7 +77,7 @@ def seeds_table(runs: Mapping[str, Sequence[Episode]]) -> Table:
     lines = []
     for policy in order(runs):
         for run in runs[policy]:
-            row = row_of(run)
+            row = episode_metrics(run)
             lines.append(
                 (
                     policy,
@@ -100,13 +100,13 @@ def seeds_table(runs: Mapping[str, Sequence[Episode]]) -> Table:
 
 def gain_of(episode: Episode) -> float | None:
     """Contact portion regained after the disturbance, or None where there was none."""
-    row = row_of(episode)
+    row = episode_metrics(episode)
     return None if row["contact_disturbed"] is None else float(row["contact_final"] - row["contact_disturbed"])
 
 
 def placed_contacts(runs: Sequence[Episode]) -> FloatArray:
     """Camera contact portion at the end of placing, of the runs that got so far."""
-    return np.array([row["contact_placed"] for row in map(row_of, runs) if row["contact_placed"] is not None])
+    return np.array([row["contact_placed"] for row in map(episode_metrics, runs) if row["contact_placed"] is not None])
 
 
 def gains(runs: Sequence[Episode]) -> FloatArray:
@@ -171,7 +171,7 @@ def _placing_cells(runs: Sequence[Episode]) -> tuple[str, ...]:
 
 
 def _disturbance_cells(runs: Sequence[Episode]) -> tuple[str, ...]:
-    rows = [row_of(run) for run in runs]
+    rows = [episode_metrics(run) for run in runs]
     gain = statistics(gains(runs))
 
     def mean(name: str) -> float:

@@ -12,7 +12,7 @@ BASELINE, PROPOSED = "gp-baseline", "gp-word"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stated:
+class ReportedResult:
     """One number of the thesis."""
 
     value: float
@@ -20,20 +20,24 @@ class Stated:
     about: str = ""
 
 
-FLATTENING_START = Stated(value=0.74, source="chapter 3-2-2, Figure 3-5", about="contact of the particles, about")
-FLATTENING_START_SEEN = Stated(value=0.7434, source="chapter 3-2-2, Figure 3-6, frame 1")
-FLATTENING: Mapping[str, Stated] = {
-    "word": Stated(value=1.0, source="chapter 3-2-2, Figure 3-6, frame 10"),
-    "stretch-right": Stated(value=0.9267, source="chapter 3-2-2, Figure 3-7"),
-    "random": Stated(value=0.7333, source="chapter 3-2-2, Figure 3-8"),
+FLATTENING_START = ReportedResult(
+    value=0.74, source="chapter 3-2-2, Figure 3-5", about="contact of the particles, about"
+)
+FLATTENING_START_SEEN = ReportedResult(value=0.7434, source="chapter 3-2-2, Figure 3-6, frame 1")
+FLATTENING: Mapping[str, ReportedResult] = {
+    "word": ReportedResult(value=1.0, source="chapter 3-2-2, Figure 3-6, frame 10"),
+    "stretch-right": ReportedResult(value=0.9267, source="chapter 3-2-2, Figure 3-7"),
+    "random": ReportedResult(value=0.7333, source="chapter 3-2-2, Figure 3-8"),
 }
 """Final contact portion of each controller, one run each."""
 
-FIELD_DEMONSTRATIONS = Stated(value=5, source="chapter 4-2-2, Figure 4-1", about="demonstrations behind the field")
+FIELD_DEMONSTRATIONS = ReportedResult(
+    value=5, source="chapter 4-2-2, Figure 4-1", about="demonstrations behind the field"
+)
 
-PLACING_SIMULATED: Mapping[str, Stated] = {
-    BASELINE: Stated(value=1.0, source="chapter 4-2-2, Figure 4-2, frame 10"),
-    PROPOSED: Stated(value=1.0, source="chapter 4-2-2, Figure 4-3, frame 10"),
+PLACING_SIMULATED: Mapping[str, ReportedResult] = {
+    BASELINE: ReportedResult(value=1.0, source="chapter 4-2-2, Figure 4-2, frame 10"),
+    PROPOSED: ReportedResult(value=1.0, source="chapter 4-2-2, Figure 4-3, frame 10"),
 }
 """Final contact portion in SoftGym, one run each; above 0.9 in frame 8 of both."""
 
@@ -57,7 +61,9 @@ DISTURBANCE_SIMULATED: Mapping[str, str] = {
 REGAINED_CLAIM: Mapping[str, str] = {BASELINE: "less than 1 point", PROPOSED: "around 5 to 10 points"}
 """Chapter 4-3-3, in words."""
 
-BAD_CONTACT = Stated(value=0.7939, source="chapter 5-1, Figure 5-1", about="final contact after a bad first contact")
+BAD_CONTACT = ReportedResult(
+    value=0.7939, source="chapter 5-1, Figure 5-1", about="final contact after a bad first contact"
+)
 FOLDED_CORNER = "the robot pulls, and stops with the corner still folded (no number)"
 """Chapter 5-1, Figure 5-2."""
 

@@ -8,40 +8,40 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 from layflat.app.commands.record import keep_all
-from layflat.app.reproduce.studies import DEMONSTRATION_SEED, Taught
+from layflat.app.reproduce.studies import DEMONSTRATION_SEED, ModelSpec
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
-from layflat.app.workers.episode_pool import EpisodeJob, fresh_processes
+from layflat.app.support.provenance import capture_provenance
+from layflat.app.workers.episode_pool import EpisodeConfig, process_pool
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, Task
+from layflat.data.types import Episode, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
-from layflat.policy.trained_model import Learned
+from layflat.policy.trained_model import TrainedModel
 
 ATTEMPTS_EACH = 3
 """Times the wanted number of demonstrations that are tried before too many have failed."""
 
 
-class Workshop:
+class ArtifactStore:
     """The folder's demonstrations, one session for each task and cloth, and its models."""
 
     def __init__(self, out: Path, *, seed: int) -> None:
         self._out = out
         self._seed = seed
 
-    def session_path(self, task: Task, cloth: str) -> Path:
+    def session_path(self, task: RobotName, cloth: str) -> Path:
         return self._out / "demonstrations" / f"{task}-{cloth}.h5"
 
-    def model_path(self, taught: Taught) -> Path:
+    def model_path(self, taught: ModelSpec) -> Path:
         return self._out / "models" / f"{taught.name}.npz"
 
-    def prepare(self, wanted: Iterable[Taught], progress: Progress, *, workers: int) -> None:
+    def prepare(self, wanted: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
         """Make what is missing of the models and their demonstrations; ``progress`` is in a phase of its own."""
         missing = [taught for taught in dict.fromkeys(wanted) if not self.model_path(taught).exists()]
-        most: dict[tuple[Task, str], int] = {}
+        most: dict[tuple[RobotName, str], int] = {}
         for taught in missing:
             key = taught.task, taught.cloth
             most[key] = max(most.get(key, 0), taught.demonstrations)
@@ -49,10 +49,10 @@ class Workshop:
             self._demonstrate(task, cloth, count, progress, workers)
         self._learn(missing, progress, workers)
 
-    def model(self, taught: Taught) -> Learned:
+    def model(self, taught: ModelSpec) -> TrainedModel:
         return model_files.load(self.model_path(taught))
 
-    def attempts(self, task: Task, cloth: str) -> list[Episode]:
+    def attempts(self, task: RobotName, cloth: str) -> list[Episode]:
         """Every recorded demonstration by seed, failures too; without images."""
         path = self.session_path(task, cloth)
         if not (path.exists() or path.with_name(path.name + ".parts").exists()):
@@ -60,11 +60,11 @@ class Workshop:
         with open_session(path) as session:
             return sorted(session.episodes(images=False), key=lambda episode: episode.seed)
 
-    def demonstrations(self, task: Task, cloth: str, count: int) -> list[Episode]:
+    def demonstrations(self, task: RobotName, cloth: str, count: int) -> list[Episode]:
         """The first ``count`` successful demonstrations by seed, or as many as there are."""
         return [episode for episode in self.attempts(task, cloth) if episode.outcome == "success"][:count]
 
-    def _demonstrate(self, task: Task, cloth: str, count: int, progress: Progress, workers: int) -> None:
+    def _demonstrate(self, task: RobotName, cloth: str, count: int, progress: Progress, workers: int) -> None:
         """Record until ``count`` demonstrations have succeeded; failed ones stay on record and are not learned from."""
         path = self.session_path(task, cloth)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -79,17 +79,17 @@ class Workshop:
             first = DEMONSTRATION_SEED + self._seed
             missing = [seed for seed in range(first, first + len(there) + short) if seed not in seeds]
             with SessionRecorder(path, task=task, cloth=cloth, descriptor=DEFAULT) as recorder:
-                jobs = [EpisodeJob(task=task, cloth=cloth, seed=seed) for seed in missing]
+                jobs = [EpisodeConfig(task=task, cloth=cloth, seed=seed) for seed in missing]
                 progress.status(f"{len(jobs)} demonstrations, {task}, {cloth}")
                 lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
             if lost:
                 raise LayflatError(f"a demonstration was lost: {lost[0].reason}; the same command goes on from here")
 
-    def _learn(self, missing: Sequence[Taught], progress: Progress, workers: int) -> None:
+    def _learn(self, missing: Sequence[ModelSpec], progress: Progress, workers: int) -> None:
         """Train each model in a process of its own."""
         if not missing:
             return
-        with fresh_processes(min(workers, len(missing))) as pool:
+        with process_pool(min(workers, len(missing))) as pool:
             futures = {
                 taught: pool.schedule(_train, args=[self.session_path(taught.task, taught.cloth), taught, self._seed])
                 for taught in missing
@@ -101,9 +101,9 @@ class Workshop:
                 progress.advance(status=f"learned {taught.name}")
 
 
-def _train(path: Path, taught: Taught, seed: int) -> Learned:
+def _train(path: Path, taught: ModelSpec, seed: int) -> TrainedModel:
     with open_session(path) as session:
         episodes = [session.episode(name, images=False) for name in session.select(outcome="success")]
     first = sorted(episodes, key=lambda episode: episode.seed)[: taught.demonstrations]
     with redirect_stdout(sys.stderr):
-        return registry.train(taught.policy, first, seed=seed, provenance=provenance_now())
+        return registry.train(taught.policy, first, seed=seed, provenance=capture_provenance())

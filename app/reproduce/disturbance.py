@@ -12,7 +12,7 @@ from layflat.app.report.comparison_sentences import difference_sentence
 from layflat.app.report.result_tables import policies_of
 from layflat.app.report.tables import Table, percent, points
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import DISTURBANCE, Trial, placing, second_cloth
 from layflat.app.reproduce.table_cells import (
     NO,
@@ -54,7 +54,7 @@ NOTE = (
 )
 
 
-def show(material: Material) -> Shown:
+def show(material: ExperimentResults) -> ExperimentOutput:
     """For each cloth and task a table, what differs, curves, and a strip of each policy."""
     blocks: list[Block] = []
     claims: list[Claim] = []
@@ -75,7 +75,7 @@ def show(material: Material) -> Shown:
         blocks.append(material.curves(trial, rows))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, DISTURBANCE)
-    return Shown(blocks=tuple(blocks), claims=tuple(claims))
+    return ExperimentOutput(blocks=tuple(blocks), claims=tuple(claims))
 
 
 def disturbance_table(rows: pd.DataFrame, *, beside: bool = True) -> Table:

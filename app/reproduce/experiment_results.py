@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from layflat.app.evaluation.phases import Round, rounds
-from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.phases import DisturbanceOutcome, disturbance_outcomes
+from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.media.frames import Frame
-from layflat.app.report.blocks import Block, Figure, Strip
+from layflat.app.report.blocks import Block, Figure, FrameStrip
 from layflat.app.report.charts import Curve, curve_of
-from layflat.app.report.episode_renderer import Painter, drawable, key_ticks
+from layflat.app.report.episode_renderer import EpisodeRenderer, drawable, key_ticks
 from layflat.app.report.evaluation import contact_curves
 from layflat.app.report.tables import percent, ratio
-from layflat.app.reproduce.artifact_store import Workshop
-from layflat.app.reproduce.studies import Size, Trial
+from layflat.app.reproduce.artifact_store import ArtifactStore
+from layflat.app.reproduce.studies import ScaleConfig, Trial
 from layflat.app.reproduce.trials import results_of
 from layflat.data.types import Episode
 
@@ -42,7 +42,7 @@ class Claim:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shown:
+class ExperimentOutput:
     """What an experiment has to show."""
 
     blocks: tuple[Block, ...]
@@ -50,28 +50,28 @@ class Shown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Digest:
+class EpisodeDigest:
     """What tables and curves need of an episode; the episode itself is some hundred times larger."""
 
     curve: Curve
-    rounds: tuple[Round, ...]
+    disturbance_outcomes: tuple[DisturbanceOutcome, ...]
     mesh_start: float
     """Contact of the mesh at the first tick."""
 
 
-class Material:
+class ExperimentResults:
     """Reads what is asked for when it is asked for, and each episode once; trials that were not run have no rows."""
 
-    def __init__(self, out: Path, size: Size, workshop: Workshop) -> None:
+    def __init__(self, out: Path, size: ScaleConfig, workshop: ArtifactStore) -> None:
         self.size = size
         self.workshop = workshop
-        self.painter = Painter()
+        self.painter = EpisodeRenderer()
         self._out = out
-        self._results: dict[str, Results | None] = {}
+        self._results: dict[str, EvaluationResults | None] = {}
         self._rows: dict[str, pd.DataFrame] = {}
-        self._digests: dict[tuple[str, str], Digest] = {}
+        self._digests: dict[tuple[str, str], EpisodeDigest] = {}
 
-    def __enter__(self) -> Material:
+    def __enter__(self) -> ExperimentResults:
         return self
 
     def __exit__(
@@ -79,12 +79,12 @@ class Material:
     ) -> None:
         self.painter.__exit__(kind, error, trace)
 
-    def results(self, trial: Trial) -> Results | None:
+    def results(self, trial: Trial) -> EvaluationResults | None:
         if trial.name not in self._results:
             self._results[trial.name] = results_of(trial, self._out)
         return self._results[trial.name]
 
-    def digest(self, trial: Trial, run: str) -> Digest:
+    def digest(self, trial: Trial, run: str) -> EpisodeDigest:
         """Of an episode that did not crash."""
         key = trial.name, run
         if key not in self._digests:
@@ -116,7 +116,7 @@ class Material:
         disturbance: str,
         *,
         pick: Callable[[pd.DataFrame], Sequence[int]] | None = None,
-    ) -> Iterator[Strip]:
+    ) -> Iterator[FrameStrip]:
         """Frames of the policy's episode of the first seed, or of those at the places that ``pick`` names."""
         results = self.results(trial)
         if results is None:
@@ -128,10 +128,10 @@ class Material:
             row = mine.iloc[place]
             episode = results.episode(row["run"])
             if drawable(episode):
-                yield Strip(frames=self._frames(episode), tag=policy, caption=_caption(row))
+                yield FrameStrip(frames=self._frames(episode), tag=policy, caption=_caption(row))
 
     def _frames(self, episode: Episode) -> tuple[Frame, ...]:
-        return self.painter.strip(episode, key_ticks(episode, STRIP_FRAMES), STRIP_WIDTH)
+        return self.painter.frame_strip(episode, key_ticks(episode, STRIP_FRAMES), STRIP_WIDTH)
 
     def _rows_of(self, trial: Trial) -> pd.DataFrame:
         if trial.name not in self._rows:
@@ -144,7 +144,7 @@ class Material:
         if line["crashed"]:
             return line | {"gain": float("nan"), "mesh_start": float("nan")}
         digest = self.digest(trial, line["run"])
-        found = digest.rounds
+        found = digest.disturbance_outcomes
         row = line | {"gain": float("nan"), "mesh_start": digest.mesh_start}
         if found:
             row["gain"] = float(np.mean([each.regained for each in found]))
@@ -154,9 +154,13 @@ class Material:
         return row
 
 
-def digest_of(episode: Episode) -> Digest:
+def digest_of(episode: Episode) -> EpisodeDigest:
     """What is kept of an episode."""
-    return Digest(curve=curve_of(episode), rounds=rounds(episode), mesh_start=episode.truths()[0].contact_portion_true)
+    return EpisodeDigest(
+        curve=curve_of(episode),
+        disturbance_outcomes=disturbance_outcomes(episode),
+        mesh_start=episode.truths()[0].contact_portion_true,
+    )
 
 
 def _caption(row: pd.Series) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from layflat.app.reproduce import disturbance, field, flattening, inputs, limits, placing, studies, sweeps
-from layflat.app.reproduce.experiment_results import Material, Shown
-from layflat.app.reproduce.studies import Size, Trial
+from layflat.app.reproduce.experiment_results import ExperimentOutput, ExperimentResults
+from layflat.app.reproduce.studies import ScaleConfig, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,10 +20,10 @@ class Experiment:
     """What was done, there and here."""
     urgency: int
     """Whose trials are run first: the least; several may need the same ones."""
-    needs: tuple[Callable[[Size], Iterator[Trial]], ...]
-    show: Callable[[Material], Shown]
+    needs: tuple[Callable[[ScaleConfig], Iterator[Trial]], ...]
+    show: Callable[[ExperimentResults], ExperimentOutput]
 
-    def trials(self, size: Size) -> list[Trial]:
+    def trials(self, size: ScaleConfig) -> list[Trial]:
         return [trial for need in self.needs for trial in need(size)]
 
 

@@ -8,25 +8,25 @@ import numpy as np
 
 from layflat.app.report import figures
 from layflat.app.report.blocks import Block, Figure, Text
-from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import placing
 from layflat.app.reproduce.table_cells import NO, UNKNOWN, YES
-from layflat.data.types import Episode, Task
-from layflat.policy.trained_model import Field
+from layflat.data.types import Episode, RobotName
+from layflat.policy.trained_model import RegressionModel
 
 
-def show(material: Material) -> Shown:
+def show(material: ExperimentResults) -> ExperimentOutput:
     """For each task the fields of the baseline and of the proposed method in the xz plane."""
     blocks: list[Block] = []
     claims = []
     for trial in placing(material.size):
         there = [t for t in trial.taught if material.workshop.model_path(t).exists()]
-        models = {t.policy: model for t in there if isinstance(model := material.workshop.model(t), Field)}
+        models = {t.policy: model for t in there if isinstance(model := material.workshop.model(t), RegressionModel)}
         learned = material.workshop.demonstrations(trial.task, trial.cloth, material.size.demonstrations)
         if not models or not learned:
             blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
             continue
-        panels = [figures.Panel(model=model, title=name, held={}) for name, model in models.items()]
+        panels = [figures.SubplotSpec(model=model, title=name, held={}) for name, model in models.items()]
         png = figures.attractor_field(trial.task, panels, learned)
         who = "picker 1" if trial.task == "pickers" else "the hanger"
         caption = (
@@ -50,10 +50,12 @@ def show(material: Material) -> Shown:
         )
     if not claims:
         claims.append(Claim(what="the field", source="Figure 4-1", thesis="", ours=UNKNOWN, holds=UNKNOWN))
-    return Shown(blocks=tuple(blocks), claims=tuple(claims))
+    return ExperimentOutput(blocks=tuple(blocks), claims=tuple(claims))
 
 
-def _near_and_far(task: Task, panel: figures.Panel, learned: Sequence[Episode]) -> tuple[float, float, float, float]:
+def _near_and_far(
+    task: RobotName, panel: figures.SubplotSpec, learned: Sequence[Episode]
+) -> tuple[float, float, float, float]:
     """Mean length (m) of the prediction on the tenth of the grid nearest to the demonstrations and on the farthest,
     and the standard deviations (m) there."""
     x, z, dx, dz, std = figures.field_of(task, panel, learned)

@@ -12,7 +12,7 @@ from layflat.app.report.blocks import Block, Figure, TableBlock, Text
 from layflat.app.report.comparison_sentences import difference_sentence
 from layflat.app.report.result_tables import policies_of
 from layflat.app.report.tables import Table, percent, points
-from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import flattening
 from layflat.app.reproduce.table_cells import (
     END_HEADER,
@@ -46,12 +46,12 @@ HEADER = (
 WORD, RIGHT, RANDOM = CONTROLLERS
 
 
-def show(material: Material) -> Shown:
+def show(material: ExperimentResults) -> ExperimentOutput:
     """Table, claims, boxes, curves and a strip of each controller."""
     (trial,) = flattening(material.size)
     rows = material.rows(trial)
     if not len(rows):
-        return Shown(blocks=(Text(lines=(MISSING,)),), claims=tuple(_claims(rows)))
+        return ExperimentOutput(blocks=(Text(lines=(MISSING,)),), claims=tuple(_claims(rows)))
     lines, ours = [], []
     for name in policies_of(rows):
         mine = rows[rows["policy"] == name]
@@ -88,7 +88,7 @@ def show(material: Material) -> Shown:
     blocks.append(material.curves(trial, rows))
     for name in policies_of(rows):
         blocks += material.strips(trial, name, "none")
-    return Shown(blocks=tuple(blocks), claims=tuple(_claims(rows)))
+    return ExperimentOutput(blocks=tuple(blocks), claims=tuple(_claims(rows)))
 
 
 NOTE = (

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from layflat.app.evaluation.paired import LEAST, Paired
+from layflat.app.evaluation.paired import LEAST, PairedComparison
 from layflat.app.report import charts
 from layflat.app.report.blocks import Block, Figure, TableBlock, Text
 from layflat.app.report.comparison_sentences import difference_sentence
 from layflat.app.report.result_tables import policies_of
 from layflat.app.report.tables import Table, interval, points
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.app.reproduce.experiment_results import MISSING, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import CONTACT, DIRECTION, DISTURBANCE, RULED, TUG, inputs, placing
 from layflat.app.reproduce.table_cells import (
     area_cell,
@@ -26,7 +26,7 @@ from layflat.app.reproduce.table_cells import (
     mean_cell,
     values,
 )
-from layflat.data.types import TASKS, Task
+from layflat.data.types import ROBOTS, RobotName
 
 NONE = "none"
 SEES = {
@@ -70,17 +70,17 @@ QUESTIONS = (
 """What is asked of each pair: name, column, and in which episodes."""
 PAIRED_HEADER = ("adds", "n", *(name for name, _, _ in QUESTIONS))
 NOTE = (
-    "Paired over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
+    "PairedComparison over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
     "the 95 % bootstrap interval. "
     "Of twenty intervals one leaves 0 out by chance."
 )
 
 
-def show(material: Material) -> Shown:
+def show(material: ExperimentResults) -> ExperimentOutput:
     """For each task a table of policies, one of differences; then, in sentences, what WORD adds."""
     blocks: list[Block] = []
-    found: dict[Task, pd.DataFrame] = {}
-    for task in TASKS:
+    found: dict[RobotName, pd.DataFrame] = {}
+    for task in ROBOTS:
         trials = [t for t in (*placing(material.size), *inputs(material.size)) if t.task == task]
         rows = material.rows(*trials)
         if not len(rows) or not {CONTACT, DIRECTION} & set(rows["policy"]):
@@ -106,12 +106,12 @@ def show(material: Material) -> Shown:
         )
     if found:
         blocks.insert(0, Text(lines=tuple(what_word_adds(found)), finding=True))
-    return Shown(blocks=tuple(blocks))
+    return ExperimentOutput(blocks=tuple(blocks))
 
 
-def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
+def what_word_adds(found: dict[RobotName, pd.DataFrame]) -> Iterator[str]:
     """Where WORD makes a difference that the numbers show, where they show none, and the rule beside it."""
-    clear: list[tuple[str, Paired]] = []
+    clear: list[tuple[str, PairedComparison]] = []
     none = 0
     for task, rows in found.items():
         for a, b, adds in WORD_PAIRS:
@@ -119,7 +119,7 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
                 pair = _pair(rows, a, b, column, disturbance)
                 if pair.n < LEAST:
                     continue
-                if pair.clear:
+                if pair.is_significant:
                     clear.append(
                         (f"{name}, {task} task, added {adds.removeprefix('WORD, ')}: {difference_cell(pair)}", pair)
                     )
@@ -148,7 +148,7 @@ def what_word_adds(found: dict[Task, pd.DataFrame]) -> Iterator[str]:
                     yield difference_sentence(a, b, column, pair, f"{task} task, {disturbance}")
 
 
-def _pair(rows: pd.DataFrame, a: str, b: str, column: str, disturbance: str) -> Paired:
+def _pair(rows: pd.DataFrame, a: str, b: str, column: str, disturbance: str) -> PairedComparison:
     return difference(disturbed(rows, disturbance), a, b, column)
 
 
@@ -184,8 +184,8 @@ def _differences(rows: pd.DataFrame) -> Table:
     return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
 
 
-def _marked(pair: Paired) -> str:
+def _marked(pair: PairedComparison) -> str:
     """The difference in points, starred where its interval leaves 0 out."""
     if not pair.n:
         return "\u2013"
-    return f"{points(pair.mean)} [{interval(pair.low, pair.high, '+.1f')}]" + " *" * pair.clear
+    return f"{points(pair.mean)} [{interval(pair.low, pair.high, '+.1f')}]" + " *" * pair.is_significant

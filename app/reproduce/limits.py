@@ -13,7 +13,7 @@ from layflat.app.report.result_tables import policies_of
 from layflat.app.report.tables import percent
 from layflat.app.report.thesis_numbers import PROPOSED
 from layflat.app.reproduce.disturbance import disturbance_table
-from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.placing import placing_table
 from layflat.app.reproduce.studies import FOLD, Trial, bad_contact, placing
 from layflat.app.reproduce.table_cells import (
@@ -33,7 +33,7 @@ NOTE = (
 )
 
 
-def show_bad_contact(material: Material) -> Shown:
+def show_bad_contact(material: ExperimentResults) -> ExperimentOutput:
     """What becomes of a cloth whose reverse side touches the table first."""
     blocks: list[Block] = []
     claims: list[Claim] = []
@@ -48,10 +48,10 @@ def show_bad_contact(material: Material) -> Shown:
         blocks.append(TableBlock(table=placing_table(rows, beside=False), title=title, note=note))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, "none", pick=_ends)
-    return Shown(blocks=tuple(blocks), claims=tuple(claims))
+    return ExperimentOutput(blocks=tuple(blocks), claims=tuple(claims))
 
 
-def show_folded_corner(material: Material) -> Shown:
+def show_folded_corner(material: ExperimentResults) -> ExperimentOutput:
     """What the policies do about a corner that a hand folds over after they have placed the cloth."""
     blocks: list[Block] = []
     claims: list[Claim] = []
@@ -65,7 +65,7 @@ def show_folded_corner(material: Material) -> Shown:
         blocks.append(TableBlock(table=disturbance_table(rows, beside=False), title=title, note=note))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, FOLD, pick=_ends)
-    return Shown(blocks=tuple(blocks), claims=tuple(claims))
+    return ExperimentOutput(blocks=tuple(blocks), claims=tuple(claims))
 
 
 def _ends(rows: pd.DataFrame) -> list[int]:

@@ -12,7 +12,7 @@ from layflat.app.report.comparison_sentences import difference_sentence
 from layflat.app.report.result_tables import policies_of
 from layflat.app.report.tables import Table, interval, percent
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.app.reproduce.experiment_results import MISSING, Claim, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import Trial, placing
 from layflat.app.reproduce.table_cells import (
     END_HEADER,
@@ -45,7 +45,7 @@ FULL_CONTACT = 0.99
 """What counts as 100 %: the camera's noise takes some tenths of a percent."""
 
 
-def show(material: Material) -> Shown:
+def show(material: ExperimentResults) -> ExperimentOutput:
     """For each task a table, what differs, curves, and a strip of each policy."""
     blocks: list[Block] = []
     claims: list[Claim] = []
@@ -65,7 +65,7 @@ def show(material: Material) -> Shown:
         blocks.append(material.curves(trial, rows))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, "none")
-    return Shown(blocks=tuple(blocks), claims=tuple(claims))
+    return ExperimentOutput(blocks=tuple(blocks), claims=tuple(claims))
 
 
 def placing_table(rows: pd.DataFrame, *, beside: bool = True) -> Table:
@@ -120,5 +120,5 @@ def _claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
         source="chapters 4-2-2, 4-3-2",
         thesis="no significant difference",
         ours=difference_cell(pair) if pair.n else UNKNOWN,
-        holds=enough_pairs(pair) or (NO if pair.clear else YES),
+        holds=enough_pairs(pair) or (NO if pair.is_significant else YES),
     )

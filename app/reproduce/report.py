@@ -8,10 +8,10 @@ from pathlib import Path
 from layflat.app.report.blocks import Page, Section, TableBlock
 from layflat.app.report.page import Tick, write_markdown, write_page
 from layflat.app.report.tables import Table
-from layflat.app.reproduce.experiment_results import Claim, Material, Shown
+from layflat.app.reproduce.experiment_results import Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
-from layflat.app.reproduce.studies import DISTURBANCE, FIRST_SEED, Size
-from layflat.app.support.provenance import provenance_now
+from layflat.app.reproduce.studies import DISTURBANCE, FIRST_SEED, ScaleConfig
+from layflat.app.support.provenance import capture_provenance
 from layflat.data.types import Provenance
 
 TITLE = "The thesis's experiments, ours beside its"
@@ -23,20 +23,20 @@ CLAIMS_NOTE = (
 )
 
 
-def write_reports(out: Path, material: Material, *, tick: Tick | None = None) -> Path:
+def write_reports(out: Path, material: ExperimentResults, *, tick: Tick | None = None) -> Path:
     """Write both; ``tick`` hears of each experiment. Returns the page's path."""
     say = tick or (lambda text: None)
-    shown: list[tuple[Experiment, Shown]] = []
+    shown: list[tuple[Experiment, ExperimentOutput]] = []
     for experiment in EXPERIMENTS.values():
         shown.append((experiment, experiment.show(material)))
         say(experiment.name)
-    page = page_of(shown, material.size, provenance_now())
+    page = page_of(shown, material.size, capture_provenance())
     write_markdown(out / "table.md", page)
     write_page(out / "report.html", page)
     return out / "report.html"
 
 
-def page_of(shown: Sequence[tuple[Experiment, Shown]], size: Size, provenance: Provenance) -> Page:
+def page_of(shown: Sequence[tuple[Experiment, ExperimentOutput]], size: ScaleConfig, provenance: Provenance) -> Page:
     """The page: what agrees first, then each experiment."""
     claims = [claim for _, each in shown for claim in each.claims]
     overview = Section(
@@ -72,7 +72,7 @@ def claims_table(claims: Sequence[Claim]) -> Table:
     return Table(CLAIMS_HEADER, lines, (True,) * len(lines))
 
 
-def _lead(size: Size) -> str:
+def _lead(size: ScaleConfig) -> str:
     return (
         f"A {size.name} reproduction in simulation: {size.seeds} starts of each experiment of the thesis, "
         f"{size.sweep_seeds} of each point of a sweep, from "

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.data.types import TASKS, Task
-from layflat.policy.registry import TRAINABLE
+from layflat.data.types import ROBOTS, RobotName
+from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"
@@ -24,7 +24,7 @@ DEMONSTRATION_SEED = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Size:
+class ScaleConfig:
     """How much is run."""
 
     name: str
@@ -39,21 +39,23 @@ class Size:
     repeats: int
     """Disturbances of an episode in the experiments of Table 4-2."""
 
-    def with_seeds(self, seeds: int) -> Size:
+    def with_seeds(self, seeds: int) -> ScaleConfig:
         """With that many starts of each experiment, and of a sweep no more."""
         return replace(self, seeds=seeds, sweep_seeds=min(self.sweep_seeds, seeds))
 
 
-FULL = Size(name="full", seeds=20, sweep_seeds=8, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2)
-QUICK = Size(name="quick", seeds=2, sweep_seeds=1, demonstrations=8, counts=(2, 8), repeats=2)
+FULL = ScaleConfig(
+    name="full", seeds=20, sweep_seeds=8, demonstrations=10, counts=(1, 2, 3, 5, 7, 10, 15, 20), repeats=2
+)
+QUICK = ScaleConfig(name="quick", seeds=2, sweep_seeds=1, demonstrations=8, counts=(2, 8), repeats=2)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Taught:
+class ModelSpec:
     """A model: what learns, from how many demonstrations of which cloth."""
 
     policy: str
-    task: Task
+    task: RobotName
     cloth: str
     demonstrations: int
 
@@ -64,11 +66,11 @@ class Taught:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Player:
+class TrialPolicy:
     """Who takes part in a trial: a model, with or without a rule that repairs, or a controller of wrinkle removal."""
 
     name: str
-    taught: Taught | None = None
+    taught: ModelSpec | None = None
     made: str | None = None
     controller: str | None = None
 
@@ -78,8 +80,8 @@ class Trial:
     """One batch: every player from the same starts, undisturbed and, from the same placing, disturbed."""
 
     name: str
-    task: Task
-    players: tuple[Player, ...]
+    task: RobotName
+    players: tuple[TrialPolicy, ...]
     cloth: str = TOWEL
     seeds: int
     start: str = "hanging"
@@ -98,17 +100,19 @@ class Trial:
         return len(self.players) * self.seeds * (1 + len(self.disturbances))
 
     @property
-    def taught(self) -> tuple[Taught, ...]:
+    def taught(self) -> tuple[ModelSpec, ...]:
         return tuple(player.taught for player in self.players if player.taught is not None)
 
 
-def learner(policy: str, task: Task, size: Size, *, cloth: str = TOWEL, count: int = 0, name: str = "") -> Player:
+def learner(
+    policy: str, task: RobotName, size: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
+) -> TrialPolicy:
     """A model that plays under its policy's name, or another."""
-    taught = Taught(policy=policy, task=task, cloth=cloth, demonstrations=count or size.demonstrations)
-    return Player(name=name or policy, taught=taught)
+    taught = ModelSpec(policy=policy, task=task, cloth=cloth, demonstrations=count or size.demonstrations)
+    return TrialPolicy(name=name or policy, taught=taught)
 
 
-def both(task: Task, size: Size, cloth: str = TOWEL) -> tuple[Player, ...]:
+def both(task: RobotName, size: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
     """The thesis's baseline and its proposed method, taught on a cloth."""
     return learner(BASELINE, task, size, cloth=cloth), learner(PROPOSED, task, size, cloth=cloth)
 
@@ -118,50 +122,50 @@ def counted(count: int) -> str:
     return f"{PROPOSED}@{count}"
 
 
-def flattening(size: Size) -> Iterator[Trial]:
-    players = tuple(Player(name=name, controller=name) for name in CONTROLLERS)
+def flattening(size: ScaleConfig) -> Iterator[Trial]:
+    players = tuple(TrialPolicy(name=name, controller=name) for name in CONTROLLERS)
     yield Trial(name="flattening", task="pickers", players=players, seeds=size.seeds, start="crumpled")
 
 
-def placing(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
+def placing(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
         yield Trial(
             name=f"placing-{task}", task=task, players=both(task, size), seeds=size.seeds, repeats=size.repeats,
             others=(FOLD, TUG),
         )  # fmt: skip
 
 
-def second_cloth(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
+def second_cloth(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
         players = both(task, size, NAPKIN)
         yield Trial(
             name=f"napkin-{task}", task=task, players=players, cloth=NAPKIN, seeds=size.seeds, repeats=size.repeats
         )
 
 
-def inputs(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
-        ruled = Player(name=RULED, taught=learner(BASELINE, task, size).taught, made=RULE)
+def inputs(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
+        ruled = TrialPolicy(name=RULED, taught=learner(BASELINE, task, size).taught, made=RULE)
         players = (learner(CONTACT, task, size), learner(DIRECTION, task, size), ruled)
         yield Trial(
             name=f"inputs-{task}", task=task, players=players, seeds=size.seeds, repeats=size.repeats, others=(TUG,)
         )
 
 
-def bad_contact(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
+def bad_contact(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
         yield Trial(name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="swinging")
 
 
-def number_of_demonstrations(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
+def number_of_demonstrations(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
         others = [count for count in size.counts if count != size.demonstrations]
         players = tuple(learner(PROPOSED, task, size, count=count, name=counted(count)) for count in others)
         yield Trial(name=f"counts-{task}", task=task, players=players, seeds=size.sweep_seeds, repeats=1)
 
 
-def other_cloth(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
+def other_cloth(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
         for cloth, other in ((TOWEL, NAPKIN), (NAPKIN, TOWEL)):
             yield Trial(
                 name=f"transfer-{task}-{cloth}", task=task, players=both(task, size, other), cloth=cloth,
@@ -169,8 +173,8 @@ def other_cloth(size: Size) -> Iterator[Trial]:
             )  # fmt: skip
 
 
-def comparators(size: Size) -> Iterator[Trial]:
-    for task in TASKS:
-        players = tuple(learner(policy, task, size) for policy in COMPARATORS if policy in TRAINABLE)
+def comparators(size: ScaleConfig) -> Iterator[Trial]:
+    for task in ROBOTS:
+        players = tuple(learner(policy, task, size) for policy in COMPARATORS if policy in TRAINABLE_POLICIES)
         if players:
             yield Trial(name=f"comparators-{task}", task=task, players=players, seeds=size.sweep_seeds, repeats=1)

@@ -10,7 +10,7 @@ from layflat.app.report.comparison_sentences import difference_sentence
 from layflat.app.report.result_tables import policies_of
 from layflat.app.report.tables import Table
 from layflat.app.report.thesis_numbers import PROPOSED
-from layflat.app.reproduce.experiment_results import MISSING, Material, Shown
+from layflat.app.reproduce.experiment_results import MISSING, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import (
     NAPKIN,
     TOWEL,
@@ -34,7 +34,7 @@ from layflat.app.reproduce.table_cells import (
     undisturbed,
     values,
 )
-from layflat.data.types import TASKS, FloatArray
+from layflat.data.types import ROBOTS, FloatArray
 
 HEADER = (
     "",
@@ -50,13 +50,13 @@ HEADER = (
 SAME, OTHER = "same", "other"
 
 
-def show_counts(material: Material) -> Shown:
+def show_counts(material: ExperimentResults) -> ExperimentOutput:
     """Contact after placing and what is regained, against the number of demonstrations."""
     blocks: list[Block] = []
     size = material.size
     lines: dict[str, list[tuple[float, FloatArray]]] = {}
     gains: dict[str, list[tuple[float, FloatArray]]] = {}
-    for task in TASKS:
+    for task in ROBOTS:
         (sweep,) = (trial for trial in number_of_demonstrations(size) if trial.task == task)
         (main,) = (trial for trial in placing(size) if trial.task == task)
         rows = material.rows(sweep)
@@ -77,10 +77,10 @@ def show_counts(material: Material) -> Shown:
         png = charts.against({"contact after placing (%)": lines, "regained (points)": gains}, xlabel="demonstrations")
         caption = "Means with their 95 % bootstrap intervals."
         blocks.append(Figure(png=png, alt="contact against the number of demonstrations", caption=caption))
-    return Shown(blocks=tuple(blocks))
+    return ExperimentOutput(blocks=tuple(blocks))
 
 
-def show_cloths(material: Material) -> Shown:
+def show_cloths(material: ExperimentResults) -> ExperimentOutput:
     """Models that were taught on one cloth, on the other, beside those that were taught on it."""
     blocks: list[Block] = []
     size = material.size
@@ -103,16 +103,16 @@ def show_cloths(material: Material) -> Shown:
         blocks.append(TableBlock(table=Table(HEADER, tuple(cells), (True,) * len(cells)), title=title))
         if findings:
             blocks.append(Text(lines=tuple(findings), finding=True))
-    return Shown(blocks=tuple(blocks))
+    return ExperimentOutput(blocks=tuple(blocks))
 
 
-def show_comparators(material: Material) -> Shown:
+def show_comparators(material: ExperimentResults) -> ExperimentOutput:
     """Other learners from the same demonstrations."""
     blocks: list[Block] = []
     size = material.size
     trials = list(comparators(size))
     if not trials:
-        return Shown(blocks=(Text(lines=("No other learner is known to this version.",)),))
+        return ExperimentOutput(blocks=(Text(lines=("No other learner is known to this version.",)),))
     for trial in trials:
         (main,) = (each for each in placing(size) if each.task == trial.task)
         rows = material.rows(trial)
@@ -131,10 +131,10 @@ def show_comparators(material: Material) -> Shown:
         ]
         blocks.append(Text(lines=tuple(findings), finding=True))
         blocks.append(material.curves(trial, disturbed(rows)))
-    return Shown(blocks=tuple(blocks))
+    return ExperimentOutput(blocks=tuple(blocks))
 
 
-def _same_starts(material: Material, trial: Trial, rows: pd.DataFrame) -> pd.DataFrame:
+def _same_starts(material: ExperimentResults, trial: Trial, rows: pd.DataFrame) -> pd.DataFrame:
     """The trial's rows from the starts that ``rows`` has; of disturbed episodes the first disturbance only."""
     whole = material.rows(trial)
     if not len(whole):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from layflat.app.evaluation.paired import LEAST, NO_PAIRS, Paired
+from layflat.app.evaluation.paired import LEAST, NO_PAIRS, PairedComparison
 from layflat.app.evaluation.summary import wilson, with_measures
 from layflat.app.report.blocks import Block, TableBlock
 from layflat.app.report.comparison_sentences import compared
@@ -35,7 +35,7 @@ def enough(found: FloatArray) -> str | None:
     return UNKNOWN if not len(found) else FEW if len(found) < LEAST else None
 
 
-def enough_pairs(pair: Paired) -> str | None:
+def enough_pairs(pair: PairedComparison) -> str | None:
     """As enough, of paired differences."""
     return UNKNOWN if not pair.n else FEW if pair.n < LEAST else None
 
@@ -115,14 +115,14 @@ def end_cells(rows: pd.DataFrame) -> tuple[str, ...]:
     )
 
 
-def difference(rows: pd.DataFrame, a: str, b: str, column: str) -> Paired:
+def difference(rows: pd.DataFrame, a: str, b: str, column: str) -> PairedComparison:
     """a - b over the same starts; a column that is already there (gain of several disturbances) is used as it is."""
     if not len(rows) or (column != "gain" and column not in rows):
         return NO_PAIRS
     return compared(rows, a, b, column)
 
 
-def difference_cell(found: Paired) -> str:
+def difference_cell(found: PairedComparison) -> str:
     if not found.n:
         return "\u2013"
     ends = "" if math.isnan(found.low) else f" [{interval(found.low, found.high, '+.1f')}]"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from layflat.app.evaluation.plan import Case, Entrant, Plan
-from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
+from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
-from layflat.app.reproduce.artifact_store import Workshop
+from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.studies import FIRST_SEED, Trial
 from layflat.app.support.progress import Progress
 from layflat.app.workers.schedule import ScheduledDisturbance
@@ -32,10 +32,10 @@ def trial_seconds(trial: Trial) -> float:
     return each * trial.seeds * len(trial.players)
 
 
-def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
+def plan_of(trial: Trial, workshop: ArtifactStore, seed: int) -> EvaluationPlan:
     """The batch of a trial whose models are there; seeds begin at FIRST_SEED + ``seed``."""
     entrants = [
-        Entrant(
+        PolicySpec(
             name=player.name,
             task=trial.task,
             model=None if player.taught is None else workshop.model(player.taught),
@@ -46,10 +46,10 @@ def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
     ]
     first = FIRST_SEED + seed
     cases = [
-        Case(name=name, schedule=(ScheduledDisturbance(spec=DISTURBANCES[name], repeats=repeats),))
+        DisturbanceCase(name=name, schedule=(ScheduledDisturbance(spec=DISTURBANCES[name], repeats=repeats),))
         for name, repeats in trial.disturbances
     ]
-    return Plan(
+    return EvaluationPlan(
         entrants=tuple(entrants),
         cloths=(trial.cloth,),
         seeds=tuple(range(first, first + trial.seeds)),
@@ -58,15 +58,15 @@ def plan_of(trial: Trial, workshop: Workshop, seed: int) -> Plan:
     )
 
 
-def run_trial(trial: Trial, out: Path, workshop: Workshop, seed: int, progress: Progress, *, workers: int) -> None:
+def run_trial(trial: Trial, out: Path, workshop: ArtifactStore, seed: int, progress: Progress, *, workers: int) -> None:
     """Run what the folder does not hold yet; ``progress`` is in a phase of ``trial.episodes`` items."""
     run_batch(plan_of(trial, workshop, seed), trial_folder(out, trial), workers=workers, progress=progress)
 
 
-def results_of(trial: Trial, out: Path) -> Results | None:
+def results_of(trial: Trial, out: Path) -> EvaluationResults | None:
     """What the folder holds of a trial; None where it was not begun."""
     try:
-        results = Results.open(trial_folder(out, trial))
+        results = EvaluationResults.open(trial_folder(out, trial))
     except DataError:
         return None
     return results if len(results.rows) else None

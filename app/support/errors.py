@@ -12,13 +12,13 @@ import traceback
 from collections.abc import Callable
 
 WORK_FAILED = 1
-WRONG_CALL = 2
+USAGE_ERROR = 2
 INTERRUPTED = 130
 
 PACKAGE_ERRORS = (
-    ("layflat.data.types", "DataError", WRONG_CALL),
-    ("layflat.perception.errors", "PerceptionError", WRONG_CALL),
-    ("layflat.policy.base", "PolicyError", WRONG_CALL),
+    ("layflat.data.types", "DataError", USAGE_ERROR),
+    ("layflat.perception.errors", "PerceptionError", USAGE_ERROR),
+    ("layflat.policy.base", "PolicyError", USAGE_ERROR),
     ("layflat.sim.physics.bullet.world", "SimError", WORK_FAILED),
 )
 """Module, base exception and exit status of each package; an error may carry its own ``exit_status``."""
@@ -32,14 +32,14 @@ class LayflatError(Exception):
         self.exit_status = exit_status
 
 
-class WrongCall(LayflatError):
+class UsageError(LayflatError):
     """The call or the input is wrong."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(message, WRONG_CALL)
+        super().__init__(message, USAGE_ERROR)
 
 
-def run_guarded(work: Callable[[], int | None], *, debug: bool = False) -> int:
+def run_command(work: Callable[[], int | None], *, debug: bool = False) -> int:
     """Do ``work`` and return its exit status (None is 0); what it raises becomes a sentence on stderr and a status.
 
     With ``debug`` the traceback comes first. A reader that closes stdout early (``layflat doctor | head``) is no fault.
@@ -66,12 +66,12 @@ def _report(error: BaseException) -> int:
     """Print the sentence of ``error`` on stderr and return the exit status."""
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else WORK_FAILED
-    sentence, status = describe(error)
+    sentence, status = format_error(error)
     _say(sentence)
     return status
 
 
-def describe(error: BaseException) -> tuple[str, int]:
+def format_error(error: BaseException) -> tuple[str, int]:
     """The sentence for a person and the exit status of an exception."""
     if isinstance(error, KeyboardInterrupt):
         return _INTERRUPTED_SENTENCE, INTERRUPTED
@@ -110,7 +110,7 @@ def _describe_os_error(error: OSError) -> tuple[str, int]:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"no space left for{where or ' the output'}; free some, or choose another place", WORK_FAILED
     if isinstance(error, (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, FileExistsError)):
-        return f"cannot use{where}: {what.lower()}", WRONG_CALL
+        return f"cannot use{where}: {what.lower()}", USAGE_ERROR
     return f"input or output failed{where and ' at' + where}: {what.lower()}", WORK_FAILED
 
 

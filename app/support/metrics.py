@@ -60,7 +60,7 @@ def disturbed_spans(episode: Episode) -> tuple[tuple[int, int], ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DisturbedContact:
+class ContactDip:
     """What one disturbance did to the camera's contact portion, and what came of it; all in 0..1."""
 
     name: str
@@ -72,14 +72,14 @@ class DisturbedContact:
     """When the next one began, or at the end."""
 
 
-def disturbed_contacts(episode: Episode) -> tuple[DisturbedContact, ...]:
+def disturbed_contacts(episode: Episode) -> tuple[ContactDip, ...]:
     """One for each disturbance of the episode, in their order (the thesis's Table 4-2 has repeated ones)."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
     spans = disturbed_spans(episode)
     names = [record.name for record in episode.disturbances] or [episode.disturbance] * len(spans)
     finals = [*(begun for begun, _ in spans[1:]), len(episode.steps)]
     return tuple(
-        DisturbedContact(
+        ContactDip(
             name=name,
             before=float(contact[begun]),
             after=float(contact[over]),
@@ -89,7 +89,7 @@ def disturbed_contacts(episode: Episode) -> tuple[DisturbedContact, ...]:
     )
 
 
-def row_of(episode: Episode) -> dict[str, Any]:
+def episode_metrics(episode: Episode) -> dict[str, Any]:
     """One row in the order of COLUMNS; contact portions in 0..1 (noise above 1 is cut off), None for no moment."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
 
@@ -117,7 +117,7 @@ def row_of(episode: Episode) -> dict[str, Any]:
     }
 
 
-def crashed_row(*, policy: str, task: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
+def crashed_metrics(*, policy: str, task: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
     """The row of an episode that did not come back, with the reason beside."""
     known = {"policy": policy, "task": task, "cloth": cloth, "seed": seed, "disturbance": disturbance}
     came = {"ticks": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}

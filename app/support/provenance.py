@@ -21,7 +21,7 @@ OPERATOR = "LAYFLAT_OPERATOR"
 """Environment variable that names the person in records; the login name by default."""
 
 
-def provenance_now() -> Provenance:
+def capture_provenance() -> Provenance:
     """Provenance of what this process makes at this moment."""
     versions = {"python": platform.python_version()}
     for name in PACKAGES:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.errors import LayflatError, UsageError
 
 SUPPORTED_PYTHONS = ((3, 10), (3, 11))
 
@@ -24,63 +24,63 @@ def require_simulator() -> None:
         raise LayflatError("PyBullet is not installed for this interpreter; `layflat doctor` says what to do")
 
 
-def at_least_one(name: str, value: int) -> int:
-    """A count as it was given, or WrongCall."""
+def positive(name: str, value: int) -> int:
+    """A count as it was given, or UsageError."""
     if value < 1:
-        raise WrongCall(f"{name} is {value}; at least 1 is needed")
+        raise UsageError(f"{name} is {value}; at least 1 is needed")
     return value
 
 
 def seed_in_range(value: int) -> int:
-    """A seed that numpy takes, or WrongCall."""
+    """A seed that numpy takes, or UsageError."""
     if not 0 <= value < 2**32:
-        raise WrongCall(f"--seed is {value}; it must be between 0 and {2**32 - 1}")
+        raise UsageError(f"--seed is {value}; it must be between 0 and {2**32 - 1}")
     return value
 
 
 def episode_number(value: int) -> int:
-    """The number of a demo as it was given, or WrongCall."""
+    """The number of a demo as it was given, or UsageError."""
     if not 0 <= value < 10**9:
-        raise WrongCall(f"--episode is {value}; it must be the number of a demo, such as 3 for demo_3")
+        raise UsageError(f"--episode is {value}; it must be the number of a demo, such as 3 for demo_3")
     return value
 
 
-def known_name(kind: str, name: str, known: Iterable[str]) -> str:
-    """``name`` if it is among ``known``, else WrongCall that lists them: "cloth 'silk' is unknown; ..."."""
+def one_of(kind: str, name: str, known: Iterable[str]) -> str:
+    """``name`` if it is among ``known``, else UsageError that lists them: "cloth 'silk' is unknown; ..."."""
     names = sorted(known)
     if name not in names:
-        raise WrongCall(f"{kind} {name!r} is unknown; known ones are {', '.join(names)}")
+        raise UsageError(f"{kind} {name!r} is unknown; known ones are {', '.join(names)}")
     return name
 
 
 def readable_file(path: Path, what: str) -> Path:
-    """``path`` if it is a file that can be read, else WrongCall; ``what`` says what it should have been."""
+    """``path`` if it is a file that can be read, else UsageError; ``what`` says what it should have been."""
     if not path.exists():
-        raise WrongCall(f"{path} does not exist; give {what}")
+        raise UsageError(f"{path} does not exist; give {what}")
     if not path.is_file():
-        raise WrongCall(f"{path} is not a file; give {what}")
+        raise UsageError(f"{path} is not a file; give {what}")
     if not os.access(path, os.R_OK):
-        raise WrongCall(f"{path} cannot be read; check its permissions")
+        raise UsageError(f"{path} cannot be read; check its permissions")
     return path
 
 
 def writable_file(path: Path, *, force: bool, append: bool = False) -> Path:
     """Make the folder of an output file, and make sure before hours of work that the file can be written.
 
-    One that exists needs ``force`` (or ``append``, for what only adds to it); WrongCall otherwise.
+    One that exists needs ``force`` (or ``append``, for what only adds to it); UsageError otherwise.
     """
     if path.is_dir():
-        raise WrongCall(f"{path} is a folder; give the name of a file")
+        raise UsageError(f"{path} is a folder; give the name of a file")
     if path.exists() and not (force or append):
-        raise WrongCall(f"{path} exists; give --force to replace it, or another name")
+        raise UsageError(f"{path} exists; give --force to replace it, or another name")
     if path.exists() and not os.access(path, os.W_OK):
-        raise WrongCall(f"{path} cannot be written; check its permissions")
+        raise UsageError(f"{path} cannot be written; check its permissions")
     writable_folder(path.parent)
     return path
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder where it is missing and make sure by a probe that a file can be made in it, else WrongCall."""
+    """Make a folder where it is missing and make sure by a probe that a file can be made in it, else UsageError."""
     probe = path / f".layflat-probe-{os.getpid()}"
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -88,7 +88,7 @@ def writable_folder(path: Path) -> Path:
         probe.unlink()
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise WrongCall(f"{path} cannot be written ({reason}); choose another place") from error
+        raise UsageError(f"{path} cannot be written ({reason}); choose another place") from error
     return path
 
 

@@ -1,4 +1,4 @@
-"""Harvest: what a command's episodes come to; it outlives Ctrl-C, and the loss of some."""
+"""EpisodeCollector: what a command's episodes come to; it outlives Ctrl-C, and the loss of some."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from contextlib import contextmanager
 from typing import Any
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.support.metrics import row_of
+from layflat.app.support.metrics import episode_metrics
 from layflat.app.support.progress import Progress
-from layflat.app.workers.episode_pool import JobFailure
+from layflat.app.workers.episode_pool import EpisodeFailure
 from layflat.data.types import Episode
 
 
-class Harvest:
+class EpisodeCollector:
     """Episodes that are done and those that are lost, each in the order in which they came."""
 
     def __init__(self) -> None:
         self.done: list[Episode] = []
-        self.lost: list[JobFailure] = []
+        self.lost: list[EpisodeFailure] = []
         self._ctrl_c: KeyboardInterrupt | None = None
 
     @property
@@ -34,16 +34,16 @@ class Harvest:
             self._ctrl_c = error
 
     def gather(
-        self, results: Iterable[Episode | JobFailure], progress: Progress, told: Callable[[Mapping[str, Any]], str]
+        self, results: Iterable[Episode | EpisodeFailure], progress: Progress, told: Callable[[Mapping[str, Any]], str]
     ) -> None:
         """Each result as it comes, with a line that says of an episode's row what ``told`` says."""
         for result in results:
-            if isinstance(result, JobFailure):
+            if isinstance(result, EpisodeFailure):
                 self.lost.append(result)
                 progress.advance(status=f"seed {result.job.seed}: lost, {result.reason}")
             else:
                 self.done.append(result)
-                progress.advance(status=f"seed {result.seed}: {told(row_of(result))}")
+                progress.advance(status=f"seed {result.seed}: {told(episode_metrics(result))}")
 
     def end(self) -> list[Episode]:
         """The episodes, where all are there; KeyboardInterrupt after Ctrl-C, LayflatError where some are lost."""

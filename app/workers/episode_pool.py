@@ -20,31 +20,31 @@ from typing import Any
 import cv2
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
-from layflat.app.workers.interrupts import interrupts_wait
-from layflat.app.workers.make_policy import SCRIPTED, player
-from layflat.data.session.journal import JournalTicket, JournalWriter
-from layflat.data.types import Episode, Task
+from layflat.app.workers.interrupts import defer_interrupts
+from layflat.app.workers.make_policy import SCRIPTED, make_policy
+from layflat.data.session.journal import JournalHandle, JournalWriter
+from layflat.data.types import Episode, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy.base import Policy
 from layflat.policy.scripted import wrinkle_removal
-from layflat.policy.trained_model import Learned
+from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.starts import Start
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 JOB_LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class EpisodeJob:
+class EpisodeConfig:
     """Everything that determines one episode."""
 
-    task: Task
+    task: RobotName
     cloth: str
     seed: int
-    model: Learned | None = None
+    model: TrainedModel | None = None
     """None: the scripted demonstrator, or the policy named by ``made``."""
     made: str | None = None
     """With a model: who takes over after the disturbance."""
@@ -56,7 +56,7 @@ class EpisodeJob:
     """A controller of wrinkle removal: from a crumpled start, instead of placing."""
     descriptor: str = DEFAULT
     """What the observations' ``word`` comes from; a model has its own."""
-    ticket: JournalTicket | None = None
+    ticket: JournalHandle | None = None
     """Leave to write a journal while the episode runs, beside the session that it is for."""
 
     @property
@@ -69,24 +69,24 @@ class EpisodeJob:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JobFailure:
+class EpisodeFailure:
     """An episode that did not come back."""
 
-    job: EpisodeJob
+    job: EpisodeConfig
     reason: str
 
 
-def run_job(job: EpisodeJob) -> Episode:
+def run_episode(job: EpisodeConfig) -> Episode:
     """Run one episode here and now; call it once in a process."""
-    from layflat.app.workers.rollout import PLACE_TICKS, run_episode
+    from layflat.app.workers.rollout import PLACE_TICKS, rollout
 
     start: Start = "hanging" if job.flatten is None else "crumpled"
     descriptor = job.descriptor if job.model is None else job.model.descriptor
-    bench = Placing(BenchSettings(task=job.task, cloth=job.cloth, start=start, descriptor=descriptor))
+    bench = ClothSimulation(SimConfig(task=job.task, cloth=job.cloth, start=start, descriptor=descriptor))
     try:
         bench.reset(job.seed)
         run = partial(
-            run_episode,
+            rollout,
             bench,
             policy_of(job, bench),
             seed=job.seed,
@@ -99,7 +99,7 @@ def run_job(job: EpisodeJob) -> Episode:
         bench.close()
 
 
-def _with_journal(run: Callable[..., Episode], ticket: JournalTicket) -> Episode:
+def _with_journal(run: Callable[..., Episode], ticket: JournalHandle) -> Episode:
     """``run`` beside a journal, which in the end holds the whole episode, until the session does."""
     with ExitStack() as stack:
 
@@ -116,41 +116,41 @@ def _with_journal(run: Callable[..., Episode], ticket: JournalTicket) -> Episode
         return episode
 
 
-def policy_of(job: EpisodeJob, bench: Placing) -> Policy:
+def policy_of(job: EpisodeConfig, bench: ClothSimulation) -> Policy:
     """Who decides in this job."""
-    return player(
+    return make_policy(
         bench, name=job.source, model=job.model, made=job.made, controller=job.flatten, decorators=job.decorators
     )
 
 
-def run_jobs(jobs: Sequence[EpisodeJob], *, workers: int) -> Generator[Episode | JobFailure, None, None]:
+def run_episodes(jobs: Sequence[EpisodeConfig], *, workers: int) -> Generator[Episode | EpisodeFailure, None, None]:
     """Results in the order of ``jobs``, each as soon as it and those before it are there.
 
     Every job gets a fresh process, forked from this one, which must never have stepped a simulation. Closing the
     iterator ends the workers. Ctrl-C becomes a KeyboardInterrupt only when the result at hand has been dealt with and
     whatever else is finished has come, too.
     """
-    with closing(run_numbered(jobs, workers=workers)) as results:
+    with closing(run_enumerated(jobs, workers=workers)) as results:
         for _, result in results:
             yield result
 
 
-def run_numbered(
-    jobs: Sequence[EpisodeJob], *, workers: int
-) -> Generator[tuple[int, Episode | JobFailure], None, None]:
-    """As run_jobs, each result with its job's position: after Ctrl-C some are missing in between."""
-    with fresh_processes(min(workers, max(len(jobs), 1))) as pool:
-        futures = [pool.schedule(run_job, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
+def run_enumerated(
+    jobs: Sequence[EpisodeConfig], *, workers: int
+) -> Generator[tuple[int, Episode | EpisodeFailure], None, None]:
+    """As run_episodes, each result with its job's position: after Ctrl-C some are missing in between."""
+    with process_pool(min(workers, max(len(jobs), 1))) as pool:
+        futures = [pool.schedule(run_episode, args=[job], timeout=JOB_LIMIT_S) for job in jobs]
         waiting = list(enumerate(zip(jobs, futures, strict=True)))
         try:
             while waiting:
                 number, (job, future) = waiting[0]
                 result = _result(job, future)
                 waiting.pop(0)
-                with interrupts_wait():
+                with defer_interrupts():
                     yield number, result
         except KeyboardInterrupt:
-            with interrupts_wait():
+            with defer_interrupts():
                 yield from [(number, _result(job, future)) for number, (job, future) in waiting if future.done()]
             raise
 
@@ -159,12 +159,12 @@ class _Pool(ProcessPool):
     """Its first task forks in the caller's thread, which is the one that Ctrl-C comes to."""
 
     def schedule(self, *args: Any, **kwargs: Any) -> ProcessFuture:
-        with interrupts_wait():
+        with defer_interrupts():
             return super().schedule(*args, **kwargs)
 
 
 @contextmanager
-def fresh_processes(workers: int) -> Iterator[ProcessPool]:
+def process_pool(workers: int) -> Iterator[ProcessPool]:
     """A pool that gives every task a process of its own; left with an error (or Ctrl-C), it ends them at once."""
     # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
     cv2.setNumThreads(1)
@@ -181,16 +181,16 @@ def fresh_processes(workers: int) -> Iterator[ProcessPool]:
         pool.join()
 
 
-def _result(job: EpisodeJob, future: ProcessFuture) -> Episode | JobFailure:
+def _result(job: EpisodeConfig, future: ProcessFuture) -> Episode | EpisodeFailure:
     """What came of a job; waits for it."""
     try:
         episode: Episode = future.result()
     except FutureTimeoutError:
-        return JobFailure(job=job, reason=f"took more than {JOB_LIMIT_S:.0f} s")
+        return EpisodeFailure(job=job, reason=f"took more than {JOB_LIMIT_S:.0f} s")
     except ProcessExpired as error:
-        return JobFailure(job=job, reason=f"its process ended with status {error.exitcode}")
+        return EpisodeFailure(job=job, reason=f"its process ended with status {error.exitcode}")
     except SimError as error:
-        return JobFailure(job=job, reason=str(error))
+        return EpisodeFailure(job=job, reason=str(error))
     return episode
 
 

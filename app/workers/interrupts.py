@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def interrupts_wait() -> Iterator[None]:
+def defer_interrupts() -> Iterator[None]:
     """Ctrl-C while the body runs comes as a KeyboardInterrupt when it is over.
 
     For what must not be cut in two: keeping a result, and forking. Python runs callbacks around a fork that take and

@@ -7,20 +7,20 @@ from collections.abc import Sequence
 from layflat.policy import registry
 from layflat.policy.base import Policy
 from layflat.policy.scripted import wrinkle_removal
-from layflat.policy.scripted.demonstrator import ScriptedExpert
-from layflat.policy.trained_model import Learned
-from layflat.policy.wrappers.sequential import Handover
+from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
+from layflat.policy.trained_model import TrainedModel
+from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.sim.cloth.cloth import HELD_STRETCH
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
-SCRIPTED = ScriptedExpert.name
+SCRIPTED = ScriptedDemonstrator.name
 
 
-def player(
-    bench: Placing,
+def make_policy(
+    bench: ClothSimulation,
     *,
     name: str,
-    model: Learned | None = None,
+    model: TrainedModel | None = None,
     made: str | None = None,
     controller: str | None = None,
     decorators: Sequence[str] = (),
@@ -37,13 +37,13 @@ def player(
     else:
         policy = registry.from_model(model)
         if made is not None:
-            policy = Handover(policy, registry.make(made, task), name=name)
-    return registry.decorated(policy, decorators)
+            policy = SequentialPolicy(policy, registry.make(made, task), name=name)
+    return registry.wrap(policy, decorators)
 
 
-def _scripted(bench: Placing) -> Policy:
+def _scripted(bench: ClothSimulation) -> Policy:
     spec = bench.settings.spec
-    return ScriptedExpert(
+    return ScriptedDemonstrator(
         bench.settings.task,
         length_m=spec.length_m,
         columns=spec.columns,

@@ -15,7 +15,7 @@ from collections.abc import Callable
 PR_SET_PDEATHSIG = 1
 
 
-def end_with_parent(parent: int) -> None:
+def die_with_parent(parent: int) -> None:
     """Be ended by the system when the process ``parent``, of which this one was forked, ends in whatever way."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -23,13 +23,13 @@ def end_with_parent(parent: int) -> None:
             os._exit(1)
 
 
-def end_after(seconds: float) -> None:
+def set_deadline(seconds: float) -> None:
     """End this process that many seconds from now; 0: not any more."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
-def in_a_fork(work: Callable[[], int]) -> int:
+def run_in_fork(work: Callable[[], int]) -> int:
     """Do ``work`` in a copy of this process as it is now, and wait; what it returned, or what ended the copy.
 
     As in multiprocessing.Process.exitcode: a status, or a signal's number below 0. ``work`` should not raise.
@@ -39,14 +39,14 @@ def in_a_fork(work: Callable[[], int]) -> int:
     if child == 0:
         status = 1
         try:
-            end_with_parent(parent)
+            die_with_parent(parent)
             status = work()
         finally:
             os._exit(status)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def why_it_ended(exitcode: int | None, limit_s: float) -> str:
+def describe_exit_status(exitcode: int | None, limit_s: float) -> str:
     """Of a process that did not say it itself, for a person."""
     if exitcode is None or exitcode == -signal.SIGALRM:
         return f"took more than {limit_s:g} s"

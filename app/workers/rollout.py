@@ -1,4 +1,4 @@
-"""run_episode: the one loop of recording, placing, disturbing and evaluating; headless, with hooks."""
+"""rollout: the one loop of recording, placing, disturbing and evaluating; headless, with hooks."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from layflat.app.support.provenance import provenance_now
-from layflat.app.workers.runner import Hook, Run
-from layflat.app.workers.schedule import ScheduledDisturbance, Watch
+from layflat.app.support.provenance import capture_provenance
+from layflat.app.workers.runner import EpisodeRunner, StepCallback
+from layflat.app.workers.schedule import DisturbanceScheduler, ScheduledDisturbance
 from layflat.data.types import Episode, StoppedBy
 from layflat.policy.base import Policy, extra_ticks
-from layflat.policy.scripted.replay import Recorded
+from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.sim.disturbances.presets import disturbance_spec
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 PLACE_TICKS = 160
 REPAIR_TICKS = 80
@@ -21,8 +21,8 @@ DISTURB_TICKS = 60
 """A disturbance that is not over by then is cut off."""
 
 
-def run_episode(
-    bench: Placing,
+def rollout(
+    bench: ClothSimulation,
     policy: Policy,
     *,
     seed: int,
@@ -30,8 +30,8 @@ def run_episode(
     schedule: Sequence[ScheduledDisturbance] = (),
     images: bool = False,
     max_ticks: int = PLACE_TICKS,
-    hooks: Sequence[Hook] = (),
-    begin: Callable[[Episode], Hook] | None = None,
+    hooks: Sequence[StepCallback] = (),
+    begin: Callable[[Episode], StepCallback] | None = None,
 ) -> Episode:
     """Place the cloth from the start of ``seed`` until the policy stops; then disturb it, and let the policy go on.
 
@@ -42,19 +42,21 @@ def run_episode(
         schedule = (ScheduledDisturbance(spec=disturbance_spec(disturbance)),)
     if disturbance == "none":
         disturbance = "+".join(dict.fromkeys(item.spec.name for item in schedule)) or "none"
-    run = Run(bench, policy, seed=seed, disturbance=disturbance, images=images, hooks=hooks, begin=begin)
-    watch = Watch(schedule)
-    stopped_by = place(run, watch, max_ticks=max_ticks)
-    return run.episode(disturb_and_repair(run, watch, stopped_by))
+    run = EpisodeRunner(bench, policy, seed=seed, disturbance=disturbance, images=images, hooks=hooks, begin=begin)
+    watch = DisturbanceScheduler(schedule)
+    stopped_by = run_until_stop(run, watch, max_ticks=max_ticks)
+    return run.episode(run_disturbances(run, watch, stopped_by))
 
 
-def place(run: Run, watch: Watch | None = None, *, max_ticks: int = PLACE_TICKS) -> StoppedBy:
+def run_until_stop(
+    run: EpisodeRunner, watch: DisturbanceScheduler | None = None, *, max_ticks: int = PLACE_TICKS
+) -> StoppedBy:
     """Let the policy place until it stops; what falls due meanwhile acts while it goes on, one after another.
 
     Each disturbance gives it REPAIR_TICKS more. One that is not over when the policy stops is waited for, and the
     policy goes on.
     """
-    watch, max_ticks = watch or Watch(), max_ticks + extra_ticks(run.policy)
+    watch, max_ticks = watch or DisturbanceScheduler(), max_ticks + extra_ticks(run.policy)
     while run.ticks < max_ticks + REPAIR_TICKS * len(run.disturbances):
         due = None if run.disturbed else watch.now(run.ticks, run.seen.contact_portion)
         if due is not None:
@@ -65,7 +67,7 @@ def place(run: Run, watch: Watch | None = None, *, max_ticks: int = PLACE_TICKS)
     return "tick_limit" if not run.disturbed else _wait_and_repair(run)
 
 
-def disturb_and_repair(run: Run, watch: Watch, stopped_by: StoppedBy) -> StoppedBy:
+def run_disturbances(run: EpisodeRunner, watch: DisturbanceScheduler, stopped_by: StoppedBy) -> StoppedBy:
     """After a placing that was ``stopped_by``: disturb, let the policy repair, and so on until nothing is left.
 
     A process may be forked before: then each copy goes on from the very same moment.
@@ -80,7 +82,7 @@ def disturb_and_repair(run: Run, watch: Watch, stopped_by: StoppedBy) -> Stopped
     return stopped_by
 
 
-def _wait_and_repair(run: Run) -> StoppedBy:
+def _wait_and_repair(run: EpisodeRunner) -> StoppedBy:
     """Until the disturbance is over, and then until the policy stops again."""
     stopped_by = run.phase("disturb", DISTURB_TICKS)
     if stopped_by != "unstable":
@@ -89,14 +91,14 @@ def _wait_and_repair(run: Run) -> StoppedBy:
     return stopped_by
 
 
-def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
+def replay_actions(bench: ClothSimulation, recorded: Episode) -> Episode:
     """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
 
     The bench must have been reset to the episode's seed. Disturbances begin where they began, and end when they end;
     pulls are repeated tick by tick.
     """
     began = time.monotonic()
-    run = Run(bench, Recorded(recorded), seed=recorded.seed)
+    run = EpisodeRunner(bench, ReplayPolicy(recorded), seed=recorded.seed)
     befell = {record.first_tick: record for record in recorded.disturbances}
     for tick, step in enumerate(recorded.steps):
         if tick in befell:
@@ -111,5 +113,5 @@ def rerun_episode(bench: Placing, recorded: Episode) -> Episode:
         final_observation=again.final_observation,
         final_truth=again.final_truth,
         wall_s=time.monotonic() - began,
-        provenance=provenance_now(),
+        provenance=capture_provenance(),
     )

@@ -9,38 +9,38 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 from layflat.data.types import (
     DisturbanceRecord,
+    DragTarget,
     Episode,
     FloatArray,
     Observation,
     Outcome,
     Phase,
-    Pull,
     Step,
     StoppedBy,
     action_size,
 )
 from layflat.policy.base import Policy
-from layflat.sim.disturbances.presets import DisturbanceSpec, Plan
-from layflat.sim.simulation import Placing
+from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
+from layflat.sim.simulation import ClothSimulation
 
 
-class Hook(Protocol):
+class StepCallback(Protocol):
     """Hears of each tick: progress, windows, films."""
 
     def on_tick(self, step: Step, tick: int) -> None: ...
 
 
 @runtime_checkable
-class Journal(Hook, Protocol):
+class DisturbanceCallback(StepCallback, Protocol):
     """A hook that also hears of what befalls the cloth between two ticks."""
 
     def on_disturbance(self, records: Sequence[DisturbanceRecord]) -> None: ...
 
 
-class Run:
+class EpisodeRunner:
     """One episode in the making, on a bench that has been reset to ``seed``.
 
     With ``images`` each step keeps the camera's frame (about 0.5 MB). ``begin`` is told the episode before its first
@@ -50,14 +50,14 @@ class Run:
 
     def __init__(
         self,
-        bench: Placing,
+        bench: ClothSimulation,
         policy: Policy,
         *,
         seed: int,
         disturbance: str = "none",
         images: bool = False,
-        hooks: Sequence[Hook] = (),
-        begin: Callable[[Episode], Hook] | None = None,
+        hooks: Sequence[StepCallback] = (),
+        begin: Callable[[Episode], StepCallback] | None = None,
     ) -> None:
         self.bench = bench
         self.policy = policy
@@ -89,7 +89,7 @@ class Run:
         """A disturbance still acts, or the cloth has not come to rest after it."""
         return self.bench.disturbed
 
-    def tick(self, phase: Phase, pull: Pull | None = None, intervention: bool = False) -> StoppedBy | None:
+    def tick(self, phase: Phase, pull: DragTarget | None = None, intervention: bool = False) -> StoppedBy | None:
         """observe (done before) -> decide -> step -> record; says why the phase is over, or None.
 
         In the phase ``disturb`` nobody decides: the holder rests. ``pull`` is what a person draws the cloth by in this
@@ -141,7 +141,7 @@ class Run:
             return
         self.bench.disturb(DisturbanceSpec(name=record.name, kind="none"), self.seed)
         if self.bench.disturbance is not None:
-            self.bench.disturbance.plan = Plan.recorded(record.plan, self.bench.settings.spec)
+            self.bench.disturbance.plan = DisturbanceTrajectory.recorded(record.plan, self.bench.settings.spec)
         self._note_beginning(record.name)
 
     def phase(self, phase: Phase, ticks: int) -> StoppedBy:
@@ -189,7 +189,7 @@ class Run:
             start=bench.start,
             bench=settings.described(),
             initial_joints=bench.holder.joint_angles(),
-            provenance=provenance_now(),
+            provenance=capture_provenance(),
         )
 
     def _kept(self, observation: Observation) -> Observation:
@@ -197,7 +197,7 @@ class Run:
             return replace(observation, lowest_m=None)
         return replace(observation, lowest_m=None, rgb=None, depth=None)
 
-    def _pull(self, pull: Pull | None) -> None:
+    def _pull(self, pull: DragTarget | None) -> None:
         if pull is not None:
             self.bench.pull(pull.node, pull.target_m)
         elif self._pulling:
@@ -230,5 +230,5 @@ class Run:
 
     def _tell(self) -> None:
         for hook in self._hooks:
-            if isinstance(hook, Journal):
+            if isinstance(hook, DisturbanceCallback):
                 hook.on_disturbance(self.disturbances)

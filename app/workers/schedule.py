@@ -6,26 +6,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.sim.disturbances.presets import DisturbanceSpec
 
-Moment: TypeAlias = Literal["stopped", "tick", "contact"]
+TriggerKind: TypeAlias = Literal["stopped", "tick", "contact"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class When:
+class Trigger:
     """The moment at which a disturbance begins."""
 
-    moment: Moment = "stopped"
+    moment: TriggerKind = "stopped"
     """After the policy has stopped, at a tick of placing, or when the camera first sees a contact portion."""
     value: float = 0.0
     """The tick, or the contact portion."""
 
     def __post_init__(self) -> None:
         if self.moment == "tick" and not (self.value >= 0 and float(self.value).is_integer()):
-            raise WrongCall(f"a disturbance is to begin at tick {self.value}; it must be a whole number from 0 on")
+            raise UsageError(f"a disturbance is to begin at tick {self.value}; it must be a whole number from 0 on")
         if self.moment == "contact" and not 0 <= self.value <= 1:
-            raise WrongCall(f"a disturbance is to begin at contact {self.value}; it must be a portion from 0 to 1")
+            raise UsageError(f"a disturbance is to begin at contact {self.value}; it must be a portion from 0 to 1")
 
     def reached(self, tick: int, contact: float) -> bool:
         """Whether it comes before this tick of placing, with the contact portion that the camera sees now."""
@@ -39,16 +39,16 @@ class ScheduledDisturbance:
     """One disturbance of an episode. All ``repeats`` but the first come after the policy has stopped again."""
 
     spec: DisturbanceSpec
-    when: When = When()
+    when: Trigger = Trigger()
     repeats: int = 1
 
     def __post_init__(self) -> None:
         if self.repeats < 1:
-            raise WrongCall(f"disturbance {self.spec.name} is to come {self.repeats} times; it must be at least once")
+            raise UsageError(f"disturbance {self.spec.name} is to come {self.repeats} times; it must be at least once")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Due:
+class DueDisturbance:
     """One disturbance whose moment has come."""
 
     spec: DisturbanceSpec
@@ -56,21 +56,21 @@ class Due:
     """Its chance: the place among all of the schedule, whatever came first, so that each policy meets the same."""
 
 
-class Watch:
+class DisturbanceScheduler:
     """What of a schedule is still to come."""
 
     def __init__(self, schedule: Sequence[ScheduledDisturbance] = ()) -> None:
-        self._waiting: list[tuple[When, Due]] = []
-        self._later: list[Due] = []
+        self._waiting: list[tuple[Trigger, DueDisturbance]] = []
+        self._later: list[DueDisturbance] = []
         for item in schedule:
             for count in range(item.repeats):
-                due = Due(spec=item.spec, repeat=len(self._waiting) + len(self._later))
+                due = DueDisturbance(spec=item.spec, repeat=len(self._waiting) + len(self._later))
                 if count == 0 and item.when.moment != "stopped":
                     self._waiting.append((item.when, due))
                 else:
                     self._later.append(due)
 
-    def now(self, tick: int, contact: float) -> Due | None:
+    def now(self, tick: int, contact: float) -> DueDisturbance | None:
         """What is to begin before this tick of placing; it is not told twice."""
         for place, (when, due) in enumerate(self._waiting):
             if when.reached(tick, contact):
@@ -78,7 +78,7 @@ class Watch:
                 return due
         return None
 
-    def after_stop(self) -> Iterator[Due]:
+    def after_stop(self) -> Iterator[DueDisturbance]:
         """What is left when the policy has stopped, in the schedule's order.
 
         A tick that was not reached comes now: the cloth lies as it would then. A contact portion that was never

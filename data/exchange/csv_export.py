@@ -6,9 +6,9 @@ import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from layflat.data.atomic_files import PART_SUFFIX, written_aside
+from layflat.data.atomic_files import PART_SUFFIX, atomic_path
 from layflat.data.session.reader import Session
-from layflat.data.types import ACTION_NAMES, DataError, Episode, FloatArray, Observation, Step, Task
+from layflat.data.types import ACTION_NAMES, DataError, Episode, FloatArray, Observation, RobotName, Step
 
 EPISODES_CSV, TICKS_CSV = "episodes.csv", "ticks.csv"
 EPISODE_COLUMNS = (
@@ -34,7 +34,7 @@ _BEFELL = (*(f"force_{axis}_n" for axis in "xyz"), "pull_node", *(f"pull_{axis}_
 _TRUE = ("contact_portion_true", "flat_area")
 
 
-def tick_columns(task: Task) -> tuple[str, ...]:
+def tick_columns(task: RobotName) -> tuple[str, ...]:
     """Columns of ticks.csv; the actions are displacements in metres."""
     actions = tuple(f"{name}_m" for name in ACTION_NAMES[task])
     stds = tuple(f"std_{name}" for name in actions)
@@ -55,8 +55,8 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
     asides = [target.with_name(f".{target.name}{PART_SUFFIX}") for target in targets]
     count = 0
     with (
-        written_aside(targets[0], asides[0]),
-        written_aside(targets[1], asides[1]),
+        atomic_path(targets[0], asides[0]),
+        atomic_path(targets[1], asides[1]),
         asides[0].open("x", newline="", encoding="utf-8") as about,
         asides[1].open("x", newline="", encoding="utf-8") as ticks,
     ):

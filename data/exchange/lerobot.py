@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from layflat.data.atomic_files import PART_SUFFIX
 from layflat.data.exchange.lerobot_features import Feature, encoded, features_of, frames_of
 from layflat.data.exchange.lerobot_stats import Stats
-from layflat.data.exchange.optional_imports import optional
+from layflat.data.exchange.optional_imports import require
 from layflat.data.session.reader import Session
 from layflat.data.types import DataError, Episode
 
@@ -63,7 +63,7 @@ def export_lerobot(
     ``images`` takes the camera's images where the session has them; all chosen episodes need them, or none.
     ``on_episode`` is told the name of each episode that is done.
     """
-    optional("pyarrow.parquet")
+    require("pyarrow.parquet")
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
@@ -154,7 +154,7 @@ class _DataFiles:
         if self._writer is None:
             self._path = self._root / PATHS["data_path"].format(chunk_index=chunk, file_index=number)
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = optional("pyarrow.parquet").ParquetWriter(self._path, table.schema, compression="snappy")
+            self._writer = require("pyarrow.parquet").ParquetWriter(self._path, table.schema, compression="snappy")
         self._writer.write_table(table)
         return chunk, number
 
@@ -206,7 +206,7 @@ class _EpisodeTable:
 def _write_meta(
     root: Path, session: Session, features: tuple[Feature, ...], meta: _EpisodeTable, stats: Stats, *, fps: int
 ) -> None:
-    pa, parquet = optional("pyarrow"), optional("pyarrow.parquet")
+    pa, parquet = require("pyarrow"), require("pyarrow.parquet")
     path = root / PATHS["episodes_path"].format(chunk_index=0, file_index=0)
     path.parent.mkdir(parents=True)
     parquet.write_table(pa.Table.from_pylist(meta.rows), path, compression="snappy")
@@ -233,7 +233,7 @@ def _write_meta(
 
 def _tasks_table(task: str) -> Any:
     """One column and an index named "task", which pandas finds by the metadata that it would have written itself."""
-    pa = optional("pyarrow")
+    pa = require("pyarrow")
     text = {"field_name": "task", "name": "task", "numpy_type": "object", "pandas_type": "unicode", "metadata": None}
     number = {"field_name": "task_index", "name": "task_index", "numpy_type": "int64", "pandas_type": "int64"}
     described = {

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.exchange.optional_imports import optional
+from layflat.data.exchange.optional_imports import require
 from layflat.data.types import ACTION_NAMES, DataError, Episode
 
 RGB_KEY = "observation.images.camera"
@@ -48,7 +48,7 @@ class Feature:
         return described
 
     def arrow_type(self) -> Any:
-        pa = optional("pyarrow")
+        pa = require("pyarrow")
         if self.dtype == "image":
             return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
         value = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}[self.dtype]
@@ -108,7 +108,7 @@ def frames_of(episode: Episode, features: tuple[Feature, ...], *, name: str) -> 
 
 def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
     """The columns as an arrow table whose metadata tells ``datasets`` what they are."""
-    pa = optional("pyarrow")
+    pa = require("pyarrow")
     arrays = []
     for feature in features:
         rows = columns[feature.key]
@@ -129,7 +129,7 @@ def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
 
 def image_file(image: NDArray[Any], *, depth: bool) -> bytes:
     """rgb (H, W, 3) as PNG, depth (H, W, 1) float32 as TIFF: both give every bit back."""
-    pillow = optional("PIL.Image")
+    pillow = require("PIL.Image")
     buffer = io.BytesIO()
     if depth:
         pillow.fromarray(np.ascontiguousarray(image[..., 0])).save(buffer, "TIFF", compression="tiff_adobe_deflate")

@@ -8,7 +8,7 @@ from types import ModuleType
 from layflat.data.types import DataError
 
 
-def optional(name: str) -> ModuleType:
+def require(name: str) -> ModuleType:
     """The module, or a DataError that says how to get it."""
     try:
         return importlib.import_module(name)

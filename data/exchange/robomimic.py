@@ -16,17 +16,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from layflat.data.atomic_files import PART_SUFFIX, written_aside
+from layflat.data.atomic_files import PART_SUFFIX, atomic_path
 from layflat.data.exchange.robomimic_import import imported_episode
 from layflat.data.format import schema
 from layflat.data.format.encode import AGREED, LIBVER
 from layflat.data.format.masks import write_masks
-from layflat.data.format.opening import blaming, open_file
+from layflat.data.format.opening import attribute_error_to, open_file
 from layflat.data.format.structure_checks import check_hard_links
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.tools.operations import filter_session, new_session
-from layflat.data.tools.sandbox import Isolated, isolated
+from layflat.data.tools.sandbox import CallOutcome, isolated
 from layflat.data.types import DataError
 
 TRAIN, VALID = "train", "valid"
@@ -66,7 +66,7 @@ def export_robomimic(
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     split = train_and_valid(chosen, valid_share=valid_share, seed=seed)
     with (
-        written_aside(target, target.with_name(f".{target.name}{PART_SUFFIX}")) as aside,
+        atomic_path(target, target.with_name(f".{target.name}{PART_SUFFIX}")) as aside,
         h5py.File(aside, "x", libver=LIBVER) as file,
     ):
         copied = SessionFile(file)
@@ -116,11 +116,11 @@ def _convert(path: Path, target: str | Path, cloth: str | None, *, force: bool) 
     _probe(path)
     with ExitStack() as stack:
         file = stack.enter_context(open_file(path))
-        with blaming(path):
+        with attribute_error_to(path):
             demos = _demos(file)
         written = stack.enter_context(new_session(target, force=force))
         for group in demos:
-            with blaming(path):
+            with attribute_error_to(path):
                 episode = imported_episode(group, file=path, cloth=cloth)
                 for key in AGREED:
                     if agreed.setdefault(key, getattr(episode, key)) != getattr(episode, key):
@@ -135,7 +135,7 @@ def _probe(path: Path) -> None:
     open_file(path).close()
     try:
         isolated(partial(_read_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
-    except Isolated as error:
+    except CallOutcome as error:
         raise DataError(f"{path} cannot be used: reading its attributes {error}") from None
 
 

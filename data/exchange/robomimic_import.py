@@ -26,16 +26,16 @@ from layflat.data.format.structure_checks import check_claim, check_hard_links, 
 from layflat.data.types import (
     ACTION_LIMIT_M,
     FLAT_AREA,
-    TASKS,
+    ROBOTS,
     TICK_S,
     DataError,
     Episode,
+    GroundTruth,
     Observation,
     Phase,
     Provenance,
+    RobotName,
     Step,
-    Task,
-    Truth,
     action_size,
 )
 
@@ -82,7 +82,7 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     return replace(known, steps=_steps(rows, actions, observations, truths, phases), initial_joints=joints)
 
 
-def _unknown(task: Task, observations: list[Observation], truths: list[Truth]) -> Episode:
+def _unknown(task: RobotName, observations: list[Observation], truths: list[GroundTruth]) -> Episode:
     """What an episode is of which nothing is told."""
     return Episode(
         task=task,
@@ -129,14 +129,14 @@ def _plain(attributes: Any, key: str, wanted: type) -> Attribute:
     return cast(Attribute, value)
 
 
-def _task(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> Task:
+def _task(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> RobotName:
     """As told, or by the width of an action."""
-    for task in TASKS:
+    for task in ROBOTS:
         if told.get(schema.TASK, task) == task and action_size(task) == actions.shape[1]:
             return task
     raise DataError(
         f"the task is {told.get(schema.TASK, 'not told')} and an action has {actions.shape[1]} components;"
-        f" there are {', '.join(f'{task} with {action_size(task)}' for task in TASKS)}"
+        f" there are {', '.join(f'{task} with {action_size(task)}' for task in ROBOTS)}"
     )
 
 
@@ -198,7 +198,7 @@ def _observations(rows: _Rows, count: int) -> list[Observation]:
     return observations_of(found)
 
 
-def _truths(rows: _Rows, count: int) -> list[Truth]:
+def _truths(rows: _Rows, count: int) -> list[GroundTruth]:
     states, final = rows.take(schema.STATES, ndim=2), rows.take(schema.FINAL_STATE, ndim=1)
     contact, area = rows.take(schema.CONTACT_TRUE, ndim=2), rows.take(schema.FLAT_AREA, ndim=2)
     if len(states) != count or final.shape != states.shape[1:] or len(final) % 3:
@@ -210,7 +210,7 @@ def _truths(rows: _Rows, count: int) -> list[Truth]:
         if column.shape != (count + 1, 1):
             raise DataError(f"{key} has shape {column.shape}; it must be {(count + 1, 1)}")
     return [
-        Truth(nodes=row.reshape(-1, 3), contact_portion_true=float(contact[i, 0]), flat_area=float(area[i, 0]))
+        GroundTruth(nodes=row.reshape(-1, 3), contact_portion_true=float(contact[i, 0]), flat_area=float(area[i, 0]))
         for i, row in enumerate([*states, final])
     ]
 
@@ -247,7 +247,7 @@ def _steps(
     rows: _Rows,
     actions: NDArray[np.float64],
     observations: list[Observation],
-    truths: list[Truth],
+    truths: list[GroundTruth],
     phases: NDArray[Any],
 ) -> tuple[Step, ...]:
     metres = _metres(rows, actions)

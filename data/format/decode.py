@@ -19,16 +19,16 @@ from layflat.data.types import (
     ACTION_LIMIT_M,
     DataError,
     DisturbanceRecord,
+    DragTarget,
     Episode,
+    GroundTruth,
     Observation,
     Outcome,
     Phase,
     Provenance,
-    Pull,
+    RobotName,
     Step,
     StoppedBy,
-    Task,
-    Truth,
 )
 
 TOLD_BY_FEW = (schema.FORCE, schema.PULL_NODE, schema.PULL_TARGET, schema.INTERVENTION, schema.HAND)
@@ -46,11 +46,11 @@ def read_demo(group: h5py.Group, *, images: bool) -> Episode:
     return replace(beginning, steps=_steps(group, observations, truths), initial_joints=joints)
 
 
-def without_ticks(attributes: Mapping[str, Attribute], observation: Observation, truth: Truth) -> Episode:
+def without_ticks(attributes: Mapping[str, Attribute], observation: Observation, truth: GroundTruth) -> Episode:
     """Everything of an episode that the attributes of its demo hold."""
     provenance = json_object(attributes, schema.PROVENANCE)
     return Episode(
-        task=cast(Task, attributes[schema.TASK]),
+        task=cast(RobotName, attributes[schema.TASK]),
         cloth=str(attributes[schema.CLOTH]),
         seed=int(attributes[schema.SEED]),
         source=str(attributes[schema.SOURCE]),
@@ -117,16 +117,16 @@ def _observations(group: h5py.Group, *, images: bool) -> list[Observation]:
     return observations_of(rows)
 
 
-def _truths(group: h5py.Group) -> list[Truth]:
+def _truths(group: h5py.Group) -> list[GroundTruth]:
     states = np.concatenate([_array(group, schema.STATES), _array(group, schema.FINAL_STATE)[np.newaxis]])
     contact, area = _array(group, schema.CONTACT_TRUE), _array(group, schema.FLAT_AREA)
     return [
-        Truth(nodes=row.reshape(-1, 3), contact_portion_true=float(contact[i, 0]), flat_area=float(area[i, 0]))
+        GroundTruth(nodes=row.reshape(-1, 3), contact_portion_true=float(contact[i, 0]), flat_area=float(area[i, 0]))
         for i, row in enumerate(states)
     ]
 
 
-def _steps(group: h5py.Group, observations: list[Observation], truths: list[Truth]) -> tuple[Step, ...]:
+def _steps(group: h5py.Group, observations: list[Observation], truths: list[GroundTruth]) -> tuple[Step, ...]:
     action_m, std = _array(group, schema.ACTION_M), _array(group, schema.ACTION_STD)
     if not np.array_equal(action_m / ACTION_LIMIT_M, _array(group, schema.ACTIONS)):
         raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
@@ -148,9 +148,9 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Trut
     )
 
 
-def pull_of(node: int, target_m: NDArray[np.float64]) -> Pull | None:
+def pull_of(node: int, target_m: NDArray[np.float64]) -> DragTarget | None:
     """As the data sets have it: node -1 where nothing was pulled at."""
-    return None if node == -1 else Pull(node=int(node), target_m=target_m)
+    return None if node == -1 else DragTarget(node=int(node), target_m=target_m)
 
 
 def hand_of(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -160,7 +160,9 @@ def hand_of(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return row[:3] if np.isnan(row[3:]).all() else row.reshape(2, 3)
 
 
-def _check_copies(attributes: Mapping[str, Attribute], observations: list[Observation], truths: list[Truth]) -> None:
+def _check_copies(
+    attributes: Mapping[str, Attribute], observations: list[Observation], truths: list[GroundTruth]
+) -> None:
     """What a table of episodes shows must be what the episodes hold."""
     for key, value in (
         (schema.CONTACT_START, observations[0].contact_portion),

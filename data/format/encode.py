@@ -20,8 +20,8 @@ from layflat.data.types import (
     Episode,
     FloatArray,
     Observation,
+    RobotName,
     Step,
-    Task,
 )
 
 CHUNK_BYTES = 1 << 20
@@ -136,7 +136,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
     """Fill an empty group."""
     for key, value in {**attributes, schema.DIGEST: digest(attributes)}.items():
         set_attribute(group.attrs, key, value)
-    task = cast(Task, attributes[schema.TASK])
+    task = cast(RobotName, attributes[schema.TASK])
     for field in schema.FIELDS:
         if field.key not in arrays:
             continue

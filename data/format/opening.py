@@ -15,8 +15,8 @@ from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, typed_attributes
 from layflat.data.format.migrate import SESSION_TYPES, VERSIONS, upgraded_session
 from layflat.data.format.structure_checks import check_hard_links
-from layflat.data.tools.sandbox import Isolated, isolated
-from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, TASKS, DataError
+from layflat.data.tools.sandbox import CallOutcome, isolated
+from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, ROBOTS, DataError
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, MemoryError)
 """What h5py and numpy raise on bytes that make no sense."""
@@ -37,11 +37,11 @@ def part_files(path: Path) -> list[Path]:
     return sorted(files, key=lambda file: schema.demo_number(file.stem))
 
 
-class Blamed(DataError):
+class FileError(DataError):
     """Already names the file."""
 
 
-class Vanished(Blamed):
+class FileGone(FileError):
     """A file was there a moment ago."""
 
 
@@ -50,8 +50,8 @@ def open_file(path: Path) -> h5py.File:
     if not path.is_file():
         if path.exists():
             raise DataError(f"{path} is not a file; name the session's .h5 file")
-        raise Vanished(f"{path} does not exist")
-    with blaming(path):
+        raise FileGone(f"{path} does not exist")
+    with attribute_error_to(path):
         with path.open("rb") as file:
             head = file.read(8)
         if head != b"\x89HDF\r\n\x1a\n":
@@ -76,8 +76,8 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
     attributes = upgraded_session(typed_attributes(data, SESSION_TYPES[version], variable=version == 1))
     if attributes[schema.SCHEMA_NAME] != schema.SCHEMA:
         raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
-    if attributes[schema.TASK] not in TASKS:
-        raise DataError(f"attribute task is {attributes[schema.TASK]!r}; it must be one of {', '.join(TASKS)}")
+    if attributes[schema.TASK] not in ROBOTS:
+        raise DataError(f"attribute task is {attributes[schema.TASK]!r}; it must be one of {', '.join(ROBOTS)}")
     if attributes[schema.DESCRIPTOR] not in DESCRIPTORS:
         raise DataError(
             f"attribute descriptor is {attributes[schema.DESCRIPTOR]!r}; it must be one of {', '.join(DESCRIPTORS)}"
@@ -93,7 +93,7 @@ def _probe(path: Path) -> None:
     """Version 1 has its text in HDF5's global heap, where damage may keep the library in a loop: not here, then."""
     try:
         isolated(partial(_read_all_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
-    except Isolated as error:
+    except CallOutcome as error:
         raise DataError(f"is damaged (reading its attributes {error}); use a copy or record again") from None
 
 
@@ -106,21 +106,21 @@ def _read_all_attributes(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def blaming(path: Path) -> Iterator[None]:
+def attribute_error_to(path: Path) -> Iterator[None]:
     """Every error of reading as one sentence that names the file."""
     try:
         yield
-    except Blamed:
+    except FileError:
         raise
     except DataError as error:
-        raise Blamed(f"{path} {_joined(error)}") from error
+        raise FileError(f"{path} {_joined(error)}") from error
     except FileNotFoundError as error:
-        raise Vanished(f"{path} does not exist") from error
+        raise FileGone(f"{path} does not exist") from error
     except DAMAGE as error:
         if isinstance(error, OSError) and error.errno:
-            raise Blamed(f"{path} cannot be read: {os_reason(error)}") from error
+            raise FileError(f"{path} cannot be read: {os_reason(error)}") from error
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise Blamed(f"{path} is damaged or cut short ({reason}); use a copy or record again") from error
+        raise FileError(f"{path} is damaged or cut short ({reason}); use a copy or record again") from error
 
 
 def _joined(error: DataError) -> str:

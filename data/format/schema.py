@@ -19,7 +19,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from layflat.data.types import ACTION_NAMES, Task
+from layflat.data.types import ACTION_NAMES, RobotName
 
 SCHEMA = "layflat-session"
 SCHEMA_VERSION = 3
@@ -34,7 +34,7 @@ TRUTH = "truth"
 DEMO_NAME = re.compile(r"demo_(0|[1-9][0-9]{0,8})")
 """robomimic parses the integer after the underscore of every member of /data."""
 
-ENV_NAMES: dict[Task, str] = {"hanger": "layflat/HangerPlace-v0", "pickers": "layflat/PickersPlace-v0"}
+ENV_NAMES: dict[RobotName, str] = {"hanger": "layflat/HangerPlace-v0", "pickers": "layflat/PickersPlace-v0"}
 ENV_TYPE_GYM = 2
 """robomimic's EnvType.GYM_TYPE."""
 
@@ -263,7 +263,7 @@ FIELDS: tuple[Field, ...] = (
 )
 
 
-def columns_of(field: Field, task: Task) -> tuple[str, ...]:
+def columns_of(field: Field, task: RobotName) -> tuple[str, ...]:
     """Names of the columns of a data set in this task; empty where they have none."""
     return ACTION_NAMES[task] if field.shape[-1] == "A" else field.columns
 

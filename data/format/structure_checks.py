@@ -13,7 +13,7 @@ from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest, typed_attributes
 from layflat.data.format.migrate import DEMO_TYPES, VERSIONS, upgraded_demo
 from layflat.data.session.demo_info import DemoInfo, info_of
-from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, OUTCOMES, STOPS, TASKS, DataError, action_size
+from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, OUTCOMES, ROBOTS, STOP_REASONS, DataError, action_size
 
 EXPANSION_MAX = 1100
 """Bytes in memory per byte on disk: above deflate's limit of 1032. A small file that claims more is not believed."""
@@ -157,8 +157,8 @@ def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], foun
     """Attributes that only few values make sense for."""
     allowed: dict[str, Sequence[Attribute]] = {
         schema.ACTION_LIMIT: (ACTION_LIMIT_M,),
-        schema.TASK: TASKS,
-        schema.STOPPED_BY: STOPS,
+        schema.TASK: ROBOTS,
+        schema.STOPPED_BY: STOP_REASONS,
         schema.OUTCOME: OUTCOMES,
         schema.SUCCESS: (attributes[schema.OUTCOME] == "success",),
         schema.DESCRIPTOR: DESCRIPTORS,
@@ -188,7 +188,7 @@ def _inspect_members(group: h5py.Group, found: Violations) -> None:
 
 def _lengths(attributes: Mapping[str, Attribute]) -> dict[str, int]:
     """The letters of shapes that the attributes decide on."""
-    ticks, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in TASKS if t == attributes[schema.TASK])
+    ticks, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in ROBOTS if t == attributes[schema.TASK])
     return {"N": ticks, "N+1": ticks + 1, "A": action_size(task)}
 
 

@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object
-from layflat.data.types import DataError, Outcome, StoppedBy, Task
+from layflat.data.types import DataError, Outcome, RobotName, StoppedBy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +18,7 @@ class DemoInfo:
 
     uid: str
     """Identity of the recording; stays when an episode is copied, merged or renumbered."""
-    task: Task
+    task: RobotName
     cloth: str
     descriptor: str
     tick_s: float

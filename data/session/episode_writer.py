@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from layflat.data.session.journal import JournalTicket
+from layflat.data.session.journal import JournalHandle
 from layflat.data.types import DisturbanceRecord, Episode, Step
 
 if TYPE_CHECKING:
-    from layflat.data.session.recorder import KeptEpisode, SessionRecorder
+    from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 
 
-class Running:
+class EpisodeWriter:
     """A hook of the loop; the episode is kept or discarded at its end.
 
     If neither happens, because the program is killed or the recorder closed, what there is of it is kept as partial.
     """
 
-    def __init__(self, recorder: SessionRecorder, ticket: JournalTicket, beginning: Episode) -> None:
+    def __init__(self, recorder: SessionRecorder, ticket: JournalHandle, beginning: Episode) -> None:
         self._recorder = recorder
         self._ticket = ticket
         self._writer = ticket.begin(beginning)
@@ -35,7 +35,7 @@ class Running:
         """What has befallen the cloth so far."""
         self._writer.on_disturbance(records)
 
-    def keep(self, episode: Episode) -> KeptEpisode:
+    def keep(self, episode: Episode) -> SavedEpisode:
         """The whole episode, durable on return, as SessionRecorder.keep; its outcome is the caller's to say.
 
         Where a DataError says that it could not be kept, its journal stays, for the recorder or repair to try again.

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.atomic_files import fsync_path, lock_for_life, os_reason, unlock
+from layflat.data.atomic_files import fsync_path, lock_until_exit, os_reason, unlock
 from layflat.data.format import schema
 from layflat.data.format.encode import attributes_of, disturbances_text, hand_row
 from layflat.data.types import (
@@ -36,9 +36,9 @@ from layflat.data.types import (
     DataError,
     DisturbanceRecord,
     Episode,
+    GroundTruth,
     Observation,
     Step,
-    Truth,
     WriteError,
     action_size,
 )
@@ -54,7 +54,7 @@ WAITING_MAX = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class JournalTicket:
+class JournalHandle:
     """Leave to write one running episode beside a session; may be handed to another process."""
 
     path: Path
@@ -73,7 +73,7 @@ class _Tick(NamedTuple):
 
 class _Last(NamedTuple):
     observation: Observation
-    truth: Truth
+    truth: GroundTruth
     wall_s: float
     attributes: bytes
 
@@ -88,7 +88,7 @@ _Item: TypeAlias = _Tick | _Last | _Disturbed
 class JournalWriter:
     """Writes one running episode; a hook of the loop."""
 
-    def __init__(self, ticket: JournalTicket, beginning: Episode) -> None:
+    def __init__(self, ticket: JournalHandle, beginning: Episode) -> None:
         self.ticket = ticket
         self._began = time.monotonic()
         self._size = action_size(beginning.task)
@@ -154,7 +154,7 @@ class JournalWriter:
         except OSError as error:
             raise self._failed(error) from error
         try:
-            lock_for_life(self._descriptor)
+            lock_until_exit(self._descriptor)
             write_all(self._descriptor, MAGIC)
             write_all(self._descriptor, *frame(BEGINNING, header))
             os.fsync(self._descriptor)
@@ -164,7 +164,7 @@ class JournalWriter:
             path.unlink()
             raise self._failed(error) from error
 
-    def _check_fits(self, observation: Observation, truth: Truth) -> None:
+    def _check_fits(self, observation: Observation, truth: GroundTruth) -> None:
         lengths = _lengths(observation, truth, self._size, keep_images=self.ticket.keep_images)
         if lengths != self._lengths:
             raise DataError(f"the tick has {lengths}; the episode began with {self._lengths}")
@@ -254,7 +254,7 @@ def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSIO
     return np.dtype(columns)
 
 
-def _lengths(observation: Observation, truth: Truth, actions: int, *, keep_images: bool) -> dict[str, int]:
+def _lengths(observation: Observation, truth: GroundTruth, actions: int, *, keep_images: bool) -> dict[str, int]:
     lengths = {"A": actions, "nodes": len(truth.nodes)}
     if keep_images and observation.rgb is not None:
         lengths["H"], lengths["W"] = observation.rgb.shape[:2]
@@ -263,7 +263,7 @@ def _lengths(observation: Observation, truth: Truth, actions: int, *, keep_image
     return lengths
 
 
-def _fill(record: NDArray[Any], observation: Observation, truth: Truth) -> None:
+def _fill(record: NDArray[Any], observation: Observation, truth: GroundTruth) -> None:
     for key in record.dtype.names or ():
         value = getattr(observation, key, None)
         if value is not None:

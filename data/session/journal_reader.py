@@ -14,13 +14,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.atomic_files import lock_for_life, unlock
+from layflat.data.atomic_files import lock_until_exit, unlock
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
 from layflat.data.format.migrate import from_2
 from layflat.data.session.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, TICK, record_dtype
-from layflat.data.types import DataError, Episode, Observation, Phase, Step, StoppedBy, Truth, disturbances_within
+from layflat.data.types import DataError, Episode, GroundTruth, Observation, Phase, Step, StoppedBy, disturbances_within
 
 JOURNAL_GLOB = "running-*.journal"
 READ_VERSIONS = (2, schema.SCHEMA_VERSION)
@@ -30,7 +30,7 @@ RECORD_BYTES_MAX = 1 << 28
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recovered:
+class RecoveredEpisode:
     """What a journal holds."""
 
     uid: str
@@ -48,14 +48,14 @@ def journal_path(folder: Path, uid: str) -> Path:
     return folder / JOURNAL_GLOB.replace("*", uid)
 
 
-def abandoned(path: Path) -> bool:
+def orphaned_journals(path: Path) -> bool:
     """Whether no process writes to this journal any more."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return False
     try:
-        lock_for_life(descriptor)
+        lock_until_exit(descriptor)
     except BlockingIOError:
         os.close(descriptor)
         return False
@@ -63,7 +63,7 @@ def abandoned(path: Path) -> bool:
     return True
 
 
-def read_journal(path: Path, *, stopped_by: StoppedBy = "crashed") -> Recovered | None:
+def read_journal(path: Path, *, stopped_by: StoppedBy = "crashed") -> RecoveredEpisode | None:
     """The episode of a journal up to its last whole frame; None where not even one tick was over.
 
     The observation that the last tick began with becomes the final one: what that tick led to is not known.
@@ -94,7 +94,7 @@ def _frames(text: bytes) -> Iterator[tuple[bytes, bytes]]:
         at += FRAME.size + length
 
 
-def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Recovered | None:
+def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> RecoveredEpisode | None:
     if not frames or frames[0][0] != BEGINNING:
         return None
     header = json.loads(frames[0][1])
@@ -126,7 +126,7 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
     episode = _episode(attributes, records, header["joints"])
     if end is None:
         episode = replace(episode, outcome="partial", stopped_by=stopped_by)
-    return Recovered(uid=str(attributes[schema.UID]), episode=episode, whole=end is not None)
+    return RecoveredEpisode(uid=str(attributes[schema.UID]), episode=episode, whole=end is not None)
 
 
 def _episode(attributes: Mapping[str, Attribute], records: NDArray[Any], joints: list[float]) -> Episode:
@@ -169,9 +169,9 @@ def _observations(records: NDArray[Any]) -> list[Observation]:
     return observations_of({key: records[key] for key in keys})
 
 
-def _truths(records: NDArray[Any]) -> list[Truth]:
+def _truths(records: NDArray[Any]) -> list[GroundTruth]:
     return [
-        Truth(
+        GroundTruth(
             nodes=record["nodes"],
             contact_portion_true=float(record["contact_portion_true"]),
             flat_area=float(record["flat_area"]),

@@ -22,12 +22,12 @@ from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import disturbances_of, read_demo
 from layflat.data.format.encode import AGREED
 from layflat.data.format.migrate import upgraded_demo
-from layflat.data.format.opening import Vanished, blaming, check_session, open_file, part_files
+from layflat.data.format.opening import FileGone, attribute_error_to, check_session, open_file, part_files
 from layflat.data.format.structure_checks import check_demo, check_hard_link, stored_attributes, stored_digest
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.index import IndexLine, read_index
 from layflat.data.session.row_arrays import read_rows, stacked
-from layflat.data.types import DataError, DisturbanceRecord, Episode, Outcome, Task
+from layflat.data.types import DataError, DisturbanceRecord, Episode, Outcome, RobotName
 
 
 def open_session(path: str | Path) -> Session:
@@ -55,7 +55,7 @@ class Session(Sequence[Episode]):
     sequences of episodes that are read as late. Holds the file open until ``close``.
     """
 
-    task: Task
+    task: RobotName
     cloth: str
     tick_s: float
     """Simulated seconds of one tick."""
@@ -89,7 +89,7 @@ class Session(Sequence[Episode]):
 
     def episode(self, name: str, *, images: bool = True) -> Episode:
         """One episode, read now; without images also where they were kept, if so asked."""
-        with blaming(self._demo(name).file):
+        with attribute_error_to(self._demo(name).file):
             return read_demo(self.group(name), images=images)
 
     def episodes(self, *, images: bool = True) -> Iterator[Episode]:
@@ -98,7 +98,7 @@ class Session(Sequence[Episode]):
 
     def disturbances(self, name: str) -> tuple[DisturbanceRecord, ...]:
         """What befell the cloth of an episode; its arrays are not read."""
-        with blaming(self._demo(name).file):
+        with attribute_error_to(self._demo(name).file):
             group = self.group(name)
             return disturbances_of(upgraded_demo(stored_attributes(group), group))
 
@@ -110,7 +110,7 @@ class Session(Sequence[Episode]):
 
     def array(self, name: str, key: str, ticks: slice = slice(None)) -> NDArray[Any]:
         """Rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only those ticks are read."""
-        with blaming(self._demo(name).file):
+        with attribute_error_to(self._demo(name).file):
             return read_rows(self.group(name), key, ticks)
 
     def arrays(self, keys: Sequence[str], names: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
@@ -134,7 +134,7 @@ class Session(Sequence[Episode]):
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of an episode, checked against the schema."""
         demo = self._demo(name)
-        with blaming(demo.file):
+        with attribute_error_to(demo.file):
             data = demo.opened[schema.DATA]
             if not demo.checked:
                 check_hard_link(data, demo.key)
@@ -202,7 +202,7 @@ class Session(Sequence[Episode]):
         return self._demos[name]
 
     def _load(self) -> None:
-        with blaming(self.path):
+        with attribute_error_to(self.path):
             real = self.path.resolve()
             files = part_files(real)
         # Parts before the file: a recorder removes a part only once the file holds it, so none can slip through.
@@ -221,7 +221,7 @@ class Session(Sequence[Episode]):
     def _open_parts(self, files: list[Path]) -> list[tuple[Path, h5py.File]]:
         opened = []
         for file in files:
-            with contextlib.suppress(Vanished):
+            with contextlib.suppress(FileGone):
                 opened.append((file, self._open.enter_context(open_file(file))))
         return opened
 
@@ -230,7 +230,7 @@ class Session(Sequence[Episode]):
 
         A number that is taken by another episode gives way to the next free one.
         """
-        with blaming(file):
+        with attribute_error_to(file):
             session = check_session(opened)
             self._agree(session)
             size, data = opened.id.get_filesize(), opened[schema.DATA]
@@ -254,7 +254,7 @@ class Session(Sequence[Episode]):
     def _agree(self, session: dict[str, Attribute]) -> None:
         agreed = tuple(session[key] for key in AGREED)
         if not hasattr(self, "task"):
-            self.task, self.cloth = cast(Task, agreed[0]), str(agreed[1])
+            self.task, self.cloth = cast(RobotName, agreed[0]), str(agreed[1])
             self.tick_s, self.descriptor = float(agreed[2]), str(agreed[3])
         elif agreed != self._agreed:
             raise DataError(

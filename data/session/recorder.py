@@ -22,16 +22,16 @@ from types import TracebackType
 
 import h5py
 
-from layflat.data.atomic_files import PART_SUFFIX, WriterLock, fsync_path, os_reason, write_durably, written_aside
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path, fsync_path, fsync_write, os_reason
 from layflat.data.format import schema
 from layflat.data.format.encode import LIBVER
 from layflat.data.format.opening import part_files, parts_folder
-from layflat.data.session.episode_writer import Running
-from layflat.data.session.journal import JournalTicket
-from layflat.data.session.journal_reader import abandoned, journal_path, journals, read_journal, remove
+from layflat.data.session.episode_writer import EpisodeWriter
+from layflat.data.session.journal import JournalHandle
+from layflat.data.session.journal_reader import journal_path, journals, orphaned_journals, read_journal, remove
 from layflat.data.session.reader import Session, open_session
-from layflat.data.session.session_writer import SessionFile, check_copy, file_image
-from layflat.data.types import DESCRIPTORS, TASKS, DataError, Episode, Outcome, StoppedBy, Task, WriteError
+from layflat.data.session.session_writer import SessionFile, check_copy, serialize
+from layflat.data.types import DESCRIPTORS, ROBOTS, DataError, Episode, Outcome, RobotName, StoppedBy, WriteError
 
 PARTS_MAX = 200
 """Parts that are let lie at most: each costs a reader an open file, of which a process may have 256 on some systems."""
@@ -40,7 +40,7 @@ DYING_S = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeptEpisode:
+class SavedEpisode:
     """Where a durable episode is found."""
 
     name: str
@@ -57,25 +57,25 @@ class SessionRecorder:
     """The one writer of a session. Appends where the file is there and agrees in task, cloth, tick and descriptor."""
 
     def __init__(
-        self, path: str | Path, *, task: Task, cloth: str, keep_images: bool = False, descriptor: str | None = None
+        self, path: str | Path, *, task: RobotName, cloth: str, keep_images: bool = False, descriptor: str | None = None
     ) -> None:
         """Finds out now whether ``path`` can be written, before time goes into episodes; DataError where not.
 
         Without a ``descriptor`` it is that of the session, or of the first episode.
         """
-        for key, value, known in (("task", task, TASKS), ("descriptor", descriptor, (None, *DESCRIPTORS))):
+        for key, value, known in (("task", task, ROBOTS), ("descriptor", descriptor, (None, *DESCRIPTORS))):
             if value not in known:
                 raise DataError(f"{key} is {value!r}; it must be one of {', '.join(filter(None, known))}")
         self.path = Path(path)
-        self.task: Task = task
+        self.task: RobotName = task
         self.cloth = cloth
         self.descriptor = descriptor
         self.keep_images = keep_images
-        self.recovered: tuple[KeptEpisode, ...] = ()
+        self.recovered: tuple[SavedEpisode, ...] = ()
         """What a killed recording had left running."""
         self._next = 0
         self._uids: set[str] = set()
-        self._running: list[Running] = []
+        self._running: list[EpisodeWriter] = []
         self._tick_s: float | None = None
         self._closed = False
         with writing(self.path):
@@ -89,7 +89,7 @@ class SessionRecorder:
             self._lock.release()
             raise
 
-    def keep(self, episode: Episode, *, ticket: JournalTicket | None = None) -> KeptEpisode:
+    def keep(self, episode: Episode, *, ticket: JournalHandle | None = None) -> SavedEpisode:
         """Returns once the episode is durable; a DataError means that it was not kept and that all others are safe.
 
         With the ticket of its journal, the journal has done its service then.
@@ -100,29 +100,29 @@ class SessionRecorder:
             remove(ticket.path)
         return kept
 
-    def begin(self, beginning: Episode) -> Running:
+    def begin(self, beginning: Episode) -> EpisodeWriter:
         """Record an episode while it runs in this process.
 
         ``beginning`` is the episode as far as it is known: without ticks, its final observation being the first.
         """
         self._check_open()
         self._check_fits(beginning)
-        running = Running(self, self.ticket(), beginning)
+        running = EpisodeWriter(self, self.ticket(), beginning)
         self._running.append(running)
         return running
 
-    def ticket(self) -> JournalTicket:
+    def ticket(self) -> JournalHandle:
         """For an episode that runs in another process, which writes its journal; then ``keep`` or ``recover`` it."""
         self._check_open()
         uid = uuid.uuid4().hex
-        return JournalTicket(path=journal_path(self._parts, uid), uid=uid, keep_images=self.keep_images)
+        return JournalHandle(path=journal_path(self._parts, uid), uid=uid, keep_images=self.keep_images)
 
-    def recover(self, ticket: JournalTicket, *, stopped_by: StoppedBy = "crashed") -> KeptEpisode | None:
+    def recover(self, ticket: JournalHandle, *, stopped_by: StoppedBy = "crashed") -> SavedEpisode | None:
         """Keep what there is of an episode whose process ended without handing it over; None where there is nothing."""
         self._check_open()
         return self._recover(ticket.path, stopped_by)
 
-    def discard(self, ticket: JournalTicket) -> None:
+    def discard(self, ticket: JournalHandle) -> None:
         """Forget a running episode."""
         remove(ticket.path)
 
@@ -172,20 +172,20 @@ class SessionRecorder:
             self._next = 1 + max((schema.demo_number(name) for name in session.names), default=-1)
             self._uids = {info.uid for info in session.infos().values()}
 
-    def _recover_all(self, stopped_by: StoppedBy) -> tuple[KeptEpisode, ...]:
+    def _recover_all(self, stopped_by: StoppedBy) -> tuple[SavedEpisode, ...]:
         kept = [self._recover(path, stopped_by) for path in journals(self._parts) if self._left_alone(path)]
         return tuple(episode for episode in kept if episode is not None)
 
     def _left_alone(self, journal: Path) -> bool:
         """A killed recording's processes die with it, but not in the same instant."""
         give_up = time.monotonic() + DYING_S
-        while not abandoned(journal):
+        while not orphaned_journals(journal):
             if time.monotonic() > give_up:
                 return False
             time.sleep(0.01)
         return journal.exists()
 
-    def _recover(self, journal: Path, stopped_by: StoppedBy) -> KeptEpisode | None:
+    def _recover(self, journal: Path, stopped_by: StoppedBy) -> SavedEpisode | None:
         if not journal.exists():
             return None
         found = read_journal(journal, stopped_by=stopped_by)
@@ -196,13 +196,13 @@ class SessionRecorder:
         remove(journal)
         return kept
 
-    def _keep(self, episode: Episode, uid: str, *, keep_images: bool) -> KeptEpisode:
+    def _keep(self, episode: Episode, uid: str, *, keep_images: bool) -> SavedEpisode:
         self._check_open()
         self._check_fits(episode)
         name = schema.demo_name(self._next)
-        image = file_image(name, episode, uid, keep_images=keep_images)
+        image = serialize(name, episode, uid, keep_images=keep_images)
         with writing(self.path):
-            write_durably(self._parts / f"{name}.h5", image)
+            fsync_write(self._parts / f"{name}.h5", image)
         self._next += 1
         self._uids.add(uid)
         self._tick_s, self.descriptor = episode.tick_s, episode.descriptor
@@ -210,7 +210,7 @@ class SessionRecorder:
         with contextlib.suppress(DataError, OSError):
             if self._worth_assembling():
                 assemble(self.path)
-        return KeptEpisode(
+        return SavedEpisode(
             name=name,
             path=self.path,
             ticks=len(episode.steps),
@@ -247,7 +247,7 @@ def assemble(path: Path) -> None:
     with writing(path):
         real = path.resolve()
         aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
-        with written_aside(real, aside), open_session(path) as session:
+        with atomic_path(real, aside), open_session(path) as session:
             _add_parts(session, real, aside)
             digests = {name: line.digest for name, line in session.lines().items()}
             added = {name: digests[name] for name in session.names if name not in session.main_names}

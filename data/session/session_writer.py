@@ -84,7 +84,7 @@ class SessionFile:
             write_session_attributes(self._data, attributes, total=0)
 
 
-def file_image(name: str, episode: Episode, uid: str, *, keep_images: bool) -> bytes:
+def serialize(name: str, episode: Episode, uid: str, *, keep_images: bool) -> bytes:
     """A session with this one episode, as the bytes of a file.
 
     HDF5 writes to memory, because when a disk is full, its own closing fails half-way and leaves the file open.

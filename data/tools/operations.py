@@ -16,7 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from layflat.data.atomic_files import PART_SUFFIX, WriterLock, written_aside
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
 from layflat.data.format import schema
 from layflat.data.format.encode import AGREED, LIBVER
 from layflat.data.format.opening import part_files, parts_folder
@@ -184,7 +184,7 @@ def new_session(target: str | Path, *, force: bool) -> Iterator[SessionFile]:
             if part_files(real):
                 raise DataError(f"{path} has episodes that are not yet in it; repair it first")
             aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
-            with written_aside(real, aside), h5py.File(aside, "x", libver=LIBVER) as file:
+            with atomic_path(real, aside), h5py.File(aside, "x", libver=LIBVER) as file:
                 session = SessionFile(file)
                 yield session
                 session.finish()

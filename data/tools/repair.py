@@ -12,13 +12,21 @@ from pathlib import Path
 
 import h5py
 
-from layflat.data.atomic_files import PART_SUFFIX, WriterLock, written_aside
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
 from layflat.data.format import schema
 from layflat.data.format.decode import read_demo
 from layflat.data.format.encode import AGREED, LIBVER
-from layflat.data.format.opening import DAMAGE, Blamed, blaming, check_session, open_file, part_files, parts_folder
+from layflat.data.format.opening import (
+    DAMAGE,
+    FileError,
+    attribute_error_to,
+    check_session,
+    open_file,
+    part_files,
+    parts_folder,
+)
 from layflat.data.format.structure_checks import Violation, check_demo, check_hard_link
-from layflat.data.session.journal_reader import Recovered, abandoned, journals, read_journal, remove
+from layflat.data.session.journal_reader import RecoveredEpisode, journals, orphaned_journals, read_journal, remove
 from layflat.data.session.recorder import check_place, writing
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.types import DataError
@@ -88,7 +96,7 @@ class _Repair:
         if in_place:
             for half in folder.glob(f"*{PART_SUFFIX}"):
                 remove(half)  # Of a writer that was killed: nothing in it was kept.
-        with written_aside(self.aim.resolve(), aside):
+        with atomic_path(self.aim.resolve(), aside):
             recovered = self._write(aside, real, folder)
             if not self.names:
                 reason = f" ({self.lost[0].sentence})" if self.lost else ""
@@ -104,7 +112,7 @@ class _Repair:
     def _tidy(self, real: Path, folder: Path) -> None:
         """What was taken over is removed; what could not be read would keep the session from being opened."""
         unread = {loss.path for loss in self.lost}
-        for leftover in [*part_files(real), *filter(abandoned, journals(folder))]:
+        for leftover in [*part_files(real), *filter(orphaned_journals, journals(folder))]:
             if f"{folder.name}/{leftover.name}" in unread:
                 leftover.rename(_free(real.with_name(f"{real.name}{DAMAGED_SUFFIX}-{leftover.name}")))
             else:
@@ -124,7 +132,7 @@ class _Repair:
     def _take_file(self, path: Path, session: SessionFile, *, extras: bool) -> None:
         where = "/" if extras else f"{path.parent.name}/{path.name}"
         try:
-            with _opened(path, self.aim.resolve().parent) as file, blaming(path):
+            with _opened(path, self.aim.resolve().parent) as file, attribute_error_to(path):
                 self._check_agree(tuple(check_session(file)[key] for key in AGREED))
                 here = {}
                 for name in _names(file):
@@ -159,9 +167,9 @@ class _Repair:
     def _take_journal(self, path: Path, session: SessionFile) -> Iterator[str]:
         where = f"{path.parent.name}/{path.name}"
         try:
-            if not abandoned(path):
+            if not orphaned_journals(path):
                 raise DataError(f"{path} is still being written; end that program first")
-            found: Recovered | None = read_journal(path)
+            found: RecoveredEpisode | None = read_journal(path)
             if found is None or found.uid in self.names:
                 return
             episode = found.episode
@@ -200,7 +208,7 @@ def _opened(path: Path, folder: Path) -> Iterator[h5py.File]:
     """The file, or where it was cut short, a copy with its missing end as zeros: what lies before may be whole."""
     try:
         file = open_file(path)
-    except Blamed:
+    except FileError:
         length = _claimed_length(path)
         if length is None:
             raise

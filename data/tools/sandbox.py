@@ -19,12 +19,12 @@ from typing import TypeVar
 Result = TypeVar("Result")
 
 
-class Isolated(Exception):
+class CallOutcome(Exception):
     """The function did not come back; says why."""
 
 
 def isolated(function: Callable[[], Result], *, limit_s: float, memory_bytes: int) -> Result:
-    """What ``function()`` returns in a forked process; Isolated where it crashed, raised or took too long.
+    """What ``function()`` returns in a forked process; CallOutcome where it crashed, raised or took too long.
 
     ``memory_bytes`` may be asked for on top of what this process has.
     """
@@ -36,17 +36,17 @@ def isolated(function: Callable[[], Result], *, limit_s: float, memory_bytes: in
     sender.close()
     try:
         if not receiver.poll(limit_s):
-            raise Isolated(f"took more than {limit_s:.0f} s")
+            raise CallOutcome(f"took more than {limit_s:.0f} s")
         fine, result = receiver.recv()
     except EOFError:
-        raise Isolated("ended the process that did it") from None
+        raise CallOutcome("ended the process that did it") from None
     finally:
         receiver.close()
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     if not fine:
-        raise Isolated(f"failed: {result}")
+        raise CallOutcome(f"failed: {result}")
     return result  # type: ignore[no-any-return]
 
 

@@ -11,13 +11,13 @@ import h5py
 from layflat.data.format import schema
 from layflat.data.format.decode import read_demo
 from layflat.data.format.masks import OURS, masks_of, read_masks
-from layflat.data.format.opening import DAMAGE, blaming, check_session, open_file, part_files, parts_folder
+from layflat.data.format.opening import DAMAGE, attribute_error_to, check_session, open_file, part_files, parts_folder
 from layflat.data.format.structure_checks import Violation, Violations, check_hard_link, inspect_demo, inspect_links
 from layflat.data.format.value_checks import inspect_contents
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.index import IndexLine, read_index
-from layflat.data.session.journal_reader import abandoned, journals
-from layflat.data.tools.sandbox import Isolated, isolated
+from layflat.data.session.journal_reader import journals, orphaned_journals
+from layflat.data.tools.sandbox import CallOutcome, isolated
 from layflat.data.types import DataError
 
 __all__ = ["Violation", "validate"]
@@ -40,7 +40,7 @@ def validate(path: str | Path) -> tuple[Violation, ...]:
         limit_s = LEAST_LIMIT_S
     try:
         return isolated(partial(violations, file), limit_s=limit_s, memory_bytes=MEMORY_BYTES)
-    except Isolated as error:
+    except CallOutcome as error:
         return (Violation(path="/", sentence=f"{file} cannot be checked: reading it {error}"),)
 
 
@@ -55,17 +55,17 @@ def violations(path: Path) -> tuple[Violation, ...]:
         _inspect_file(part, of_part)
         found += [Violation(path=f"{part.name}:{v.path}", sentence=v.sentence) for v in of_part]
     for journal in journals(parts_folder(path.resolve())):
-        if abandoned(journal):
+        if orphaned_journals(journal):
             found.append(Violation(path=journal.name, sentence="a recording was cut short here; repair brings it back"))
     return tuple(found)
 
 
 def _inspect_file(path: Path, found: Violations) -> None:
     before = len(found)
-    with found.at("/"), open_file(path) as file, blaming(path):
+    with found.at("/"), open_file(path) as file, attribute_error_to(path):
         inspect_links(file, found)
         if len(found) == before:
-            with found.at(f"/{schema.DATA}"), blaming(path):
+            with found.at(f"/{schema.DATA}"), attribute_error_to(path):
                 session = check_session(file)
                 infos = _inspect_demos(file, found)
                 _inspect_session(file, dict(session), infos, found)

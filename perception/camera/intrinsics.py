@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
 
 D435_FOCAL = 615 / 480
@@ -19,7 +19,7 @@ FOCAL_RANGE = (0.25, 10.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lens:
+class Intrinsics:
     """A pinhole without distortion; pixel (0, 0) is the centre of the top left pixel."""
 
     width: int
@@ -52,7 +52,7 @@ class Lens:
             )
 
     @classmethod
-    def d435(cls, width: int, height: int) -> Lens:
+    def d435(cls, width: int, height: int) -> Intrinsics:
         """A D435's colour camera at this size, as its data sheet has it: good to about 1 % of the focal length."""
         focal = D435_FOCAL * height
         return cls(width=width, height=height, fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2)
@@ -66,9 +66,9 @@ class Lens:
         """(N, 2) x/z and y/z of the rays through pixels (N,), camera axes."""
         return np.column_stack([(columns - self.cx) / self.fx, (rows - self.cy) / self.fy])
 
-    def at(self, cam_to_world: NDArray[np.float64]) -> Pinhole:
+    def at(self, cam_to_world: NDArray[np.float64]) -> PinholeCamera:
         """The camera with this lens at a place."""
-        return Pinhole(
+        return PinholeCamera(
             width=self.width,
             height=self.height,
             fx=self.fx,

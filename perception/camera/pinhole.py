@@ -23,7 +23,7 @@ WHOLE: Window = (slice(None), slice(None))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pinhole:
+class PinholeCamera:
     """An ideal camera that looks at the table."""
 
     width: int
@@ -70,7 +70,7 @@ class Pinhole:
         fy: float | None = None,
         cx: float | None = None,
         cy: float | None = None,
-    ) -> Pinhole:
+    ) -> PinholeCamera:
         """A camera at ``position`` whose optical axis meets ``target`` (world, m), ``up`` towards the image's top.
 
         ``fy`` defaults to ``fx`` (square pixels), the principal point to the image's centre.

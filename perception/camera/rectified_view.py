@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from layflat.perception.camera.pinhole import WHOLE, Pinhole, Window
+from layflat.perception.camera.pinhole import WHOLE, PinholeCamera, Window
 from layflat.perception.errors import PerceptionError
 
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -77,10 +77,10 @@ class TableGrid:
         return (np.asarray(points, dtype=np.float64).reshape(-1, 2) - affine[:2, 2]) / np.diag(affine)[:2]
 
 
-class TableView:
+class RectifiedView:
     """Resamples camera images into a table grid; the maps are made once."""
 
-    def __init__(self, camera: Pinhole, grid: TableGrid) -> None:
+    def __init__(self, camera: PinholeCamera, grid: TableGrid) -> None:
         self.camera = camera
         self.grid = grid
         self.grid_to_image = camera.table_to_pixel @ grid.pixel_to_table
@@ -145,7 +145,7 @@ class ClothView:
 
 
 def grid_around(
-    camera: Pinhole, cloth: BoolArray, *, mm_per_px: float = 2.5, margin_m: float = 0.1, reach_m: float = 4.0
+    camera: PinholeCamera, cloth: BoolArray, *, mm_per_px: float = 2.5, margin_m: float = 0.1, reach_m: float = 4.0
 ) -> TableGrid:
     """A grid that holds what the pixels of ``cloth`` (H, W) cover on the table, and ``margin_m`` on each side.
 

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.intrinsics import Lens
-from layflat.perception.camera.pinhole import FloatArray, Pinhole
+from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.camera.pinhole import FloatArray, PinholeCamera
 from layflat.perception.camera.rectified_view import BoolArray
 from layflat.perception.errors import PerceptionError
 
@@ -62,7 +62,7 @@ class TablePlane:
         """Between the optical axis and the table's perpendicular; 0 looks straight down."""
         return math.degrees(math.acos(min(1.0, -float(self.normal[2]))))
 
-    def camera(self, lens: Lens) -> Pinhole:
+    def camera(self, lens: Intrinsics) -> PinholeCamera:
         """The camera over this table.
 
         Its world has z = 0 on the table and the origin below the camera; x is the image's right, laid on the table
@@ -77,7 +77,9 @@ class TablePlane:
         return lens.at(pose)
 
 
-def fit_plane(depth: FloatArray, lens: Lens, *, rng: np.random.Generator, cloth: BoolArray | None = None) -> TablePlane:
+def fit_table_plane(
+    depth: FloatArray, lens: Intrinsics, *, rng: np.random.Generator, cloth: BoolArray | None = None
+) -> TablePlane:
     """The table in ``depth`` (H, W) m, 0 or not finite where missing.
 
     Cloth (H, W) takes no part. What lies in a ring around it does, so that a larger floor is not taken for the table
@@ -129,7 +131,7 @@ def _places(depth: FloatArray, cloth: BoolArray | None) -> list[BoolArray]:
 
 
 def _points(
-    depth: FloatArray, lens: Lens, wanted: BoolArray, rng: np.random.Generator
+    depth: FloatArray, lens: Intrinsics, wanted: BoolArray, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, 3) slopes (u, v, 1) and (N,) 1/z of wanted pixels, in random order."""
     rows, columns = np.nonzero(wanted)

@@ -1,4 +1,4 @@
-"""One RGB-D frame of a camera whose place nobody knows: colour, table and pose from the frame, then its Percept."""
+"""One RGB-D frame of a camera whose place nobody knows: colour, table and pose from the frame, then its ClothState."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.intrinsics import Lens
-from layflat.perception.camera.pinhole import FloatArray, Pinhole
+from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.camera.pinhole import FloatArray, PinholeCamera
 from layflat.perception.camera.rectified_view import BoolArray, ClothView, grid_around, touches_border
-from layflat.perception.camera.table_plane import TablePlane, fit_plane
+from layflat.perception.camera.table_plane import TablePlane, fit_table_plane
 from layflat.perception.cloth.color_calibration import learn_hsv, suggest_hsv
-from layflat.perception.cloth.pipeline import Perceiver, Percept, PerceptionConfig
+from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.perception.errors import PerceptionError
 
@@ -42,12 +42,12 @@ HOLES_SHARE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SeenFrame:
+class FrameResult:
     """A frame, what was found out about its camera, and what it says about the cloth."""
 
-    percept: Percept
+    percept: ClothState
     """In table coordinates that are the image's: x right, y up (``TablePlane.camera``)."""
-    camera: Pinhole
+    camera: PinholeCamera
     plane: TablePlane
     config: PerceptionConfig
     """With the cloth's colour, and lengths that fit the picture's size."""
@@ -60,18 +60,18 @@ class SeenFrame:
     """What makes the numbers less certain, a sentence each."""
 
 
-def see_frame(
+def analyze_frame(
     rgb: NDArray[np.uint8],
     depth: FloatArray,
-    lens: Lens,
+    lens: Intrinsics,
     *,
     colour: HsvRange | None = None,
     cloth_at: tuple[int, int] | None = None,
     contact_height_m: float = PerceptionConfig.contact_height_m,
     flat_pixels: int | None = None,
     rng: np.random.Generator,
-) -> SeenFrame:
-    """Image (H, W, 3) uint8 and aligned depth (H, W) m, 0 where missing -> SeenFrame.
+) -> FrameResult:
+    """Image (H, W, 3) uint8 and aligned depth (H, W) m, 0 where missing -> FrameResult.
 
     The cloth's ``colour`` is given, learned around pixel ``cloth_at`` (column, row), or suggested. PerceptionError
     where there is no cloth, no table, or only part of the cloth.
@@ -89,7 +89,7 @@ def see_frame(
             f"no cloth: no piece of the image has a hue of {colour.hue_min:g} to {colour.hue_max:g} degrees with a "
             f"saturation from {colour.saturation_min:g} and a value from {colour.value_min:g}"
         )
-    plane = fit_plane(depth, lens, rng=rng, cloth=cloth)
+    plane = fit_table_plane(depth, lens, rng=rng, cloth=cloth)
     _check_distance(plane)
     camera = plane.camera(lens)
     config = PerceptionConfig(
@@ -101,14 +101,14 @@ def see_frame(
     )
     height = camera.height_above_table(depth)
     _check_lies(cloth, height)
-    perceiver = Perceiver(camera, config, flat_pixels)
+    perceiver = PerceptionPipeline(camera, config, flat_pixels)
     alone = _without(rgb, found & ~cloth)
     percept, view = perceiver.perceive(alone, depth), perceiver.cloth_view(alone, depth)
     if view is None or percept.out_of_view:
         raise PerceptionError(
             "the cloth is cut by the image's border; move the camera or the cloth so that all is seen"
         )
-    return SeenFrame(
+    return FrameResult(
         percept=percept,
         camera=camera,
         plane=plane,
@@ -120,7 +120,7 @@ def see_frame(
     )
 
 
-def _check(rgb: NDArray[np.uint8], depth: FloatArray, lens: Lens) -> None:
+def _check(rgb: NDArray[np.uint8], depth: FloatArray, lens: Intrinsics) -> None:
     wanted = (lens.height, lens.width)
     if rgb.shape != (*wanted, 3) or rgb.dtype != np.uint8 or depth.shape != wanted:
         raise PerceptionError(
@@ -162,10 +162,10 @@ def _check_lies(cloth: BoolArray, height: NDArray[np.float32]) -> None:
         )
 
 
-def _on_table(depth: FloatArray, lens: Lens, rng: np.random.Generator) -> BoolArray | None:
+def _on_table(depth: FloatArray, lens: Intrinsics, rng: np.random.Generator) -> BoolArray | None:
     """Where a cloth can be; None where no plane is found without knowing the cloth."""
     try:
-        height = fit_plane(depth, lens, rng=rng).camera(lens).height_above_table(depth)
+        height = fit_table_plane(depth, lens, rng=rng).camera(lens).height_above_table(depth)
     except PerceptionError:
         return None
     near = (height > ON_TABLE_M[0]) & (height < ON_TABLE_M[1])

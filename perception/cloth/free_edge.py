@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.pinhole import FloatArray, Pinhole
+from layflat.perception.camera.pinhole import FloatArray, PinholeCamera
 from layflat.perception.camera.rectified_view import BoolArray
 
 SHARE = 0.05
@@ -13,7 +13,7 @@ SHARE = 0.05
 LEAST_PX = 20
 
 
-def lowest_part(camera: Pinhole, cloth: BoolArray, depth: FloatArray) -> NDArray[np.float64] | None:
+def free_edge(camera: PinholeCamera, cloth: BoolArray, depth: FloatArray) -> NDArray[np.float64] | None:
     """(3,) m, world: mean place of the lowest SHARE of the seen cloth; None where fewer than LEAST_PX have a depth.
 
     ``cloth`` (H, W) and ``depth`` (H, W) m along the optical axis, 0 where missing, are in the camera's image.

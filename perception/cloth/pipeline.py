@@ -1,4 +1,4 @@
-"""From one RGB-D frame to what is known of the cloth: Perceiver composes, Percept is the result."""
+"""From one RGB-D frame to what is known of the cloth: PerceptionPipeline composes, ClothState is the result."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from layflat.perception.camera.pinhole import FloatArray, Pinhole
+from layflat.perception.camera.pinhole import FloatArray, PinholeCamera
 from layflat.perception.camera.rectified_view import (
     BoolArray,
     ClothView,
+    RectifiedView,
     TableGrid,
-    TableView,
     bounding_window,
     touches_border,
 )
 from layflat.perception.cloth.contact import contact_mask, contact_portion, covered_pixels, smooth_height
-from layflat.perception.cloth.free_edge import lowest_part
+from layflat.perception.cloth.free_edge import free_edge
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.perception.descriptors.base import Descriptor, Direction
 from layflat.perception.descriptors.registry import DEFAULT, descriptor
@@ -56,7 +56,7 @@ class PerceptionConfig:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Percept:
+class ClothState:
     """What one frame says about the cloth. Masks are in the table grid, read-only."""
 
     grid: TableGrid
@@ -109,28 +109,30 @@ class _Seen:
     out_of_view: bool
 
 
-class Perceiver:
+class PerceptionPipeline:
     """Sees the cloth through one camera: segmentation, contact, wrinkles (thesis 3-1-2), without memory."""
 
-    def __init__(self, camera: Pinhole, config: PerceptionConfig | None = None, flat_pixels: int | None = None) -> None:
+    def __init__(
+        self, camera: PinholeCamera, config: PerceptionConfig | None = None, flat_pixels: int | None = None
+    ) -> None:
         """``flat_pixels`` is ``cloth_pixels`` of a percept of the flat cloth; without it contact_portion is NaN."""
         if flat_pixels is not None and flat_pixels <= 0:
             raise PerceptionError(f"flat_pixels is {flat_pixels}; it must be positive, or None where it is not known")
         self.camera = camera
         self.config = PerceptionConfig() if config is None else config
         self.flat_pixels = flat_pixels
-        self.view = TableView(camera, self.config.grid)
+        self.view = RectifiedView(camera, self.config.grid)
 
-    def with_flat_pixels(self, flat_pixels: int) -> Perceiver:
+    def with_flat_pixels(self, flat_pixels: int) -> PerceptionPipeline:
         """The same perceiver, for a cloth that covers ``flat_pixels`` grid pixels when it is flat."""
-        return Perceiver(self.camera, self.config, flat_pixels)
+        return PerceptionPipeline(self.camera, self.config, flat_pixels)
 
-    def perceive(self, rgb: NDArray[np.uint8], depth: FloatArray) -> Percept:
-        """Image (H, W, 3) uint8 and depth (H, W) m along the optical axis, 0 where missing -> Percept."""
+    def perceive(self, rgb: NDArray[np.uint8], depth: FloatArray) -> ClothState:
+        """Image (H, W, 3) uint8 and depth (H, W) m along the optical axis, 0 where missing -> ClothState."""
         seen = self._look(rgb, depth)
         direction = Direction.none() if seen.view is None else self.config.descriptor.direction(seen.view)
         contact = int(np.count_nonzero(seen.contact))
-        return Percept(
+        return ClothState(
             grid=self.config.grid,
             cloth_mask=seen.cloth,
             contact_mask=seen.contact,
@@ -162,7 +164,7 @@ class Perceiver:
         contact = np.zeros((grid.height, grid.width), dtype=np.bool_)
         cloth_seen = segment(rgb, self.config.colour, self.config.min_area_px)
         height_seen, cut_by_image = self._cloth_height(cloth_seen, depth)
-        lowest = lowest_part(self.camera, cloth_seen, depth)
+        lowest = free_edge(self.camera, cloth_seen, depth)
         cloth = np.zeros_like(contact)
         part = self.view.window_of(cloth_seen)
         if part is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from layflat.perception.camera.rectified_view import ClothView, bounding_window
 from layflat.perception.descriptors.base import Direction, axial_mean
-from layflat.perception.descriptors.preprocess import PrepareConfig, Prepared, prepare
+from layflat.perception.descriptors.preprocess import PreprocessConfig, PreprocessedImage, preprocess
 from layflat.perception.errors import PerceptionError
 
 GREY = 128.0
@@ -31,7 +31,7 @@ class HogConfig:
     noise_floor: float = 0.001
     """Strength below which there is no direction, relative brightness a window pixel. A flat cloth with sensor noise of
     6 grey levels shows 0.0003; wrinkles of 58 mm and 2 % of the brightness 0.007."""
-    prepare: PrepareConfig = field(default_factory=lambda: PrepareConfig(decimation=1))
+    preprocess: PreprocessConfig = field(default_factory=lambda: PreprocessConfig(decimation=1))
 
     def __post_init__(self) -> None:
         if self.cell_px < 1 or self.window_px % self.cell_px or self.window_px < 2 * self.cell_px:
@@ -70,7 +70,7 @@ class HogDescriptor:
 
     def describe(self, view: ClothView) -> NDArray[np.float64]:
         """(size,) in OpenCV's order, each block normalised (L2-Hys), of the whole cloth."""
-        prepared = prepare(view, self.config.prepare)
+        prepared = preprocess(view, self.config.preprocess)
         if prepared is None:
             return np.zeros(self.size)
         return np.asarray(self._hog.compute(self._grey(prepared)), dtype=np.float64).ravel()
@@ -81,7 +81,7 @@ class HogDescriptor:
         From the votes before the blocks are normalised, since normalising makes noise as strong as wrinkles. Strength
         is the mean gradient, relative brightness a window pixel.
         """
-        prepared = prepare(view, self.config.prepare)
+        prepared = preprocess(view, self.config.preprocess)
         if prepared is None or not prepared.lying.any():
             return Direction.none()
         lying = _fitted(prepared.lying.astype(np.float32), prepared, self.config.window_px, 0.0) > 0.5
@@ -102,13 +102,13 @@ class HogDescriptor:
             return Direction.none()
         return Direction(vector=vector, coherence=coherence, strength=strength)
 
-    def _grey(self, prepared: Prepared) -> NDArray[np.uint8]:
+    def _grey(self, prepared: PreprocessedImage) -> NDArray[np.uint8]:
         """(window, window) the cloth, its mean brightness at GREY."""
         fitted = _fitted(prepared.image, prepared, self.config.window_px, 1.0)
         return np.clip(np.rint(GREY * fitted), 0, 255).astype(np.uint8)
 
 
-def _fitted(array: NDArray[np.float32], prepared: Prepared, side: int, beyond: float) -> NDArray[np.float32]:
+def _fitted(array: NDArray[np.float32], prepared: PreprocessedImage, side: int, beyond: float) -> NDArray[np.float32]:
     """(side, side): the cloth's bounding square, resized; ``beyond`` where it leaves the view.
 
     Both axes by the same factor: anything else would turn oblique wrinkles.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from layflat.perception.camera.rectified_view import BoolArray, ClothView, bounding_window
 from layflat.perception.descriptors.base import Direction, axial_mean, wrinkle_normals
 from layflat.perception.descriptors.gabor import GaborParams, gabor_bank
-from layflat.perception.descriptors.preprocess import PrepareConfig, Prepared, prepare
+from layflat.perception.descriptors.preprocess import PreprocessConfig, PreprocessedImage, preprocess
 from layflat.perception.errors import PerceptionError
 
 
@@ -40,7 +40,7 @@ class HowConfig:
     noise_floor: float = 0.005
     """Strength below which there is no direction, relative brightness. A flat cloth with sensor noise of 6 grey levels
     shows 0.0023; wrinkles of 58 mm and 2 % of the brightness 0.015."""
-    prepare: PrepareConfig = field(default_factory=PrepareConfig)
+    preprocess: PreprocessConfig = field(default_factory=PreprocessConfig)
 
     def __post_init__(self) -> None:
         if self.orientations < 2 or min(self.grid) < 1 or not self.wavelengths_mm:
@@ -82,7 +82,7 @@ class HowDescriptor:
         Order: wavelength, orientation (i pi / n from the x axis, as in WORD), row, column of the grid. The whole cloth
         takes part, also what is lifted: HOW describes its shape. Not normalised further: brightness already is.
         """
-        prepared = prepare(view, self.config.prepare)
+        prepared = preprocess(view, self.config.preprocess)
         window = None if prepared is None else bounding_window(prepared.cloth)
         if prepared is None or window is None:
             return np.zeros(self.size)
@@ -98,7 +98,7 @@ class HowDescriptor:
 
         Strength is the root of the strongest orientation's energy: rms response, relative brightness.
         """
-        prepared = prepare(view, self.config.prepare)
+        prepared = preprocess(view, self.config.preprocess)
         if prepared is None or not prepared.lying.any():
             return Direction.none()
         energies = self._energies(prepared, prepared.lying)
@@ -108,14 +108,14 @@ class HowDescriptor:
         vector, coherence = axial_mean(energies, wrinkle_normals(self.config.orientations))
         return Direction(vector=vector, coherence=coherence, strength=strength)
 
-    def _energies(self, prepared: Prepared, counted: BoolArray) -> NDArray[np.float64]:
+    def _energies(self, prepared: PreprocessedImage, counted: BoolArray) -> NDArray[np.float64]:
         """(n,) mean squared response of each orientation, the wavelengths' added up."""
         mask = counted.view(np.uint8)
         sums = [cv2.norm(r, cv2.NORM_L2SQR, mask) for r in self._responses(prepared)]
         by_wavelength = np.array(sums).reshape(-1, self.config.orientations) / np.count_nonzero(counted)
         return np.asarray(by_wavelength.sum(axis=0))
 
-    def _responses(self, prepared: Prepared) -> list[NDArray[np.float32]]:
+    def _responses(self, prepared: PreprocessedImage) -> list[NDArray[np.float32]]:
         """(h, w) each: wavelength by wavelength, orientation by orientation."""
         # A wrinkle's normal v is at atan2(vy, vx) in the table's axes; the view's rows run against y.
         thetas = tuple(-math.atan2(y, x) for x, y in wrinkle_normals(self.config.orientations))

@@ -16,7 +16,7 @@ DARKEST = np.float32(0.05)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrepareConfig:
+class PreprocessConfig:
     """Lengths on the cloth, so that they mean the same at each resolution. The defaults are those of WORD."""
 
     decimation: int = 2
@@ -40,7 +40,7 @@ class PrepareConfig:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prepared:
+class PreprocessedImage:
     """One view, ready for filters; all arrays (h, w)."""
 
     image: NDArray[np.float32]
@@ -51,7 +51,7 @@ class Prepared:
     mm_per_px: float
 
 
-def prepare(view: ClothView, config: PrepareConfig) -> Prepared | None:
+def preprocess(view: ClothView, config: PreprocessConfig) -> PreprocessedImage | None:
     """None for a view without cloth."""
     image, cloth, contact, height = _reduced(view, config.decimation)
     if not cloth.any():
@@ -61,8 +61,8 @@ def prepare(view: ClothView, config: PrepareConfig) -> Prepared | None:
     lying &= dilated(contact, config.near_contact_mm / mm_per_px) & (height <= config.max_height_m)
     if np.count_nonzero(lying) * mm_per_px**2 < config.min_area_mm2:
         lying = np.zeros_like(lying)
-    bare = filled(image, eroded(cloth, 1.0), config.fill_reach_mm / mm_per_px, beyond=1.0)
-    return Prepared(image=bare, cloth=cloth, lying=lying, mm_per_px=mm_per_px)
+    bare = fill_holes(image, eroded(cloth, 1.0), config.fill_reach_mm / mm_per_px, beyond=1.0)
+    return PreprocessedImage(image=bare, cloth=cloth, lying=lying, mm_per_px=mm_per_px)
 
 
 def _reduced(view: ClothView, decimation: int) -> tuple[NDArray[np.float32], BoolArray, BoolArray, NDArray[np.float32]]:
@@ -91,7 +91,7 @@ def relative_brightness(rgb: NDArray[np.uint8], cloth: BoolArray) -> NDArray[np.
     return np.asarray(cv2.transform(rgb.astype(np.float32), (colour / power)[None, :]), dtype=np.float32)
 
 
-def filled(image: NDArray[np.float32], inside: BoolArray, reach_px: float, beyond: float) -> NDArray[np.float32]:
+def fill_holes(image: NDArray[np.float32], inside: BoolArray, reach_px: float, beyond: float) -> NDArray[np.float32]:
     """The image inside; outside, the mean of what is inside within about ``reach_px``, or ``beyond`` where none is.
 
     So that the outline of the cloth is not a wrinkle.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from layflat.perception.camera.rectified_view import BoolArray, ClothView, bounding_window
 from layflat.perception.descriptors.base import Direction, axial_mean, wrinkle_normals
 from layflat.perception.descriptors.gabor import GaborParams, responses
-from layflat.perception.descriptors.preprocess import dilated, eroded, filled, local_contrast, relative_brightness
+from layflat.perception.descriptors.preprocess import dilated, eroded, fill_holes, local_contrast, relative_brightness
 from layflat.perception.errors import PerceptionError
 
 THESIS_WAVELENGTH_PX = 8.0
@@ -250,14 +250,14 @@ def light_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     inside, reach_px = eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px
     if config.most_contrast < math.inf:
         return local_contrast(image, inside, reach_px, config.most_contrast)
-    return filled(image, inside, reach_px, beyond=1.0)
+    return fill_holes(image, inside, reach_px, beyond=1.0)
 
 
 def relief_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) height in units in which a wave of slope s and of the kernel's wavelength has amplitude s."""
     per_m = 2 * math.pi / (config.wavelength_mm / 1000)
     height = np.minimum(view.height, np.float32(config.max_height_m)) * np.float32(per_m)
-    return filled(height, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=0.0)
+    return fill_holes(height, eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px, beyond=0.0)
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

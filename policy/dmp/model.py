@@ -22,7 +22,7 @@ import numpy as np
 from layflat.data.types import FloatArray, action_size
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
-from layflat.policy.trained_model import Learned, freeze
+from layflat.policy.trained_model import TrainedModel, freeze
 
 STIFFNESS = 156.25
 """K for u = t / duration: 25 * 25 / 4, the usual gains; the spring alone has covered 99 % of its way at u = 0.53."""
@@ -32,7 +32,7 @@ PHASE_RATE = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DmpModel(Learned):
+class DmpModel(TrainedModel):
     """One primitive for each of the A axes that the holder can move along."""
 
     FORMAT: ClassVar[str] = "layflat-dmp"

@@ -12,7 +12,7 @@ from layflat.policy.dmp.model import DmpModel, Motion, advanced, at_rest, path
 from layflat.policy.features import FeatureLayout
 from layflat.policy.model_policy import stop_rule
 from layflat.policy.stopping import StopRule
-from layflat.policy.training_set import lessons
+from layflat.policy.training_set import build_training_set
 
 BASIS = 25
 RIDGE = 1e-6
@@ -70,7 +70,7 @@ def fit(
     Each demonstration has a start, an end and a duration of its own; the weights are common to all. Positions are
     linear in the weights, so that these follow from least squares on positions; nothing is differentiated twice.
     """
-    taught = lessons(episodes, layout)
+    taught = build_training_set(episodes, layout)
     ways = [_way(episode, layout) for episode in episodes]
     tick_s = taught.episodes[0].tick_s
     goal, weights, duration_s = _learned(ways, tick_s)

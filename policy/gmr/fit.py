@@ -15,7 +15,7 @@ import numpy as np
 from layflat.data.types import Episode, FloatArray, Provenance
 from layflat.policy.features import FeatureLayout
 from layflat.policy.gmr.model import GmrModel
-from layflat.policy.training_set import OUTPUT_SCALE_M, Lessons, held_out_rmse, lessons
+from layflat.policy.training_set import OUTPUT_SCALE_M, TrainingSet, build_training_set, held_out_rmse
 
 if TYPE_CHECKING:
     from sklearn.mixture import GaussianMixture
@@ -40,7 +40,7 @@ def fit(
     progress: Callable[[int, int, str], None] | None = None,
 ) -> GmrModel:
     """Learn from whole demonstrations, all of one task, cloth and tick; ticks of phase ``disturb`` are left out."""
-    taught = lessons(episodes, layout)
+    taught = build_training_set(episodes, layout)
     joint = _joint(taught.inputs, taught.targets, layout)
     most = min(MAX_COMPONENTS, max(1, len(joint) // POINTS_PER_COMPONENT))
     tried: list[tuple[float, GaussianMixture]] = []
@@ -72,7 +72,7 @@ def _joint(inputs: FloatArray, targets: FloatArray, layout: FeatureLayout) -> Fl
 
 
 def _model(
-    mixture: GaussianMixture, taught: Lessons, policy: str, seed: int, provenance: Provenance | None
+    mixture: GaussianMixture, taught: TrainingSet, policy: str, seed: int, provenance: Provenance | None
 ) -> GmrModel:
     def made(of: GaussianMixture, heldout: tuple[float, ...] | None) -> GmrModel:
         return GmrModel(

@@ -26,7 +26,7 @@ from scipy.special import logsumexp
 
 from layflat.data.types import FloatArray, action_size
 from layflat.policy.base import PolicyError
-from layflat.policy.trained_model import Field, freeze
+from layflat.policy.trained_model import RegressionModel, freeze
 
 SUM_TOLERANCE = 1e-6
 
@@ -48,7 +48,7 @@ class _Conditional:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GmrModel(Field):
+class GmrModel(RegressionModel):
     """K components over D inputs and A outputs."""
 
     FORMAT: ClassVar[str] = "layflat-gmr"

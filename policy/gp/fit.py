@@ -23,7 +23,7 @@ from layflat.policy.gp import init, sparse
 from layflat.policy.gp.kernel import Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import STOP_THRESHOLD_M, STOP_TICKS
-from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, lessons
+from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, build_training_set
 
 LENGTH_SCALE_BOUNDS = (0.1, 5.0)
 """In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
@@ -84,7 +84,7 @@ def fit(
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
     """
     options = options or FitOptions()
-    taught = lessons(episodes, layout)
+    taught = build_training_set(episodes, layout)
     scale = layout.scales()
     scaled, outputs = taught.inputs / scale, taught.targets / OUTPUT_SCALE_M
     is_sparse = len(scaled) > options.max_points
@@ -108,7 +108,7 @@ def fit(
     else:
         errors = sparse.held_out_errors(inducing, scaled, outputs, taught.groups, hyper)
         points = inducing * scale
-        alpha, inner = sparse.condensed(inducing, scaled[copies], outputs[copies], hyper)
+        alpha, inner = sparse.compress(inducing, scaled[copies], outputs[copies], hyper)
     alone = len(np.unique(taught.groups)) < 2
     return GpModel(
         **taught.shared(policy, seed, provenance, "GPy"),
@@ -143,7 +143,7 @@ def fit_hyperparameters(
     size, outputs = inputs.shape[1], targets.shape[1]
     lengths = size if ard else 1
     few = thinned(len(inputs), START_POINTS)
-    likely = init.likeliest(inputs[few], targets[few])
+    likely = init.best_start(inputs[few], targets[few])
     found: list[tuple[FloatArray, float, float]] = []
     for a in range(outputs):
         length, variance, noise = (float(value[a]) for value in likely)

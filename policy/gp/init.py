@@ -23,7 +23,7 @@ TINY = 1e-12
 """Least variance that is believed: targets that are all zero have none."""
 
 
-def likeliest(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def best_start(inputs: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Length scale, variance and noise (A,) of the likeliest point of the grid, for scaled (N, D) and (N, A).
 
     Costs N^3 for each of LENGTH_SCALES: give it a few hundred points.

@@ -22,12 +22,12 @@ from numpy.typing import ArrayLike
 from layflat.data.types import FloatArray, action_size
 from layflat.policy.base import PolicyError
 from layflat.policy.gp.kernel import Hyperparameters, cholesky, kernel_factor
-from layflat.policy.gp.prediction_cache import Cached, inverse_of_lower, lower_product
-from layflat.policy.trained_model import Field, freeze
+from layflat.policy.gp.prediction_cache import PredictionCache, inverse_of_lower, lower_product
+from layflat.policy.trained_model import RegressionModel, freeze
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class GpModel(Field):
+class GpModel(RegressionModel):
     """All that is needed to predict and to roll out; immutable, arrays read-only."""
 
     FORMAT: ClassVar[str] = "layflat-gp"
@@ -95,7 +95,7 @@ class GpModel(Field):
         return self.output_scale_m * np.sqrt(self.hyper.variance + self.hyper.noise)
 
     @cached_property
-    def _cached(self) -> Cached:
+    def _cached(self) -> PredictionCache:
         """Rebuilt where it is needed, never stored."""
         scaled, outputs = self.inputs / self.input_scale, range(len(self.alpha))
         if self.inner is None:
@@ -103,7 +103,7 @@ class GpModel(Field):
         else:
             known = [inverse_of_lower(kernel_factor(scaled, self.hyper, a)) for a in outputs]
             unknown = [lower_product(inverse_of_lower(self.inner[a]), known[a]) for a in outputs]
-        return Cached(
+        return PredictionCache(
             columns=np.ascontiguousarray(scaled.T),
             rates=-0.5 / self.hyper.length_scales**2,
             variance=self.hyper.variance,

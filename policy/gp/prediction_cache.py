@@ -22,7 +22,7 @@ from layflat.data.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cached:
+class PredictionCache:
     """All in scaled units; A outputs, N points, D inputs."""
 
     columns: FloatArray

@@ -27,7 +27,7 @@ def inducing_points(scaled: FloatArray, count: int, seed: int) -> FloatArray:
     return np.asarray(KMeans(count, n_init=1, random_state=seed).fit(scaled).cluster_centers_)
 
 
-def condensed(
+def compress(
     inducing: FloatArray, scaled: FloatArray, targets: FloatArray, hyper: Hyperparameters
 ) -> tuple[FloatArray, FloatArray]:
     """alpha (A, M) and L_B (A, M, M) for scaled inducing points (M, D), inputs (N, D) and targets (N, A)."""

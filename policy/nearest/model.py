@@ -13,8 +13,8 @@ from scipy.spatial.distance import cdist
 from layflat.data.types import Episode, FloatArray, Provenance, action_size
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
-from layflat.policy.trained_model import Field, freeze
-from layflat.policy.training_set import held_out_rmse, lessons
+from layflat.policy.trained_model import RegressionModel, freeze
+from layflat.policy.training_set import build_training_set, held_out_rmse
 
 NEIGHBOURS = 5
 """Whose spread is the deviation; the mean is the nearest one's alone."""
@@ -23,7 +23,7 @@ LEAST_STD_M = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NearestModel(Field):
+class NearestModel(RegressionModel):
     """All demonstrated ticks."""
 
     FORMAT: ClassVar[str] = "layflat-nearest"
@@ -67,7 +67,7 @@ def fit(
     progress: Callable[[int, int, str], None] | None = None,
 ) -> NearestModel:
     """Keep all ticks of the demonstrations."""
-    taught = lessons(episodes, layout)
+    taught = build_training_set(episodes, layout)
     model = NearestModel(
         **taught.shared(policy, seed, provenance),
         inputs=taught.inputs,

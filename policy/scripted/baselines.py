@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, TASKS, FloatArray, Observation, Task, action_size
+from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, ROBOTS, FloatArray, Observation, RobotName, action_size
 from layflat.policy.base import Decision, PolicyError
 from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, XLimit
 
@@ -16,12 +16,12 @@ FLAT_CONTACT = 0.985
 """Contact portion above which there is nothing left to pull out."""
 
 
-class Hold:
+class ZeroPolicy:
     """Does nothing, for ever."""
 
     name = "hold"
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: RobotName) -> None:
         self.task = _checked(task)
 
     def reset(self, seed: int) -> None:
@@ -34,12 +34,12 @@ class Hold:
         return Decision(action=np.zeros(action_size(self.task)), reason="holding")
 
 
-class RandomMoves:
+class RandomPolicy:
     """Each axis uniform in +-``limit_m``, drawn anew in each tick; never stops. ``planar``: nothing moves along z."""
 
     name = "random"
 
-    def __init__(self, task: Task, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
+    def __init__(self, task: RobotName, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
         if not 0 < limit_m <= ACTION_LIMIT_M:
             raise PolicyError(f"limit_m is {limit_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
         self.task = _checked(task)
@@ -58,10 +58,10 @@ class RandomMoves:
         return Decision(action=action * self._free, reason="random move")
 
 
-class Drag:
+class DragPolicy:
     """Drags along +x at constant speed until its rule stops it."""
 
-    def __init__(self, task: Task, *, name: str, stop: StopRule, speed_m: float = DRAG_M) -> None:
+    def __init__(self, task: RobotName, *, name: str, stop: StopRule, speed_m: float = DRAG_M) -> None:
         if not 0 < speed_m <= ACTION_LIMIT_M:
             raise PolicyError(f"speed_m is {speed_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
         self.name = name
@@ -82,32 +82,32 @@ class Drag:
         return Decision(action=self._action, reason="dragging +x")
 
 
-def stretch_right(task: Task) -> Drag:
+def stretch_right(task: RobotName) -> DragPolicy:
     """Pulls along +x whatever the cloth does, to the end of the view: the thesis's comparator of chapter 3."""
-    return Drag(task, name="stretch-right", stop=XLimit(X_LIMIT_M))
+    return DragPolicy(task, name="stretch-right", stop=XLimit(X_LIMIT_M))
 
 
-def drag_rule(task: Task) -> Drag:
+def drag_rule(task: RobotName) -> DragPolicy:
     """Three lines that repair about as well as a GP in the plane: drag +x while contact grows, then stop."""
     stop = AnyOf(ContactReached(FLAT_CONTACT), NoContactGain(ticks=6), XLimit(X_LIMIT_M))
-    return Drag(task, name="drag-rule", stop=stop)
+    return DragPolicy(task, name="drag-rule", stop=stop)
 
 
-def along_x(task: Task, distance_m: float) -> FloatArray:
+def along_x(task: RobotName, distance_m: float) -> FloatArray:
     """(A,) m: the whole holder moves along +x."""
     action = np.zeros(action_size(task))
     action[:: 2 if task == "hanger" else 3] = distance_m
     return action
 
 
-def along_z(task: Task, distance_m: float) -> FloatArray:
+def along_z(task: RobotName, distance_m: float) -> FloatArray:
     """(A,) m: the whole holder moves up."""
     action = np.zeros(action_size(task))
     action[[name.startswith("dz") for name in ACTION_NAMES[task]]] = distance_m
     return action
 
 
-def _checked(task: Task) -> Task:
-    if task not in TASKS:
-        raise PolicyError(f"task is {task!r}; it must be one of {', '.join(TASKS)}")
+def _checked(task: RobotName) -> RobotName:
+    if task not in ROBOTS:
+        raise PolicyError(f"task is {task!r}; it must be one of {', '.join(ROBOTS)}")
     return task

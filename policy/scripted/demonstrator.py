@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, Observation, Task, Truth, action_size
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation, RobotName, action_size
 from layflat.policy.base import Decision
 
 TOUCH_HEIGHT_M = 0.012
@@ -54,7 +54,7 @@ HOLD_TICKS = 12
 ALIGN_STEP_M = 0.006
 
 
-class ScriptedExpert:
+class ScriptedDemonstrator:
     """Phases: aside, descend until the free edge trails behind, lay, drag until flat, hold.
 
     Parameters
@@ -69,9 +69,9 @@ class ScriptedExpert:
     name = "scripted"
 
     def __init__(
-        self, task: Task, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], Truth]
+        self, task: RobotName, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], GroundTruth]
     ) -> None:
-        self.task: Task = task
+        self.task: RobotName = task
         self._length_m = length_m
         self._columns = columns
         self._held_width_m = held_width_m

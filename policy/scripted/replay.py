@@ -8,7 +8,7 @@ from layflat.data.types import Episode, Observation, action_size
 from layflat.policy.base import Decision
 
 
-class Recorded:
+class ReplayPolicy:
     """The actions of an episode in their order, whatever is seen; stops after the last.
 
     The ticks of a disturbance are not among them: nobody decides there.

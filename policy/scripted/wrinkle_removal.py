@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, Observation, Task
+from layflat.data.types import ACTION_LIMIT_M, Observation, RobotName
 from layflat.policy.base import Decision, Policy, PolicyError
-from layflat.policy.scripted.baselines import X_LIMIT_M, Drag, RandomMoves, along_x
+from layflat.policy.scripted.baselines import X_LIMIT_M, DragPolicy, RandomPolicy, along_x
 from layflat.policy.stopping import AnyOf, ContactReached, StopRule, XLimit
 
 STEP_M = 0.010
@@ -33,7 +33,7 @@ class WordFlatten:
     """
 
     name = "word"
-    task: Task = "pickers"
+    task: RobotName = "pickers"
 
     def __init__(self, *, step_m: float = STEP_M) -> None:
         if not 0 < step_m <= ACTION_LIMIT_M:
@@ -65,13 +65,13 @@ def _flat_or_out_of_view() -> StopRule:
 
 
 def _stretch_right() -> Policy:
-    return Drag("pickers", name="stretch-right", stop=_flat_or_out_of_view(), speed_m=STEP_M)
+    return DragPolicy("pickers", name="stretch-right", stop=_flat_or_out_of_view(), speed_m=STEP_M)
 
 
 CONTROLLERS: Mapping[str, Callable[[], Policy]] = {
     "word": WordFlatten,
     "stretch-right": _stretch_right,
-    "random": lambda: RandomMoves("pickers", limit_m=STEP_M, planar=True),
+    "random": lambda: RandomPolicy("pickers", limit_m=STEP_M, planar=True),
 }
 """The proposed method and the baselines of Figures 3-6, 3-7 and 3-8."""
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, Task
+from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, RobotName
 from layflat.policy.base import Decision, Policy, extra_ticks
 
 TRIES = 4
@@ -55,12 +55,12 @@ STILL_M = 0.012
 """Range of the lowest part's place beside the holder, x."""
 
 
-class Recovery:
+class RecoveryWrapper:
     """Acts as ``policy``; where that ends over a fold, undoes the fold and lets it go on, at most ``tries`` times."""
 
     def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
         self.name = f"{policy.name}+recovery"
-        self.task: Task = policy.task
+        self.task: RobotName = policy.task
         self.extra_ticks = extra_ticks(policy) + tries * (2 * LIFT_TICKS + SETTLE_TICKS + PLACE_TICKS)
         self._policy = policy
         self._tries = tries

@@ -6,7 +6,7 @@ from layflat.data.types import Observation
 from layflat.policy.base import Decision, Policy, PolicyError
 
 
-class Handover:
+class SequentialPolicy:
     """Acts as ``first`` until it is told to go on after a stop, then as ``then``: a comparator for repair alone."""
 
     def __init__(self, first: Policy, then: Policy, *, name: str) -> None:

@@ -10,7 +10,7 @@ from collections import deque
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, Observation, Task
+from layflat.data.types import ACTION_LIMIT_M, Observation, RobotName
 from layflat.policy.base import Decision, Policy, extra_ticks
 from layflat.policy.scripted.baselines import along_z
 
@@ -31,12 +31,12 @@ WAIT_TICKS = 40
 """In an episode, at most; the air stops a swing in a second or two."""
 
 
-class Steady:
+class SwingDampingWrapper:
     """Acts as ``policy``, but lifts a cloth that swings ahead before it touches, and waits until it hangs still."""
 
     def __init__(self, policy: Policy) -> None:
         self.name = f"{policy.name}+steady"
-        self.task: Task = policy.task
+        self.task: RobotName = policy.task
         self.extra_ticks = extra_ticks(policy) + WAIT_TICKS
         self._policy = policy
         self._forget()

@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 from layflat.data.types import Observation
 from layflat.policy.base import Decision, Policy, PolicyError
 
-Wish: TypeAlias = Literal["lead", "hand back"]
+ControlRequest: TypeAlias = Literal["lead", "hand back"]
 REST_TICKS = 8
 """0.8 s: longer than a thumb rests between two moves of one correction."""
 
@@ -27,7 +27,7 @@ class Takeover:
     its stop belongs to another state of the cloth.
     """
 
-    def __init__(self, policy: Policy, person: Policy, wish: Callable[[], Wish | None]) -> None:
+    def __init__(self, policy: Policy, person: Policy, wish: Callable[[], ControlRequest | None]) -> None:
         if policy.task != person.task:
             raise PolicyError(f"{policy.name} is for the {policy.task} task and {person.name} for {person.task}")
         self.name = f"{policy.name}+{person.name}"
@@ -56,7 +56,7 @@ class Takeover:
         return replace(self._person.act(observation), intervention=True)
 
 
-class Grip:
+class MotionTakeoverTrigger:
     """A wish by the hands alone: who moves wants the lead, and hands it back after ``rest_ticks`` ticks at rest.
 
     ``moving`` says whether the person's hands ask for motion now.
@@ -73,7 +73,7 @@ class Grip:
         """As if the hands had rested long enough."""
         self._rested = self._rest_ticks
 
-    def __call__(self) -> Wish | None:
+    def __call__(self) -> ControlRequest | None:
         if self._moving():
             self._rested = 0
             return "lead"

@@ -9,9 +9,9 @@ import pybullet as bullet
 from numpy.typing import NDArray
 
 from layflat.data.types import FloatArray
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
-from layflat.sim.camera.renderer import Picture, View
+from layflat.sim.camera.renderer import Framebuffer, Renderer
 from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.physics.bullet.world import SimError, World
@@ -32,19 +32,19 @@ MARKER_RGB = (200.0, 40.0, 40.0)
 HIDDEN = (1.0, 1.0, 1.0, 0.0)
 
 
-def default_pinhole(*, width: int = 320, height: int = 240) -> Pinhole:
+def default_pinhole(*, width: int = 320, height: int = 240) -> PinholeCamera:
     """From the robot's right side, tilted, so that neither the arm nor the hanger stands before the cloth.
 
     On the table it sees x from -0.15 to 0.75 m and y from -0.25 to 0.25 m, where cloth lies and is dragged.
     """
-    return Pinhole.look_at(POSITION_M, TARGET_M, width=width, height=height, fx=FOCAL_PX * width / 320)
+    return PinholeCamera.look_at(POSITION_M, TARGET_M, width=width, height=height, fx=FOCAL_PX * width / 320)
 
 
-def render_pinhole(width: int, height: int, *, arm: bool) -> Pinhole:
+def render_pinhole(width: int, height: int, *, arm: bool) -> PinholeCamera:
     """From the front and the robot's right: the whole cloth, hanging or laid, and the arm if there is one."""
     target, view_deg = RENDER_ARM if arm else RENDER_CLOTH
     focal = height / 2 / math.tan(math.radians(view_deg) / 2)
-    return Pinhole.look_at(RENDER_POSITION_M, target, width=width, height=height, fx=focal)
+    return PinholeCamera.look_at(RENDER_POSITION_M, target, width=width, height=height, fx=focal)
 
 
 class Camera:
@@ -55,15 +55,15 @@ class Camera:
         world: World,
         cloth: Cloth,
         *,
-        pinhole: Pinhole | None = None,
+        pinhole: PinholeCamera | None = None,
         noise: DepthNoise | None = D435_NOISE,
         seed: int,
     ) -> None:
         """``noise`` None gives the true depth; ``seed`` decides the noise."""
         self._world = world
         self._cloth = cloth
-        self._view = View(pinhole or default_pinhole())
-        self._render_views: dict[tuple[int, int, bool], View] = {}
+        self._view = Renderer(pinhole or default_pinhole())
+        self._render_views: dict[tuple[int, int, bool], Renderer] = {}
         self._sensor = None if noise is None else DepthSensor(noise, seed=seed)
         self._meshes = MeshMaker(cloth.spec)
         self._bodies_seen = -1
@@ -72,7 +72,7 @@ class Camera:
             bullet.changeVisualShape(body, -1, rgbaColor=HIDDEN, physicsClientId=world.client)
 
     @property
-    def pinhole(self) -> Pinhole:
+    def pinhole(self) -> PinholeCamera:
         return self._view.pinhole
 
     def capture(self, nodes: FloatArray | None = None) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
@@ -89,7 +89,7 @@ class Camera:
         width: int,
         height: int,
         *,
-        pinhole: Pinhole | None = None,
+        pinhole: PinholeCamera | None = None,
         nodes: FloatArray | None = None,
         markers: FloatArray | None = None,
     ) -> NDArray[np.uint8]:
@@ -97,7 +97,7 @@ class Camera:
 
         Small balls show the held corners where there is no arm, and ``markers`` (K, 3) m, such as a disturbing hand.
         """
-        view = self._render_view(width, height) if pinhole is None else View(pinhole)
+        view = self._render_view(width, height) if pinhole is None else Renderer(pinhole)
         if (view.pinhole.width, view.pinhole.height) != (width, height):
             raise SimError(
                 f"the picture is to be {width}x{height} px, its pinhole has {view.pinhole.width}x{view.pinhole.height}"
@@ -120,7 +120,7 @@ class Camera:
         self._view.draw_solids(picture, self._world.client)
         return float((picture.depth[raster.pixels] < raster.depth).mean())
 
-    def _picture(self, view: View, nodes: FloatArray, *, shadow: bool = False) -> Picture:
+    def _picture(self, view: Renderer, nodes: FloatArray, *, shadow: bool = False) -> Framebuffer:
         mesh = self._meshes.mesh(nodes)
         picture = view.blank()
         if shadow:
@@ -130,11 +130,11 @@ class Camera:
             view.draw_solids(picture, self._world.client)
         return picture
 
-    def _render_view(self, width: int, height: int) -> View:
+    def _render_view(self, width: int, height: int) -> Renderer:
         arm = self._solids_exist()
         key = (width, height, arm)
         if key not in self._render_views:
-            self._render_views[key] = View(render_pinhole(width, height, arm=arm))
+            self._render_views[key] = Renderer(render_pinhole(width, height, arm=arm))
         return self._render_views[key]
 
     def _solids_exist(self) -> bool:

@@ -13,7 +13,7 @@ import pybullet as bullet
 from numpy.typing import NDArray
 
 from layflat.data.types import FloatArray
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.rasterizer import Raster, rasterize
 from layflat.sim.cloth.mesh import ClothMesh
 from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_RGBA, TABLE_SIZE_M
@@ -33,7 +33,7 @@ NEAR_M, FAR_M = 0.05, 4.0
 
 
 @dataclass(kw_only=True)
-class Picture:
+class Framebuffer:
     """An image under construction, pixels in one row."""
 
     rgb: NDArray[np.uint8]
@@ -50,10 +50,10 @@ class Picture:
         return nearer
 
 
-class View:
+class Renderer:
     """What a pinhole sees of the bench."""
 
-    def __init__(self, pinhole: Pinhole) -> None:
+    def __init__(self, pinhole: PinholeCamera) -> None:
         self.pinhole = pinhole
         self._world_to_cam = np.ascontiguousarray(pinhole.cam_to_world[:3, :3])
         self._background = _background(pinhole)
@@ -61,16 +61,16 @@ class View:
         flip = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along -z with y up
         self._view = np.linalg.inv(pinhole.cam_to_world @ flip).T.ravel().tolist()
 
-    def blank(self) -> Picture:
+    def blank(self) -> Framebuffer:
         """Table and floor."""
-        return Picture(rgb=self._background.rgb.copy(), depth=self._background.depth.copy())
+        return Framebuffer(rgb=self._background.rgb.copy(), depth=self._background.depth.copy())
 
     def raster(self, vertices: FloatArray, triangles: NDArray) -> Raster:
         pixels, depth = self.pinhole.project(vertices)
         screen = np.column_stack([pixels, depth])
         return rasterize(screen, triangles, self.pinhole.width, self.pinhole.height)
 
-    def draw_cloth(self, picture: Picture, mesh: ClothMesh) -> None:
+    def draw_cloth(self, picture: Framebuffer, mesh: ClothMesh) -> None:
         raster = self.raster(mesh.vertices, mesh.triangles)
         slope = raster.interpolate(mesh.normals @ LIGHT, mesh.triangles)
         # The light falls on the side that the camera sees.
@@ -78,7 +78,9 @@ class View:
         base = np.where(raster.facing[:, None], FACE_RGB, REVERSE_RGB).astype(np.float32)
         picture.put(raster.pixels, raster.depth, base * bright[:, None])
 
-    def draw_ball(self, picture: Picture, centre: FloatArray, radius_m: float, rgb: tuple[float, float, float]) -> None:
+    def draw_ball(
+        self, picture: Framebuffer, centre: FloatArray, radius_m: float, rgb: tuple[float, float, float]
+    ) -> None:
         """A shaded ball, for a picker that has no body to show."""
         pixel, depth = self.pinhole.project(centre)
         if depth[0] <= NEAR_M:
@@ -96,14 +98,14 @@ class View:
         colours = bright[:, None] * np.array(rgb)
         picture.put((v * self.pinhole.width + u)[kept], nearest[kept], colours[kept])
 
-    def draw_shadow(self, picture: Picture, mesh: ClothMesh) -> None:
+    def draw_shadow(self, picture: Framebuffer, mesh: ClothMesh) -> None:
         """Darken the table where the cloth stands between it and the light; call before anything else is drawn."""
         shadow = mesh.vertices - mesh.vertices[:, 2:] / LIGHT[2] * LIGHT
         pixels = self.raster(shadow, mesh.triangles).pixels
         on_table = pixels[self._background.on_table[pixels]]
         picture.rgb[on_table] = (picture.rgb[on_table] * SHADOW).astype(np.uint8)
 
-    def draw_solids(self, picture: Picture, client: int) -> None:
+    def draw_solids(self, picture: Framebuffer, client: int) -> None:
         """Every visible body of the world: those that TinyRenderer shows."""
         rgba, buffer = bullet.getCameraImage(
             self.pinhole.width,
@@ -123,11 +125,11 @@ class View:
 
 
 @dataclass(kw_only=True)
-class _Background(Picture):
+class _Background(Framebuffer):
     on_table: NDArray[np.bool_]
 
 
-def _background(pinhole: Pinhole) -> _Background:
+def _background(pinhole: PinholeCamera) -> _Background:
     """The table as a box and the floor below, by intersecting each pixel's ray with them."""
     size = pinhole.width * pinhole.height
     row, column = np.divmod(np.arange(size), pinhole.width)
@@ -154,7 +156,7 @@ def _background(pinhole: Pinhole) -> _Background:
     return _Background(rgb=rgb.astype(np.uint8), depth=depth.astype(np.float32), on_table=on_box & (axis == 2))
 
 
-def _projection(pinhole: Pinhole) -> list[float]:
+def _projection(pinhole: PinholeCamera) -> list[float]:
     """OpenGL projection matrix, column by column, whose image is the pinhole's.
 
     TinyRenderer samples at whole pixels and turns the image upside down: column u lies at 2 u / W - 1 of its view,

@@ -8,21 +8,21 @@ import numpy as np
 import pybullet as bullet
 from numpy.typing import NDArray
 
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, cloth_spec
 from layflat.sim.physics.bullet.world import SimError, World
 from layflat.sim.robots.panda import inverse_kinematics, load_arm
 
 
-class Stage:
+class ReplayScene:
     """Shows cloth nodes, and the arm where the task has one, as they were.
 
     The arm's joints follow from where its hanger was, hand straight down: files hold the corners, and the few
     milliradians by which an impedance-controlled hand tilts are not seen in a picture.
     """
 
-    def __init__(self, task: Task, cloth: str) -> None:
+    def __init__(self, task: RobotName, cloth: str) -> None:
         """``cloth`` is a preset's name; SimError lists the known ones."""
         self.spec = cloth_spec(cloth)
         self._world = World(step_s=1.0 / self.spec.rate_hz, table_friction=1.0)
@@ -46,7 +46,7 @@ class Stage:
     def close(self) -> None:
         self._world.close()
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> ReplayScene:
         return self
 
     def __exit__(

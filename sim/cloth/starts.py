@@ -8,13 +8,13 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from layflat.data.types import FloatArray, Task, action_size
+from layflat.data.types import FloatArray, RobotName, action_size
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec
 from layflat.sim.cloth.crumple import crumple
-from layflat.sim.disturbances.presets import DisturbanceSpec, Plan, disturbance_spec
-from layflat.sim.physics.bullet.air_drag import Air
-from layflat.sim.robots.base import Holder
-from layflat.sim.robots.pickers import Pickers
+from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
+from layflat.sim.physics.bullet.air_drag import AirDrag
+from layflat.sim.robots.base import Robot
+from layflat.sim.robots.pickers import FreePickers
 
 Start: TypeAlias = Literal["hanging", "crumpled", "folded-corner", "swinging"]
 STARTS: tuple[Start, ...] = ("hanging", "crumpled", "folded-corner", "swinging")
@@ -22,7 +22,7 @@ STARTS: tuple[Start, ...] = ("hanging", "crumpled", "folded-corner", "swinging")
 START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
 START_MOVES = 20
-START_STEP_M: Mapping[Task, float] = {"hanger": 0.006, "pickers": 0.004}
+START_STEP_M: Mapping[RobotName, float] = {"hanger": 0.006, "pickers": 0.004}
 """Largest random displacement along each axis in one of the start's ticks. Two pickers move independently: with 6 mm
 the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
 
@@ -51,7 +51,7 @@ swings back before it touches, and ends flat."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beginning:
+class InitialState:
     """A cloth that is to be put into a world."""
 
     corners: FloatArray
@@ -67,23 +67,23 @@ def home_corners(spec: ClothSpec) -> FloatArray:
     return _corners(spec, 0.0, spec.length_m + START_CLEARANCE_M)
 
 
-def beginning(start: Start, spec: ClothSpec, rng: np.random.Generator) -> Beginning:
+def sample_initial_state(start: Start, spec: ClothSpec, rng: np.random.Generator) -> InitialState:
     """Where the holder and the cloth are when the world is made."""
     if start == "folded-corner":
         return _laid(spec, rng)
     corners = home_corners(spec)
     slack = corners / np.array([1.0, HELD_STRETCH, 1.0])
-    return Beginning(corners=corners, nodes=spec.hanging_nodes(slack), about={})
+    return InitialState(corners=corners, nodes=spec.hanging_nodes(slack), about={})
 
 
-def clip(cloth: Cloth, corners: FloatArray, air: Air) -> None:
+def attach(cloth: Cloth, corners: FloatArray, air: AirDrag) -> None:
     """Fingers draw the cloth's two held corners to ``corners`` (2, 3) m, where the holder takes them.
 
     A cloth begins at rest, which is narrower than the holder: nodes that are set wider would be its shape at rest.
     """
     world = cloth.world
     at = cloth.nodes()[list(cloth.spec.corners)]
-    fingers = Pickers(cloth, at)
+    fingers = FreePickers(cloth, at)
     fingers.grip()
     substeps = world.halves(CLIPPING_S) // 2
     fingers.start_tick((corners - at).ravel(), substeps)
@@ -94,12 +94,12 @@ def clip(cloth: Cloth, corners: FloatArray, air: Air) -> None:
     fingers.let_go()
 
 
-def begin(
+def run_start_motion(
     start: Start,
     cloth: Cloth,
-    holder: Holder,
+    holder: Robot,
     tick: Callable[[FloatArray], None],
-    disturb: Callable[[DisturbanceSpec], Plan],
+    disturb: Callable[[DisturbanceSpec], DisturbanceTrajectory],
     rng: np.random.Generator,
 ) -> Mapping[str, float]:
     """What happens before anyone decides; ``tick`` is one control step, ``disturb`` begins what acts in the next ones.
@@ -121,15 +121,15 @@ def _corners(spec: ClothSpec, x_m: float, z_m: float) -> FloatArray:
     return np.array([[x_m, half, z_m], [x_m, -half, z_m]])
 
 
-def _laid(spec: ClothSpec, rng: np.random.Generator) -> Beginning:
+def _laid(spec: ClothSpec, rng: np.random.Generator) -> InitialState:
     """Laid and dragged taut."""
     x = rng.uniform(*LAID_FREE_EDGE_M)
-    return Beginning(
+    return InitialState(
         corners=_corners(spec, x + LAID_STRETCH * spec.length_m, LAID_HEIGHT_M), nodes=spec.flat_nodes(x_m=x), about={}
     )
 
 
-def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], Plan]) -> Mapping[str, float]:
+def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], DisturbanceTrajectory]) -> Mapping[str, float]:
     """A hand turns one corner of the free edge over (figure 5-2).
 
     Nodes that are put where a fold has them will not do: Bullet takes what it is given for the cloth's shape at rest,
@@ -149,7 +149,7 @@ def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], Plan]) 
 
 
 def _swing(
-    cloth: Cloth, holder: Holder, tick: Callable[[FloatArray], None], rng: np.random.Generator
+    cloth: Cloth, holder: Robot, tick: Callable[[FloatArray], None], rng: np.random.Generator
 ) -> Mapping[str, float]:
     """Forth, back and down too fast: the free edge swings ahead and is about to touch first (figure 5-1)."""
     speed, clearance = rng.uniform(*SWING_STEP_M), rng.uniform(*SWING_CLEARANCE_M)

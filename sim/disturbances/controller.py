@@ -10,15 +10,15 @@ import numpy as np
 
 from layflat.data.types import FloatArray
 from layflat.sim.cloth.cloth import Cloth
-from layflat.sim.disturbances.force_anchors import Hands
-from layflat.sim.disturbances.presets import DisturbanceSpec, Plan
+from layflat.sim.disturbances.force_anchors import ForceAnchors
+from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
 from layflat.sim.physics.bullet.world import World
 
 ARRIVED_M = 0.008
 """The hands let go once their target has come to its end and they are this close to it."""
 
 
-class Disturbance:
+class DisturbanceController:
     """One disturbance of one cloth; made when it begins, spent when ``done``."""
 
     def __init__(self, world: World, cloth: Cloth, spec: DisturbanceSpec, rng: np.random.Generator) -> None:
@@ -26,12 +26,12 @@ class Disturbance:
         self._world = world
         self._cloth = cloth
         self.spec = spec
-        self.plan: Plan = spec.schedule(rng, cloth.spec)
+        self.plan: DisturbanceTrajectory = spec.schedule(rng, cloth.spec)
         self._began: int | None = None
         self._finished: int | None = None
         self._now = 0
         """All three as ``World.halves_done``, at a ``before_substep``."""
-        self._hands: _PathHands | None = None
+        self._hands: _PathAnchors | None = None
         self._gust: _Gust | None = None
         self._impulse = np.zeros(3)
         self._at: FloatArray | None = None
@@ -85,7 +85,7 @@ class Disturbance:
 
     def _begin(self) -> None:
         if self.plan.nodes:
-            self._hands = _PathHands(self._world, self._cloth, self.plan)
+            self._hands = _PathAnchors(self._world, self._cloth, self.plan)
         elif any(self.plan.wind_m_s2):
             self._gust = _Gust(self._world, self._cloth.spec.mass_kg, np.array(self.plan.wind_m_s2))
 
@@ -99,10 +99,10 @@ class Disturbance:
         self._finished = self._now
 
 
-class _PathHands(Hands):
+class _PathAnchors(ForceAnchors):
     """Hands on a patch that follow the path of a plan together."""
 
-    def __init__(self, world: World, cloth: Cloth, plan: Plan) -> None:
+    def __init__(self, world: World, cloth: Cloth, plan: DisturbanceTrajectory) -> None:
         super().__init__(world, cloth, plan.nodes, plan.force_limit_n)
         self._plan = plan
 

@@ -25,7 +25,7 @@ HAND_DAMPING_1_S = 90.0
 """N s/m per kg of hand and node: above half of critical (141)."""
 
 
-class Hands:
+class ForceAnchors:
     """One hand on each of some nodes, drawn to targets by springs of bounded force."""
 
     def __init__(self, world: World, cloth: Cloth, nodes: Sequence[int], force_limit_n: float) -> None:

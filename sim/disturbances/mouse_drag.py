@@ -9,7 +9,7 @@ import numpy as np
 
 from layflat.data.types import FloatArray
 from layflat.sim.cloth.cloth import Cloth, ClothSpec
-from layflat.sim.disturbances.force_anchors import Hands
+from layflat.sim.disturbances.force_anchors import ForceAnchors
 from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
 
 FORCE_WEIGHTS = 1.5
@@ -27,7 +27,7 @@ PICK_RADIUS_M = 0.03
 """A ray that misses the cloth by less takes its nearest node."""
 
 
-class Pull:
+class MouseDrag:
     """One hand on one node, from when it is made until ``let_go``."""
 
     def __init__(self, world: World, cloth: Cloth, node: int) -> None:
@@ -45,7 +45,7 @@ class Pull:
         self._every = world.halves(FEEL_S)
         self._slips_at = min(max(SLIP_STRETCH[0], self._stretch() + SLIP_MORE), SLIP_STRETCH[1])
         limit_n = FORCE_WEIGHTS * cloth.spec.mass_kg * GRAVITY_M_S2
-        self._hands = Hands(world, cloth, [free_node(cloth.spec, node)], limit_n)
+        self._hands = ForceAnchors(world, cloth, [free_node(cloth.spec, node)], limit_n)
         self._target: FloatArray = self._hands.start[0].copy()
         self._velocity = np.zeros(3)
 
@@ -88,7 +88,7 @@ def free_node(cloth: ClothSpec, node: int) -> int:
     return {first: first - cloth.columns + 1, last: last - cloth.columns - 1}.get(node, node)
 
 
-def picked_node(nodes: FloatArray, triangles: np.ndarray, origin: FloatArray, direction: FloatArray) -> int | None:
+def pick_node(nodes: FloatArray, triangles: np.ndarray, origin: FloatArray, direction: FloatArray) -> int | None:
     """The node (N, 3) m that a ray points at: of the first of ``triangles`` (T, 3) that it hits, the nearest.
 
     Beside the cloth it is the node nearest to the ray, as long as that is within PICK_RADIUS_M; else None. Hits are

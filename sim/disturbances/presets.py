@@ -107,7 +107,7 @@ class DisturbanceSpec:
             raise SimError(f"disturbance {name}: it has neither a kind nor a disturbance that it is like")
         return DisturbanceSpec(name=name, **fresh)
 
-    def schedule(self, rng: np.random.Generator, cloth: ClothSpec) -> Plan:
+    def schedule(self, rng: np.random.Generator, cloth: ClothSpec) -> DisturbanceTrajectory:
         """What will happen to this cloth; draws the same number of values whatever the kind."""
         along, across = rng.uniform(*self.along), rng.uniform(*self.across)
         heading, scale = math.radians(rng.uniform(*self.heading_deg)), rng.uniform(*self.scale)
@@ -118,7 +118,7 @@ class DisturbanceSpec:
         corners = [np.zeros(3), *(size * (ahead * forward + up * np.array([0.0, 0.0, 1.0])) for ahead, up in self.path)]
         wind = self.wind_m_s2 * scale * forward
         turn = math.radians(self.turn_deg) * np.cross([0.0, 0.0, 1.0], forward)
-        return Plan(
+        return DisturbanceTrajectory(
             nodes=_patch_nodes(cloth, along, across, self.patch) if self.path else (),
             path_m=np.array(corners),
             turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
@@ -131,7 +131,7 @@ class DisturbanceSpec:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class DisturbanceTrajectory:
     """A disturbance with nothing left to chance."""
 
     nodes: tuple[int, ...]
@@ -152,7 +152,7 @@ class Plan:
         return values | {key: np.asarray(values[key]).tolist() for key in _ARRAYS}
 
     @staticmethod
-    def recorded(described: Mapping[str, Any], cloth: ClothSpec) -> Plan:
+    def recorded(described: Mapping[str, Any], cloth: ClothSpec) -> DisturbanceTrajectory:
         """The plan that ``described`` came of; SimError where it is none for this cloth."""
         try:
             values: dict[str, Any] = dict(described)
@@ -161,7 +161,9 @@ class Plan:
             nodes = tuple(int(node) for node in values["nodes"])
             # Records of before hands could turn say nothing of it.
             turn = tuple(float(part) for part in values.get("turn_rad", (0.0, 0.0, 0.0)))
-            plan = Plan(**(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z), "turn_rad": turn}))
+            plan = DisturbanceTrajectory(
+                **(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z), "turn_rad": turn})
+            )
             limits = (plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s)
             numbers = [x, y, z, *turn, *path.ravel(), *limits]
             sound = path.ndim == 2 and path.shape[1] == 3 and len(turn) == 3 and bool(np.isfinite(numbers).all())

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 
 
-class Holder(Protocol):
+class Robot(Protocol):
     """Holds the cloth's two corners and carries them along displacements, one per tick.
 
     A holder is made at its home pose with the clips or pickers at ``corner_positions()``; the caller puts the cloth's
     corner nodes there and calls ``grip``.
     """
 
-    task: Task
+    task: RobotName
 
     def corner_positions(self) -> FloatArray:
         """(2, 3) m, world: where the two held corners really are; row 0 at +y."""

@@ -28,7 +28,7 @@ WALL_STIFFNESS_N_M = 1500.0
 _IN_PLANE = np.array([1.0, 0.0, 1.0])
 
 
-class Guiding:
+class HandGuiding:
     """One hand on the hanger, from the first guided tick until the arm holds itself again."""
 
     def __init__(self, place: FloatArray, held_n: FloatArray, load_n: float, step_s: float) -> None:

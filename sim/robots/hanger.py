@@ -7,10 +7,10 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import pybullet as bullet
 
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.robots.hand_guiding import WALL_STIFFNESS_N_M, Guiding
+from layflat.sim.robots.hand_guiding import WALL_STIFFNESS_N_M, HandGuiding
 from layflat.sim.robots.impedance import STIFFNESS_N_M, CartesianImpedance, hanger_pose
 from layflat.sim.robots.panda import JOINTS, TORQUE_LIMIT_N_M, WRIST_LINK, inverse_kinematics, load_arm
 
@@ -30,10 +30,10 @@ POSITION_GAIN = 0.3
 _AXES = [0, 2]
 
 
-class Hanger:
+class PandaHanger:
     """Holds the two corners in clips that are parts of the arm's last link; the anchors' error is zero."""
 
-    task: Task = "hanger"
+    task: RobotName = "hanger"
 
     def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
         """Put the arm, at rest, where its clips are at ``corner_positions`` (2, 3) m, row 0 at +y.
@@ -58,7 +58,7 @@ class Hanger:
         self._posture_step = np.zeros(JOINTS)
         """Of one substep."""
         self._resting = False
-        self._guiding: Guiding | None = None
+        self._guiding: HandGuiding | None = None
         self.arm = load_arm(self._client, float(self._clips[0, 1] - self._clips[1, 1]))
         for joint, angle in enumerate(self._posture):
             bullet.resetJointState(self.arm, joint, float(angle), 0.0, physicsClientId=self._client)
@@ -133,7 +133,7 @@ class Hanger:
         place = self.position()
         if self._guiding is None:
             held_n = STIFFNESS_N_M * (self._set_point - place)
-            self._guiding = Guiding(place, held_n, load_n, self._cloth.world.step_s)
+            self._guiding = HandGuiding(place, held_n, load_n, self._cloth.world.step_s)
             self._impedance.yield_in_plane(True)
         if hand_m is not None:
             hand_m = np.array(hand_m, dtype=float)
@@ -170,7 +170,7 @@ class Hanger:
             # Straight lines in joint space: 20 mm of travel bend by less than 0.1 mm.
             self._drive_joints(self._posture, self._posture_speed, TORQUE_LIMIT_N_M)
 
-    def _guided_substep(self, guiding: Guiding) -> FloatArray:
+    def _guided_substep(self, guiding: HandGuiding) -> FloatArray:
         place = self.position()
         force = guiding.hand_push_n(place)
         bullet.applyExternalForce(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pybullet as bullet
 
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.robots.hand_guiding import HAND_SPEED_M_S
 
@@ -17,10 +17,10 @@ MAX_SPREAD = 1.06
 """Distance of the pickers / width of the cloth at which they stop parting: real fingers would slip or tear."""
 
 
-class Pickers:
+class FreePickers:
     """Kinematic pickers; anchor error is one substep of motion."""
 
-    task: Task = "pickers"
+    task: RobotName = "pickers"
 
     def __init__(self, cloth: Cloth, corner_positions: FloatArray) -> None:
         """Hold ``cloth`` at ``corner_positions`` (2, 3) m, row 0 at +y."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_NAMES, Episode, FloatArray, Observation, Step, Task, Truth
+from layflat.data.types import ACTION_NAMES, Episode, FloatArray, GroundTruth, Observation, RobotName, Step
 from layflat.policy.features import FeatureLayout, input_set
 from layflat.sim.cloth.cloth import cloth_spec
 
@@ -38,7 +38,7 @@ def _contact(tick: int, gain: float, noise: FloatArray) -> float:
 
 def _fake_episode(
     *,
-    task: Task = "hanger",
+    task: RobotName = "hanger",
     source: str = "gp-word",
     seed: int = 0,
     disturbed: bool = True,
@@ -68,9 +68,11 @@ def _fake_episode(
             rgb=_picture(contact, tick) if images else None,
         )
 
-    def truth(tick: int) -> Truth:
+    def truth(tick: int) -> GroundTruth:
         contact = _contact(tick, gain, noise)
-        return Truth(nodes=np.zeros((4, 3)), contact_portion_true=min(contact, 1.0), flat_area=min(contact + 0.01, 1.0))
+        return GroundTruth(
+            nodes=np.zeros((4, 3)), contact_portion_true=min(contact, 1.0), flat_area=min(contact + 0.01, 1.0)
+        )
 
     def step(tick: int) -> Step:
         here, after = observation(tick), observation(tick + 1)
@@ -117,7 +119,7 @@ def make_episode() -> EpisodeMaker:
 
 
 @pytest.fixture(scope="session")
-def make_model() -> Callable[[Task, str, list[Episode]], NearestModel]:
+def make_model() -> Callable[[RobotName, str, list[Episode]], NearestModel]:
     return lambda task, inputs, episodes: NearestModel(input_set(task, inputs), episodes)
 
 
@@ -128,8 +130,8 @@ def lying() -> Callable[..., Episode]:
     def made(episode: Episode, ticks: int = 6) -> Episode:
         spec = cloth_spec(episode.cloth)
 
-        def truth(tick: int) -> Truth:
-            return Truth(nodes=spec.flat_nodes(x_m=0.02 * tick), contact_portion_true=1.0, flat_area=1.0)
+        def truth(tick: int) -> GroundTruth:
+            return GroundTruth(nodes=spec.flat_nodes(x_m=0.02 * tick), contact_portion_true=1.0, flat_area=1.0)
 
         steps = tuple(replace(step, truth=truth(tick)) for tick, step in enumerate(episode.steps[:ticks]))
         after = episode.steps[ticks].observation

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layflat.data.types import FLAT_AREA, FloatArray, Observation, Truth, action_size
+from layflat.data.types import FLAT_AREA, FloatArray, GroundTruth, Observation, action_size
 from layflat.policy.base import Decision
-from layflat.sim.config import BenchSettings
-from layflat.sim.disturbances.presets import DisturbanceSpec, Plan, disturbance_spec
+from layflat.sim.config import SimConfig
+from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.physics.bullet.world import SimError
 
 ACTING_TICKS = 4
@@ -19,7 +19,7 @@ ACTING_TICKS = 4
 @dataclass
 class FakeDisturbance:
     spec: DisturbanceSpec
-    plan: Plan
+    plan: DisturbanceTrajectory
     left: int = ACTING_TICKS
 
     def hand_positions(self) -> FloatArray:
@@ -31,7 +31,7 @@ class FakeBench:
 
     percept = None
 
-    def __init__(self, settings: BenchSettings) -> None:
+    def __init__(self, settings: SimConfig) -> None:
         self.settings = settings
         self.start: dict[str, float] = {}
         self.breaks_at: int | None = None
@@ -66,8 +66,8 @@ class FakeBench:
     def _contact(self) -> float:
         return float(np.clip(self._holder_m[0] / 0.4 - self._wrinkles, 0.0, 1.0))
 
-    def truth(self) -> Truth:
-        return Truth(nodes=self._nodes, contact_portion_true=self._contact(), flat_area=self._contact())
+    def truth(self) -> GroundTruth:
+        return GroundTruth(nodes=self._nodes, contact_portion_true=self._contact(), flat_area=self._contact())
 
     def success(self) -> bool:
         return self._contact() > FLAT_AREA

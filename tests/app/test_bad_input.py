@@ -15,7 +15,7 @@ from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io as model_files
-from layflat.policy.registry import DECORATORS
+from layflat.policy.registry import WRAPPERS
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
@@ -166,7 +166,7 @@ def test_an_unknown_disturbance_gets_the_list(refused):
 def test_what_cannot_be_put_around_a_policy_gets_the_list(refused):
     sentence = refused("place", "hanger.npz", "--with", "luck")
     assert "'luck'" in sentence
-    assert all(name in sentence for name in DECORATORS)
+    assert all(name in sentence for name in WRAPPERS)
 
 
 def test_what_exists_stays_without_force(refused):

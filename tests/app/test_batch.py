@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 
 from layflat.app.evaluation import results_csv
-from layflat.app.evaluation.plan import Case, Entrant, Plan
-from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
+from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
-from layflat.app.support.errors import LayflatError, WrongCall
-from layflat.app.support.metrics import COLUMNS, row_of
+from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.metrics import COLUMNS, episode_metrics
 from layflat.app.workers.schedule import ScheduledDisturbance
 from layflat.data import validate
 from layflat.data.atomic_files import WriterLock
@@ -30,11 +30,11 @@ from layflat.tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fak
 FAKE = Scripted()
 
 
-def _run(plan: Plan, out, **options) -> Results:
+def _run(plan: EvaluationPlan, out, **options) -> EvaluationResults:
     return run_batch(plan, out, **{"workers": 3, "play": FAKE, **options})
 
 
-def _wanted(plan: Plan) -> list[str]:
+def _wanted(plan: EvaluationPlan) -> list[str]:
     return [run for group in plan.groups() for run in group.run_ids]
 
 
@@ -56,7 +56,7 @@ def test_rows_are_those_of_the_episodes_in_the_plans_order_whoever_was_first(tmp
     assert list(many["run"]) == _wanted(plan)
     group = next(plan.groups())
     for case, (_, row) in zip(group.cases, many.iterrows(), strict=False):
-        expected = row_of(replace(fake_episode(group, case), source="hold", disturbance=case.name))
+        expected = episode_metrics(replace(fake_episode(group, case), source="hold", disturbance=case.name))
         assert {name: None if pd.isna(row[name]) else row[name] for name in COLUMNS} == expected
 
 
@@ -107,16 +107,16 @@ def test_less_than_before_leaves_what_is_there(tmp_path):
     pd.testing.assert_frame_equal(_run(replace(plan, seeds=(1,)), tmp_path).rows, before)
 
 
-def _other_case(plan: Plan) -> Plan:
-    case = Case(name="push", schedule=(ScheduledDisturbance(spec=DISTURBANCES["pull"], repeats=2),))
+def _other_case(plan: EvaluationPlan) -> EvaluationPlan:
+    case = DisturbanceCase(name="push", schedule=(ScheduledDisturbance(spec=DISTURBANCES["pull"], repeats=2),))
     return replace(plan, cases=(case, *plan.cases[1:]))
 
 
-def _other_policy(plan: Plan) -> Plan:
-    return replace(plan, entrants=(Entrant(name="hold", task="hanger", made="random"),))
+def _other_policy(plan: EvaluationPlan) -> EvaluationPlan:
+    return replace(plan, entrants=(PolicySpec(name="hold", task="hanger", made="random"),))
 
 
-def _other_start(plan: Plan) -> Plan:
+def _other_start(plan: EvaluationPlan) -> EvaluationPlan:
     pickers = tuple(replace(entrant, task="pickers") for entrant in plan.entrants)
     return replace(plan, entrants=pickers, start="crumpled")
 
@@ -128,9 +128,9 @@ def _other_start(plan: Plan) -> Plan:
 def test_another_thing_under_the_same_name_is_refused_and_force_begins_anew(tmp_path, change, words):
     plan = fake_plan(seeds=1)
     before = _run(plan, tmp_path).rows
-    with pytest.raises(WrongCall, match=f"{words}.*give another --out, or --force"):
+    with pytest.raises(UsageError, match=f"{words}.*give another --out, or --force"):
         _run(change(plan), tmp_path)
-    pd.testing.assert_frame_equal(Results.open(tmp_path).rows, before)
+    pd.testing.assert_frame_equal(EvaluationResults.open(tmp_path).rows, before)
     assert len(_run(change(plan), tmp_path, force=True).rows) == change(plan).episodes
 
 
@@ -140,19 +140,19 @@ def test_a_model_is_known_by_its_numbers_not_by_its_file(tmp_path):
     model = random_model("hanger", 20)
     save(model, tmp_path / "m.npz")
 
-    def plan(of) -> Plan:
-        return Plan(entrants=(Entrant(name="gp", task="hanger", model=of),), cloths=("towel",), seeds=(0,))
+    def plan(of) -> EvaluationPlan:
+        return EvaluationPlan(entrants=(PolicySpec(name="gp", task="hanger", model=of),), cloths=("towel",), seeds=(0,))
 
     _run(plan(model), tmp_path / "out")
     _run(plan(load(tmp_path / "m.npz")), tmp_path / "out")
-    with pytest.raises(WrongCall, match="policy hanger gp is another one"):
+    with pytest.raises(UsageError, match="policy hanger gp is another one"):
         _run(plan(replace(model, alpha=model.alpha * 1.0001)), tmp_path / "out")
 
 
 @pytest.mark.parametrize("name", ["episodes.csv", "batch.json"])
 def test_a_folder_with_other_results_is_left_alone(tmp_path, name):
     (tmp_path / name).write_text("policy,seed\nhold,0\n")
-    with pytest.raises(WrongCall, match="choose another --out"):
+    with pytest.raises(UsageError, match="choose another --out"):
         _run(fake_plan(seeds=1), tmp_path)
     assert (tmp_path / name).read_text() == "policy,seed\nhold,0\n"
     assert sorted(path.name for path in tmp_path.iterdir()) in ([name], [name, "runs"])
@@ -200,7 +200,7 @@ def test_a_full_disk_ends_the_batch_in_one_sentence_and_loses_nothing(tmp_path):
     with pytest.raises(LayflatError, match=r"takes no more files: File too large.*goes on from there") as caught:
         _run(plan, tmp_path, play=full, workers=1)
     assert caught.value.exit_status == 1
-    rows = Results.open(tmp_path).rows
+    rows = EvaluationResults.open(tmp_path).rows
     assert list(rows["run"]) == [*_wanted(plan)[:6], group.run_ids[0], group.run_ids[2]]
     assert not rows["crashed"].any()
     pd.testing.assert_frame_equal(_run(plan, tmp_path).rows, _run(plan, tmp_path / "whole").rows)
@@ -248,11 +248,11 @@ def test_a_crash_costs_one_row_after_two_attempts(tmp_path):
     assert crashed["contact_final"].isna().all()
     assert rows.loc[second.run_ids[0], "attempts"] == 2
     assert rows.loc[[first.run_ids[0], first.run_ids[2]], "attempts"].tolist() == [1, 1]
-    summary = Results.open(tmp_path).summary
+    summary = EvaluationResults.open(tmp_path).summary
     assert summary["crashed"] == 4
     assert summary["tried_again"] == 5
     with pytest.raises(DataError, match="does not exist"):
-        Results.open(tmp_path).episode(first.run_ids[1])
+        EvaluationResults.open(tmp_path).episode(first.run_ids[1])
 
 
 def test_what_hangs_is_ended_in_time(tmp_path):
@@ -266,7 +266,7 @@ def test_what_hangs_is_ended_in_time(tmp_path):
 
 def test_results_of_nothing_are_refused(tmp_path):
     with pytest.raises(DataError, match="does not hold the results"):
-        Results.open(tmp_path)
+        EvaluationResults.open(tmp_path)
 
 
 def test_a_program_that_has_used_opencvs_threads_may_run_batches(tmp_path):

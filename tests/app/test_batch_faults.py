@@ -19,11 +19,11 @@ import pandas as pd
 import psutil
 import pytest
 
-from layflat.app.evaluation.plan import Plan
-from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.plan import EvaluationPlan
+from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
 from layflat.app.support.errors import LayflatError
-from layflat.app.support.metrics import COLUMNS, row_of
+from layflat.app.support.metrics import COLUMNS, episode_metrics
 from layflat.data.atomic_files import WriterLock
 from layflat.tests.fakeplay import FAULTS, PLACING, Fault, Scripted, fake_episode, fake_plan, key_of
 
@@ -32,7 +32,9 @@ LIMIT_S = 4.0
 """A hang takes that long; an episode that is well must never."""
 
 
-def _faults(plan: Plan, wanted: int, rng: np.random.Generator) -> dict[tuple[str, str], tuple[Fault | None, ...]]:
+def _faults(
+    plan: EvaluationPlan, wanted: int, rng: np.random.Generator
+) -> dict[tuple[str, str], tuple[Fault | None, ...]]:
     """``wanted`` faults at random places of the plan's first and second attempts."""
     ordinary = [fault for fault in FAULTS if fault not in ("disk", "hang")]
     planned: dict[tuple[str, str], tuple[Fault | None, ...]] = {}
@@ -54,7 +56,7 @@ def _shares(ordinary: int) -> list[float]:
     return [DISK_SHARE, HANG_SHARE, *[(1 - DISK_SHARE - HANG_SHARE) / ordinary] * ordinary]
 
 
-def _until_done(plan: Plan, out: Path, play: Scripted, workers: int) -> tuple[Results, int]:
+def _until_done(plan: EvaluationPlan, out: Path, play: Scripted, workers: int) -> tuple[EvaluationResults, int]:
     """As a person would: the same command again, with room made, until it ends well; how often the disk was full."""
     for full in itertools.count():
         with contextlib.suppress(LayflatError):
@@ -62,7 +64,7 @@ def _until_done(plan: Plan, out: Path, play: Scripted, workers: int) -> tuple[Re
     raise AssertionError
 
 
-def _check(plan: Plan, results: Results) -> Counter:
+def _check(plan: EvaluationPlan, results: EvaluationResults) -> Counter:
     """Each planned row once, each as it must be; which ends there were."""
     rows = results.rows.set_index("run")
     assert rows.index.is_unique
@@ -76,7 +78,7 @@ def _check(plan: Plan, results: Results) -> Counter:
                 assert not file.exists()
             else:
                 made = replace(fake_episode(group, case), source=group.entrant.name, disturbance=case.name)
-                assert {name: None if pd.isna(row[name]) else row[name] for name in COLUMNS} == row_of(made)
+                assert {name: None if pd.isna(row[name]) else row[name] for name in COLUMNS} == episode_metrics(made)
                 assert file.exists()
     return Counter(rows["reason"])
 
@@ -157,7 +159,7 @@ def _none_left(group: int, patience_s: float = 10.0) -> bool:
     return True
 
 
-def _whole(plan: Plan, folder: Path) -> pd.DataFrame:
+def _whole(plan: EvaluationPlan, folder: Path) -> pd.DataFrame:
     """The rows of a batch that nobody disturbs."""
     return run_batch(plan, folder, workers=4, play=Scripted()).rows
 
@@ -190,7 +192,7 @@ def test_ctrl_c_keeps_what_is_finished_sums_it_up_and_ends_with_130(start, tmp_p
     assert err.splitlines()[-1].startswith("layflat: interrupted")
     assert "Traceback" not in err
     assert _none_left(child.pid)
-    results = Results.open(tmp_path / "out")
+    results = EvaluationResults.open(tmp_path / "out")
     assert 3 <= len(results.rows) < 36
     assert not results.rows["crashed"].any()
     assert sum(group["n"] for group in results.summary["groups"]) == len(results.rows)
@@ -210,7 +212,9 @@ def test_a_batch_that_is_killed_again_and_again_comes_to_its_end(start, tmp_path
     child = start(seeds=12, workers=3, tick_s=0.0)
     child.communicate(timeout=120)
     assert child.returncode == 0
-    pd.testing.assert_frame_equal(Results.open(tmp_path / "out").rows, _whole(fake_plan(12), tmp_path / "whole"))
+    pd.testing.assert_frame_equal(
+        EvaluationResults.open(tmp_path / "out").rows, _whole(fake_plan(12), tmp_path / "whole")
+    )
 
 
 def test_killed_workers_are_replaced(start, tmp_path):
@@ -224,7 +228,7 @@ def test_killed_workers_are_replaced(start, tmp_path):
                 process.kill()
         time.sleep(0.4)
     assert child.wait(timeout=60) == 0
-    rows = Results.open(tmp_path / "out").rows
+    rows = EvaluationResults.open(tmp_path / "out").rows
     assert len(rows) == 36
     assert rows["run"].is_unique
     assert (rows["attempts"] == 2).any()

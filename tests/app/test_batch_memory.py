@@ -9,10 +9,10 @@ import psutil
 import pytest
 
 from layflat.app.evaluation import results_csv
-from layflat.app.evaluation.local_engine import GroupEnd
-from layflat.app.evaluation.plan import Case, Plan
+from layflat.app.evaluation.local_engine import WorkResult
+from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan
 from layflat.app.evaluation.run import run_batch
-from layflat.app.support.metrics import row_of
+from layflat.app.support.metrics import episode_metrics
 from layflat.app.workers.schedule import ScheduledDisturbance
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.tests.fakeplay import Scripted, fake_episode, fake_plan
@@ -50,11 +50,12 @@ class Memory:
         assert self.files[TEN_THOUSAND] <= self.files[500]
 
 
-def _ten_thousand() -> Plan:
+def _ten_thousand() -> EvaluationPlan:
     """Ten episodes of each placing, so that most of the time goes into episodes and not into placings."""
     push = ScheduledDisturbance(spec=DISTURBANCES["push"])
     plan = replace(
-        fake_plan(seeds=500), cases=tuple(Case(name=f"push-{number}", schedule=(push,)) for number in range(1, 10))
+        fake_plan(seeds=500),
+        cases=tuple(DisturbanceCase(name=f"push-{number}", schedule=(push,)) for number in range(1, 10)),
     )
     assert plan.episodes == TEN_THOUSAND
     return plan
@@ -63,8 +64,11 @@ def _ten_thousand() -> Plan:
 def _at_once(next_group, folder, play):
     """An engine without processes: what a batch keeps is in this one."""
     while (group := next_group()) is not None:
-        rows = {run: row_of(fake_episode(group, case)) for run, case in zip(group.run_ids, group.cases, strict=True)}
-        yield GroupEnd(group, {}, rows)
+        rows = {
+            run: episode_metrics(fake_episode(group, case))
+            for run, case in zip(group.run_ids, group.cases, strict=True)
+        }
+        yield WorkResult(group, {}, rows)
 
 
 def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundred(tmp_path, monkeypatch):

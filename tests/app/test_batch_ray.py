@@ -12,10 +12,10 @@ import pandas as pd
 import psutil
 import pytest
 
-from layflat.app.evaluation.fork_server import Server
-from layflat.app.evaluation.plan import Entrant, Plan
+from layflat.app.evaluation.fork_server import ForkServer
+from layflat.app.evaluation.plan import EvaluationPlan, PolicySpec
 from layflat.app.evaluation.ray_engine import ray_engine
-from layflat.app.evaluation.results import Results
+from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.support.errors import LayflatError
@@ -29,7 +29,7 @@ def test_without_ray_there_is_one_sentence(monkeypatch):
 
 
 def test_a_warm_server_runs_group_after_group_and_ends_with_its_owner():
-    server = Server()
+    server = ForkServer()
     try:
         for group in fake_plan(seeds=1).groups():
             faults = {(key_of(group), "push"): ("segfault",)}
@@ -105,10 +105,10 @@ def _servers() -> list[int]:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_real_episodes_are_the_same_on_one_worker_on_two_and_on_ray(cluster, tmp_path, differences):
-    plan = Plan(
+    plan = EvaluationPlan(
         entrants=(
-            Entrant(name="rule", task="pickers", made="drag-rule"),
-            Entrant(name="hold", task="hanger", made="hold"),
+            PolicySpec(name="rule", task="pickers", made="drag-rule"),
+            PolicySpec(name="hold", task="hanger", made="hold"),
         ),
         cloths=("towel",),
         seeds=(0, 1),
@@ -123,5 +123,5 @@ def test_real_episodes_are_the_same_on_one_worker_on_two_and_on_ray(cluster, tmp
             assert _steps_differ(results["one"], results[name], run, differences) == []
 
 
-def _steps_differ(a: Results, b: Results, run: str, differences) -> list[str]:
+def _steps_differ(a: EvaluationResults, b: EvaluationResults, run: str, differences) -> list[str]:
     return differences(a.episode(run).steps, b.episode(run).steps)

@@ -18,7 +18,7 @@ from layflat.app.benchmarks import (
     measure_solver_settings,
 )
 from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS
-from layflat.data.types import TASKS, TICK_S
+from layflat.data.types import ROBOTS, TICK_S
 from layflat.perception.descriptors.word import AXIAL, LETTER
 from layflat.tests.fakeplay import Scripted
 
@@ -42,8 +42,8 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
     return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in names}
 
 
-def _all_rows() -> list[bench.Row]:
-    rows: list[bench.Row] = []
+def _all_rows() -> list[bench.BenchmarkRow]:
+    rows: list[bench.BenchmarkRow] = []
     for item in bench.measurements(None):
         rows += bench.rows_of(item, _samples(item.kind), rows)
     return rows
@@ -61,7 +61,7 @@ def test_rows_have_the_keys_of_the_contract_and_distinct_names():
 
 def test_both_tasks_and_both_meshes_are_measured():
     names = [row.name for row in _all_rows()]
-    for task in TASKS:
+    for task in ROBOTS:
         for cloth in (bench.CLOTH, bench.FINE_CLOTH):
             assert any(name.startswith(f"{task} {cloth} in the air") for name in names)
             assert any(name.startswith(f"{task} {cloth} loop / bare") for name in names)
@@ -100,7 +100,7 @@ def test_predicting_really_predicts():
     assert np.median(walls["predict"] / walls["GPy"]) < 0.7
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_what_is_timed_beside_gpy_gives_gpys_numbers(task):
     """To 1e-8 of a unit of the processes, mean and deviation."""
     model = measure.random_model(task, points=150)
@@ -118,7 +118,7 @@ def test_the_fast_way_gives_the_plain_ways_numbers(config):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_a_short_real_run(task, tmp_path):
     with bench.fresh_processes(1) as pool:
         physics = pool.schedule(measure.physics, args=(task, "towel", 2, 2)).result()

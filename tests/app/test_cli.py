@@ -11,11 +11,11 @@ import pytest
 
 from layflat.app.cli import learning, main, options
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
-from layflat.app.workstation.teleop.registry import SOURCES
-from layflat.data.types import TASKS
+from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.workstation.teleop.registry import TELEOPERATORS
+from layflat.data.types import ROBOTS
 from layflat.perception.descriptors.registry import DESCRIPTORS
-from layflat.policy.registry import TRAINABLE
+from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 
 COMMANDS = (
@@ -122,7 +122,7 @@ def test_the_message_names_the_value_and_what_would_be_right(capsys):
     assert "--episodes is -3; at least 1 is needed" in _run(capsys, "record", "x.h5", "--episodes", "-3")[2]
     err = _run(capsys, "demo", "--out", "x", "--task", "arm")[2]
     assert "'arm'" in err
-    assert all(task in err for task in TASKS)
+    assert all(task in err for task in ROBOTS)
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
@@ -133,9 +133,9 @@ def test_help_of_every_command(command, capsys):
 
 
 def test_choices_are_those_of_the_packages():
-    assert set(get_args(options.TaskName)) == set(TASKS)
-    assert set(get_args(learning.SourceName)) == {"scripted", *SOURCES}
-    assert set(get_args(learning.PolicyName)) == set(TRAINABLE)
+    assert set(get_args(options.TaskName)) == set(ROBOTS)
+    assert set(get_args(learning.SourceName)) == {"scripted", *TELEOPERATORS}
+    assert set(get_args(learning.PolicyName)) == set(TRAINABLE_POLICIES)
     assert set(get_args(main.ControllerName)) == set(CONTROLLERS)
     assert set(get_args(options.DescriptorName)) == set(DESCRIPTORS)
 
@@ -166,15 +166,15 @@ def test_a_missing_simulator_gets_one_sentence(monkeypatch):
 
 
 def test_unknown_cloth_lists_the_known_ones():
-    with pytest.raises(WrongCall, match="cloth 'silk' is unknown; known ones are napkin, towel"):
-        validators.known_name("cloth", "silk", ["towel", "napkin"])
-    assert validators.known_name("cloth", "towel", ["towel", "napkin"]) == "towel"
+    with pytest.raises(UsageError, match="cloth 'silk' is unknown; known ones are napkin, towel"):
+        validators.one_of("cloth", "silk", ["towel", "napkin"])
+    assert validators.one_of("cloth", "towel", ["towel", "napkin"]) == "towel"
 
 
 def test_existing_output_needs_force(tmp_path):
     path = tmp_path / "m.npz"
     path.write_bytes(b"old")
-    with pytest.raises(WrongCall, match="--force"):
+    with pytest.raises(UsageError, match="--force"):
         validators.writable_file(path, force=False)
     assert validators.writable_file(path, force=True) == path
     assert validators.writable_file(path, force=False, append=True) == path
@@ -185,9 +185,9 @@ def test_output_that_cannot_be_written_is_found_before_the_work(tmp_path):
     blocker = tmp_path / "file"
     blocker.touch()
     for path in (blocker / "m.npz", Path("/proc/nowhere/m.npz"), Path("/dev/null/m.npz")):
-        with pytest.raises(WrongCall, match="cannot be written"):
+        with pytest.raises(UsageError, match="cannot be written"):
             validators.writable_file(path, force=False)
-    with pytest.raises(WrongCall, match="is a folder"):
+    with pytest.raises(UsageError, match="is a folder"):
         validators.writable_file(tmp_path, force=True)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.app.workers.episode_pool import EpisodeJob, run_jobs
+from layflat.app.workers.episode_pool import EpisodeConfig, run_episodes
 from layflat.data.types import Episode
 
 JOBS = [
-    EpisodeJob(task=task, cloth=cloth, seed=seed, disturbance=disturbance)
+    EpisodeConfig(task=task, cloth=cloth, seed=seed, disturbance=disturbance)
     for task in ("hanger", "pickers")
     for cloth, seed, disturbance in (("towel", 60, "thesis"), ("napkin", 61, "push"), ("towel", 62, "pull"))
 ]
@@ -19,7 +19,7 @@ JOBS = [
 @pytest.mark.timeout(1200)
 def test_the_camera_agrees_with_the_mesh_over_whole_placements() -> None:
     """Mean absolute error at most 0.02 in each, of the ticks in which any of the cloth lies: air would dilute it."""
-    for job, episode in zip(JOBS, run_jobs(JOBS, workers=1), strict=True):
+    for job, episode in zip(JOBS, run_episodes(JOBS, workers=1), strict=True):
         assert isinstance(episode, Episode), episode
         true = np.array([truth.contact_portion_true for truth in episode.truths()])
         lying = true > 0

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from layflat.app.support.errors import LayflatError, WrongCall, run_guarded
+from layflat.app.support.errors import LayflatError, UsageError, run_command
 from layflat.data.types import DataError
 from layflat.perception.errors import PerceptionError
 from layflat.policy.base import PolicyError
@@ -22,7 +22,7 @@ def _raise(error: BaseException) -> int:
     ("error", "status"),
     [
         (LayflatError("work failed"), 1),
-        (WrongCall("wrong"), 2),
+        (UsageError("wrong"), 2),
         (DataError("the file is cut off"), 2),
         (PolicyError("model of the other task"), 2),
         (PerceptionError("depth has the wrong shape"), 2),
@@ -36,7 +36,7 @@ def _raise(error: BaseException) -> int:
     ],
 )
 def test_one_sentence_and_the_status(error, status, capsys):
-    assert run_guarded(lambda: _raise(error)) == status
+    assert run_command(lambda: _raise(error)) == status
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("layflat: ")
@@ -48,22 +48,22 @@ def test_an_error_may_carry_its_own_status(capsys):
     class Unstable(PolicyError):
         exit_status = 1
 
-    assert run_guarded(lambda: _raise(Unstable("the fit failed"))) == 1
+    assert run_command(lambda: _raise(Unstable("the fit failed"))) == 1
 
 
 def test_debug_shows_the_traceback_as_well(capsys):
-    assert run_guarded(lambda: _raise(WrongCall("wrong value 3")), debug=True) == 2
+    assert run_command(lambda: _raise(UsageError("wrong value 3")), debug=True) == 2
     err = capsys.readouterr().err
     assert "Traceback" in err
     assert err.splitlines()[-1] == "layflat: wrong value 3"
 
 
 def test_nothing_raised_is_zero():
-    assert run_guarded(lambda: None) == 0
+    assert run_command(lambda: None) == 0
 
 
 def test_a_reader_that_closes_stdout_sees_no_traceback():
-    program = "from layflat.app.support.errors import run_guarded; run_guarded(lambda: [print(i) for i in range(200000)] and 0)"
+    program = "from layflat.app.support.errors import run_command; run_command(lambda: [print(i) for i in range(200000)] and 0)"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as child:

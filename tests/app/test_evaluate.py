@@ -10,12 +10,12 @@ import pytest
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli.main import main
 from layflat.app.commands.evaluate import entrants_of
-from layflat.app.evaluation.plan import Case, Entrant, Plan
+from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
 from layflat.app.evaluation.run import run_batch
 from layflat.app.evaluation.suites import cases_of
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
-from layflat.app.workers.schedule import ScheduledDisturbance, When
+from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
 from layflat.data.types import Episode
 from layflat.policy.model_io import save
 from layflat.sim.disturbances.presets import DISTURBANCES
@@ -85,14 +85,14 @@ def test_names_are_given_or_else_told_apart_by_the_files(models):
     ],
 )
 def test_who_cannot_take_part(models, given, tasks, words):
-    with pytest.raises(WrongCall, match=words):
+    with pytest.raises(UsageError, match=words):
         entrants_of([text.format(models) for text in given], tasks)
 
 
 def test_nobody_takes_part_twice(models):
     entrants = entrants_of([f"a={models}/hanger.npz", f"a={models}/hanger_2.npz"], [])
-    with pytest.raises(WrongCall, match="policy hanger a is there twice"):
-        Plan(entrants=entrants, cloths=("towel",), seeds=(0,))
+    with pytest.raises(UsageError, match="policy hanger a is there twice"):
+        EvaluationPlan(entrants=entrants, cloths=("towel",), seeds=(0,))
 
 
 def _call(*words: object) -> int:
@@ -124,9 +124,9 @@ def _placed(episode: Episode) -> Episode:
 
 
 def test_twins_are_exact_and_those_of_an_episode_of_its_own(tmp_path, differences):
-    entrants = (Entrant(name="rule", task="pickers", made="drag-rule"),)
+    entrants = (PolicySpec(name="rule", task="pickers", made="drag-rule"),)
     usual = {"entrants": entrants, "cloths": ("towel",), "seeds": (3,), "start": "folded-corner"}
-    plan = Plan(**usual, cases=(*cases_of("poke"), _never()))
+    plan = EvaluationPlan(**usual, cases=(*cases_of("poke"), _never()))
     together = run_batch(plan, tmp_path / "together", workers=1)
     none, poke, never = (together.episode(run) for run in together.rows["run"])
     assert differences(_placed(none), none.steps) == []
@@ -134,15 +134,15 @@ def test_twins_are_exact_and_those_of_an_episode_of_its_own(tmp_path, difference
     assert len(poke.steps) > len(none.steps)
     # A case that watches from the start, whose moment never comes, is the same placing once more, in another fork.
     assert differences(_placed(none), _placed(never)) == []
-    alone = run_batch(Plan(**usual), tmp_path / "alone", workers=1)
+    alone = run_batch(EvaluationPlan(**usual), tmp_path / "alone", workers=1)
     assert differences(alone.episode(alone.rows["run"][0]).steps, none.steps) == []
     assert sum(abs(step.force_n).sum() for step in poke.steps) > 0
     assert sum(abs(step.force_n).sum() for step in none.steps) == 0
 
 
-def _never() -> Case:
+def _never() -> DisturbanceCase:
     """Waits from the start on for a contact that a cloth with a corner folded over does not come to."""
-    return Case(
+    return DisturbanceCase(
         name="never",
-        schedule=(ScheduledDisturbance(spec=DISTURBANCES["push"], when=When(moment="contact", value=1.0)),),
+        schedule=(ScheduledDisturbance(spec=DISTURBANCES["push"], when=Trigger(moment="contact", value=1.0)),),
     )

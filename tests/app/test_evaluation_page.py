@@ -11,18 +11,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from layflat.app.evaluation.paired import paired
-from layflat.app.evaluation.phases import rounds, stretches
+from layflat.app.evaluation.paired import compare_paired
+from layflat.app.evaluation.phases import disturbance_outcomes, phase_spans
 from layflat.app.evaluation.summary import with_measures
 from layflat.app.report import charts
 from layflat.app.report.comparison_sentences import verdict
-from layflat.app.report.episode_renderer import Painter, key_ticks
+from layflat.app.report.episode_renderer import EpisodeRenderer, key_ticks
 from layflat.app.report.evaluation import evaluation_page, examples
 from layflat.app.report.page import markdown, table_markdown, write_page
 from layflat.app.report.result_tables import failures, group_table
 from layflat.app.report.tables import Table
-from layflat.app.support.metrics import row_of
-from layflat.data.types import Truth
+from layflat.app.support.metrics import episode_metrics
+from layflat.data.types import GroundTruth
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.tests.browser import measured, needs_chromium, screenshot
 
@@ -37,7 +37,7 @@ class Drawn:
 
     def __init__(self, episodes):
         self.episodes = {f"{e.task}--{e.source}--{e.seed}--{e.disturbance}": e for e in episodes}
-        rows = [row_of(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
+        rows = [episode_metrics(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
         rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s"))
         rows[-1] |= {"crashed": True, "stopped_by": "crashed", "reason": "its process ended with status -11"}
         self.rows = pd.DataFrame(rows).astype(dict.fromkeys(NUMBERS, float))
@@ -56,7 +56,7 @@ def laid(episode, *, lift_m=0.15):
     def truth(old, contact):
         nodes = flat.copy()
         nodes[:, 2] += lift_m * np.clip(along - contact, 0, None)
-        return Truth(nodes=nodes, contact_portion_true=old.contact_portion_true, flat_area=old.flat_area)
+        return GroundTruth(nodes=nodes, contact_portion_true=old.contact_portion_true, flat_area=old.flat_area)
 
     contact = episode.contact()
     steps = tuple(replace(step, truth=truth(step.truth, contact[tick])) for tick, step in enumerate(episode.steps))
@@ -81,7 +81,7 @@ def batch(make_episode):
 @pytest.fixture(scope="module")
 def content(batch):
     """What the page shows, made once for all tests."""
-    with Painter() as painter:
+    with EpisodeRenderer() as painter:
         return evaluation_page(
             batch, painter, title="A batch of drawn <episodes>", made=("layflat evaluate", "numpy 2")
         )
@@ -120,7 +120,7 @@ def test_a_film_is_made_of_each_example_when_asked_for(batch):
         rows = few
         episode = staticmethod(batch.episode)
 
-    with Painter() as painter:
+    with EpisodeRenderer() as painter:
         page = evaluation_page(Few(), painter, title="t", made=(), videos=True)
         films = [block for block in page.sections[0].blocks if type(block).__name__ == "Film"]
         assert len(films) == 3
@@ -163,7 +163,7 @@ def test_pairs_are_matched_by_start_whatever_the_order():
     of_start = rng.normal(0, 1, 12)
     a = base.assign(contact_final=of_start + 0.01).sample(frac=1, random_state=1)
     b = base.assign(contact_final=of_start).iloc[2:]
-    found = paired(a, b, "contact_final")
+    found = compare_paired(a, b, "contact_final")
     assert (found.n, found.better, found.worse) == (10, 10, 0)
     assert found.mean == pytest.approx(0.01)
     assert found.clear
@@ -174,12 +174,12 @@ def test_no_difference_is_said_where_the_interval_holds_zero():
     rng = np.random.default_rng(3)
     base = pd.DataFrame({"task": "hanger", "cloth": "towel", "disturbance": "none", "seed": np.arange(20)})
     a, b = (base.assign(contact_final=rng.normal(0.9, 0.05, 20)) for _ in range(2))
-    found = paired(a, b, "contact_final")
+    found = compare_paired(a, b, "contact_final")
     assert found.low < 0 < found.high
     assert verdict(found) == "no difference that 20 pairs can show"
-    assert verdict(paired(a[:1], b[:1], "contact_final")) == "1 pair is too few to say"
-    assert verdict(paired(a[:5], b[:5], "contact_final")) == "5 pairs are too few to say"
-    assert verdict(paired(a, a, "contact_final")) == "the same in all 20 pairs"
+    assert verdict(compare_paired(a[:1], b[:1], "contact_final")) == "1 pair is too few to say"
+    assert verdict(compare_paired(a[:5], b[:5], "contact_final")) == "5 pairs are too few to say"
+    assert verdict(compare_paired(a, a, "contact_final")) == "the same in all 20 pairs"
 
 
 def test_rounds_tell_two_disturbances_apart(make_episode):
@@ -187,13 +187,13 @@ def test_rounds_tell_two_disturbances_apart(make_episode):
     begin, end = once.phase_bounds("disturb")[0], once.phase_bounds("repair")[1]
     again = replace(once.steps[begin], observation=once.final_observation)
     twice = replace(once, steps=(*once.steps, again, *once.steps[begin + 1 : end]))
-    assert [part.phase for part in stretches(twice)] == ["place", "disturb", "repair", "disturb", "repair"]
-    first, second = rounds(twice)
+    assert [part.phase for part in phase_spans(twice)] == ["place", "disturb", "repair", "disturb", "repair"]
+    first, second = disturbance_outcomes(twice)
     assert first.regained == pytest.approx(0.08)
     assert second.regained == pytest.approx(0.08)
     assert first.before == pytest.approx(0.96, abs=0.02)
     assert second.before == pytest.approx(0.82 + 0.08)
-    assert rounds(make_episode(disturbed=False)) == ()
+    assert disturbance_outcomes(make_episode(disturbed=False)) == ()
 
 
 def test_key_moments_are_in_order_and_begin_and_end_with_the_episode(make_episode):
@@ -202,7 +202,7 @@ def test_key_moments_are_in_order_and_begin_and_end_with_the_episode(make_episod
         ticks = key_ticks(episode, 6)
         assert ticks == sorted(set(ticks))
         assert (len(ticks), ticks[0], ticks[-1]) == (6, 0, len(episode.steps))
-        assert {part.after for part in stretches(episode)} <= set(ticks)
+        assert {part.after for part in phase_spans(episode)} <= set(ticks)
     assert len(key_ticks(episode, 3)) == 3
 
 

@@ -13,22 +13,22 @@ from layflat.app.commands import flatten
 from layflat.app.media.video import count_frames
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import COLUMNS
-from layflat.app.workers.episode_pool import EpisodeJob, JobFailure, run_jobs
+from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_episodes
 from layflat.data.types import Episode
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 
 
 @pytest.fixture
-def faked(monkeypatch, make_episode) -> list[EpisodeJob]:
+def faked(monkeypatch, make_episode) -> list[EpisodeConfig]:
     """The command without physics: made-up episodes of the jobs' seeds; the jobs are kept."""
-    kept: list[EpisodeJob] = []
+    kept: list[EpisodeConfig] = []
 
     def run(jobs, *, workers):
         kept.extend(jobs)
         for job in jobs:
             yield make_episode(task=job.task, source=job.source, seed=job.seed, disturbed=False)
 
-    monkeypatch.setattr(flatten, "run_jobs", run)
+    monkeypatch.setattr(flatten, "run_episodes", run)
     return kept
 
 
@@ -73,9 +73,9 @@ def ended(monkeypatch, make_episode):
                 if ending is KeyboardInterrupt:
                     raise KeyboardInterrupt
                 made = make_episode(task=job.task, source=job.source, seed=job.seed, disturbed=False)
-                yield made if ending == "done" else JobFailure(job=job, reason="its process ended with status -11")
+                yield made if ending == "done" else EpisodeFailure(job=job, reason="its process ended with status -11")
 
-        monkeypatch.setattr(flatten, "run_jobs", run)
+        monkeypatch.setattr(flatten, "run_episodes", run)
 
     return script
 
@@ -120,9 +120,10 @@ def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None
     true: dict[str, float] = {}
     for name in CONTROLLERS:
         jobs = [
-            EpisodeJob(task="pickers", cloth="towel", seed=s, flatten=name, descriptor="word-axial") for s in (300, 301)
+            EpisodeConfig(task="pickers", cloth="towel", seed=s, flatten=name, descriptor="word-axial")
+            for s in (300, 301)
         ]
-        runs = [run for run in run_jobs(jobs, workers=2) if isinstance(run, Episode)]
+        runs = [run for run in run_episodes(jobs, workers=2) if isinstance(run, Episode)]
         assert len(runs) == len(jobs)
         final[name] = float(np.mean([run.contact()[-1] for run in runs]))
         true[name] = float(np.mean([run.final_truth.contact_portion_true for run in runs]))

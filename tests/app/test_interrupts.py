@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from layflat.app.workers.interrupts import interrupts_wait
+from layflat.app.workers.interrupts import defer_interrupts
 
 
 @pytest.fixture(autouse=True)
@@ -24,7 +24,7 @@ def test_ctrl_c_comes_when_the_body_is_over():
     done = []
 
     def body() -> None:
-        with interrupts_wait():
+        with defer_interrupts():
             os.kill(os.getpid(), signal.SIGINT)
             done.append("all of it")
 
@@ -42,7 +42,7 @@ def test_ctrl_c_in_a_callback_of_a_fork_is_not_lost():
             os.kill(os.getpid(), signal.SIGINT)
 
     def body() -> None:
-        with interrupts_wait():
+        with defer_interrupts():
             child = os.fork()
             if child == 0:
                 os._exit(0)
@@ -57,7 +57,7 @@ def test_ctrl_c_in_a_callback_of_a_fork_is_not_lost():
 
 
 def test_an_error_of_the_body_comes_through():
-    with pytest.raises(ZeroDivisionError), interrupts_wait():
+    with pytest.raises(ZeroDivisionError), defer_interrupts():
         _ = 1 / 0
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -66,7 +66,7 @@ def test_in_other_threads_nothing_is_touched():
     seen = []
 
     def body() -> None:
-        with interrupts_wait():
+        with defer_interrupts():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=body)

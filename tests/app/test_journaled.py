@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from layflat.app.workers.rollout import run_episode
+from layflat.app.workers.rollout import rollout
 from layflat.data import open_session, validate
 from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal_reader import journals, read_journal
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import TASKS
-from layflat.policy.scripted.baselines import Hold
-from layflat.sim.config import BenchSettings
+from layflat.data.types import ROBOTS
+from layflat.policy.scripted.baselines import ZeroPolicy
+from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 
-@pytest.fixture(params=TASKS)
+@pytest.fixture(params=ROBOTS)
 def bench(request):
-    placing = Placing(BenchSettings(task=request.param, cloth="napkin", table_friction=0.9))
+    placing = ClothSimulation(SimConfig(task=request.param, cloth="napkin", table_friction=0.9))
     placing.reset(3)
     yield placing
     placing.close()
@@ -33,9 +33,9 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
     joints = bench.holder.joint_angles()
     with SessionRecorder(path, task=task, cloth="napkin") as recorder:
         running: list = []
-        episode = run_episode(
+        episode = rollout(
             bench,
-            Hold(task),
+            ZeroPolicy(task),
             seed=3,
             max_ticks=3,
             begin=lambda beginning: running.append(recorder.begin(beginning)) or running[0],
@@ -50,7 +50,7 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
         found = session[0]
     assert differences(found, episode) == []
     assert validate(path) == ()
-    again = BenchSettings(task=found.task, cloth=found.cloth, tick_s=found.tick_s, **found.bench)
+    again = SimConfig(task=found.task, cloth=found.cloth, tick_s=found.tick_s, **found.bench)
     assert again == bench.settings
     assert found.descriptor == bench.settings.descriptor
     np.testing.assert_array_equal(found.initial_joints, joints)
@@ -60,7 +60,7 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
 
 @pytest.mark.parametrize("name", [name for name in DISTURBANCES if name != "none"])
 def test_the_plan_in_the_record_is_the_one_that_is_carried_out(name):
-    placing = Placing(BenchSettings(task="pickers", cloth="napkin", camera=False))
+    placing = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
     planned = placing.disturbance_plan(name, 5).described()
     assert json.loads(json.dumps(planned)) == planned
     if name == next(reversed(DISTURBANCES)):  # One world is enough to see that both draw the same.

@@ -13,7 +13,7 @@ from layflat.app.commands import place, record
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import COLUMNS
 from layflat.app.workers import episode_pool
-from layflat.app.workers.episode_pool import JobFailure
+from layflat.app.workers.episode_pool import EpisodeFailure
 from layflat.data import open_session, validate
 from layflat.policy import model_io as model_files
 
@@ -46,7 +46,7 @@ def placed(tmp_path, monkeypatch, make_episode):
                 raise KeyboardInterrupt
             yield (
                 number,
-                JobFailure(job=job, reason="its process ended with status -11") if ending == "crashes" else episode,
+                EpisodeFailure(job=job, reason="its process ended with status -11") if ending == "crashes" else episode,
             )
 
     def call(*endings, recorded=False) -> Path:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from layflat.app.media.episode_plots import COLOURS, PERSON_COLOUR, aligned_curves, curves_of, plot_session
-from layflat.app.media.frames import befalls, caption
-from layflat.data.types import TASKS, DisturbanceRecord, Pull
+from layflat.app.media.frames import active_disturbances, caption
+from layflat.data.types import ROBOTS, DisturbanceRecord, DragTarget
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_curves_are_the_episodes(task, make_episode):
     episode = make_episode(task=task)
     curves = curves_of("demo_0", episode)
@@ -47,7 +47,7 @@ def _befallen(episode):
     befell = [DisturbanceRecord(name="wind", first_tick=5, last_tick=8), DisturbanceRecord(name="push", first_tick=60)]
     steps = list(episode.steps)
     for tick, node in ((20, 1), (21, 1), (22, 2)):
-        steps[tick] = replace(steps[tick], pull=Pull(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4])
+        steps[tick] = replace(steps[tick], pull=DragTarget(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4])
     for tick in range(30, 33):
         steps[tick] = replace(steps[tick], intervention=True)
     return replace(episode, steps=steps, disturbances=befell)
@@ -70,13 +70,13 @@ def test_each_disturbance_pull_and_intervention_has_its_mark(make_episode, tmp_p
 
 def test_a_film_says_what_befalls_the_cloth(make_episode):
     episode = _befallen(make_episode())
-    assert befalls(episode, 4) == ""
-    assert befalls(episode, 5) == "wind"
-    assert befalls(episode, 9) == ""
-    assert befalls(episode, 20) == "a hand 0.50 N"
-    assert befalls(episode, 31) == "a person decides"
+    assert active_disturbances(episode, 4) == ""
+    assert active_disturbances(episode, 5) == "wind"
+    assert active_disturbances(episode, 9) == ""
+    assert active_disturbances(episode, 20) == "a hand 0.50 N"
+    assert active_disturbances(episode, 31) == "a person decides"
     assert caption(episode, 5) == "placing  wind"
-    assert befalls(episode, len(episode.steps)) == ""
+    assert active_disturbances(episode, len(episode.steps)) == ""
 
 
 @pytest.mark.parametrize("degrees", [-80.0, 0.0, 35.0, 90.0])

@@ -6,34 +6,34 @@ from collections.abc import Callable
 
 import pytest
 
-from layflat.app.workers.episode_pool import EpisodeJob, policy_of
-from layflat.app.workers.rollout import disturb_and_repair, place
-from layflat.app.workers.runner import Run
-from layflat.app.workers.schedule import Watch
-from layflat.data.types import FLAT_AREA, TASKS, Episode, Task
+from layflat.app.workers.episode_pool import EpisodeConfig, policy_of
+from layflat.app.workers.rollout import run_disturbances, run_until_stop
+from layflat.app.workers.runner import EpisodeRunner
+from layflat.app.workers.schedule import DisturbanceScheduler
+from layflat.data.types import FLAT_AREA, ROBOTS, Episode, RobotName
 from layflat.policy.base import Policy
-from layflat.policy.wrappers.swing_damping import Steady
+from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 from layflat.sim.cloth.starts import Start
-from layflat.sim.config import BenchSettings
-from layflat.sim.simulation import Placing
+from layflat.sim.config import SimConfig
+from layflat.sim.simulation import ClothSimulation
 from layflat.tests.lowering import Down
 
 
-def episode(task: Task, start: Start, seed: int, *around: str) -> Episode:
-    bench = Placing(BenchSettings(task=task, start=start))
+def episode(task: RobotName, start: Start, seed: int, *around: str) -> Episode:
+    bench = ClothSimulation(SimConfig(task=task, start=start))
     try:
         bench.reset(seed)
-        job = EpisodeJob(task=task, cloth="towel", seed=seed, decorators=around)
-        run = Run(bench, policy_of(job, bench), seed=seed)
-        watch = Watch()
-        return run.episode(disturb_and_repair(run, watch, place(run, watch)))
+        job = EpisodeConfig(task=task, cloth="towel", seed=seed, decorators=around)
+        run = EpisodeRunner(bench, policy_of(job, bench), seed=seed)
+        watch = DisturbanceScheduler()
+        return run.episode(run_disturbances(run, watch, run_until_stop(run, watch)))
     finally:
         bench.close()
 
 
-def ahead_at_touch(task: Task, around: Callable[[Policy], Policy]) -> float:
+def ahead_at_touch(task: RobotName, around: Callable[[Policy], Policy]) -> float:
     """How far the free edge is ahead of the holder when it has come down and not swung up again, m."""
-    bench = Placing(BenchSettings(task=task, start="swinging"))
+    bench = ClothSimulation(SimConfig(task=task, start="swinging"))
     try:
         bench.reset(2)
         policy, columns = around(Down(task)), bench.settings.spec.columns
@@ -50,16 +50,16 @@ def ahead_at_touch(task: Task, around: Callable[[Policy], Policy]) -> float:
         bench.close()
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(task: Task) -> None:
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(task: RobotName) -> None:
     assert ahead_at_touch(task, lambda policy: policy) > 0.03
-    assert abs(ahead_at_touch(task, Steady)) < 0.015
+    assert abs(ahead_at_touch(task, SwingDampingWrapper)) < 0.015
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("task", TASKS)
-def test_a_folded_corner_is_lifted_and_laid_again(task: Task) -> None:
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_folded_corner_is_lifted_and_laid_again(task: RobotName) -> None:
     assert episode(task, "folded-corner", 5).final_truth.flat_area < FLAT_AREA
     lifted = episode(task, "folded-corner", 5, "recovery")
     assert lifted.final_truth.flat_area > FLAT_AREA

@@ -14,11 +14,11 @@ import pytest
 
 from layflat.app.commands.replay import compare, differences, rerun, settings_of, state_report
 from layflat.app.media.video import count_frames
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.data import SessionRecorder
-from layflat.data.types import TASKS, DisturbanceRecord, Truth
+from layflat.data.types import ROBOTS, DisturbanceRecord, GroundTruth
 from layflat.sim.cloth.cloth import cloth_spec
-from layflat.sim.disturbances.presets import DISTURBANCES, Plan
+from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.physics.bullet.world import SimError
 
 SCRIPT = """
@@ -122,7 +122,7 @@ def _told(task: str, cloth: str, disturbance: str, tmp_path: Path) -> dict:
     return told
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_what_hands_did_runs_again_to_the_bit(task, tmp_path):
     told = _told(task, "napkin", "by hand", tmp_path)
     assert told["same"]["identical"] is True
@@ -141,7 +141,7 @@ def test_repeated_disturbances_run_again_to_the_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("task", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=TASKS
+    ("task", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=ROBOTS
 )
 def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp_path):
     told = _told(task, cloth, disturbance, tmp_path)
@@ -161,7 +161,7 @@ def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_a_whole_demonstration_runs_again_to_the_bit(task, tmp_path):
     path = tmp_path / "s.h5"
     call = [
@@ -197,7 +197,7 @@ def test_the_divergence_is_the_largest_distance_of_its_tick(make_episode):
     shift = np.zeros((4, 3))
     shift[2] = [0.003, 0.0, -0.004]
     steps = list(episode.steps)
-    far = Truth(nodes=steps[7].truth.nodes + shift, contact_portion_true=0.5, flat_area=0.5)
+    far = GroundTruth(nodes=steps[7].truth.nodes + shift, contact_portion_true=0.5, flat_area=0.5)
     steps[7] = replace(steps[7], truth=far)
     seen = steps[9].observation
     corners = seen.corner_positions + np.array([[0, 0, 0], [0, 0.002, 0]])
@@ -254,12 +254,12 @@ def _planned(plan: dict) -> dict:
     ids=str,
 )
 def test_what_cannot_run_again_is_one_sentence(change, message, make_episode):
-    with pytest.raises(WrongCall, match=message):
+    with pytest.raises(UsageError, match=message):
         rerun(make_episode(**change))
 
 
 def test_an_imported_episode_without_a_seed_cannot_run_again(make_episode):
-    with pytest.raises(WrongCall, match=r"seed is -1.*--mode state"):
+    with pytest.raises(UsageError, match=r"seed is -1.*--mode state"):
         rerun(replace(make_episode(), seed=-1))
 
 
@@ -298,7 +298,7 @@ def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
 def test_a_plan_survives_its_description(name):
     cloth = cloth_spec("towel")
     plan = DISTURBANCES[name].schedule(np.random.default_rng(4), cloth)
-    again = Plan.recorded(json.loads(json.dumps(plan.described())), cloth)
+    again = DisturbanceTrajectory.recorded(json.loads(json.dumps(plan.described())), cloth)
     assert again.described() == plan.described()
     assert all(type(getattr(again, key)) is type(value) for key, value in vars(plan).items())
     for time_s in (0.0, 0.3, 2.0):
@@ -309,7 +309,7 @@ def test_a_plan_survives_its_description(name):
 def test_a_plan_from_before_hands_could_turn_is_one_that_does_not():
     cloth = cloth_spec("towel")
     described = {key: value for key, value in PLAN.items() if key != "turn_rad"}
-    assert Plan.recorded(described, cloth).described() == PLAN
+    assert DisturbanceTrajectory.recorded(described, cloth).described() == PLAN
     for broken in ([1.0, 2.0], "over", [math.nan, 0.0, 0.0]):
         with pytest.raises(SimError, match="no plan"):
-            Plan.recorded(PLAN | {"turn_rad": broken}, cloth)
+            DisturbanceTrajectory.recorded(PLAN | {"turn_rad": broken}, cloth)

@@ -16,7 +16,7 @@ from layflat.app.media import frames
 from layflat.app.media.video import count_frames
 from layflat.app.report import figures, tables, thesis_numbers
 from layflat.app.report.demo import ReportInput, TaskResults, pictured_run, write_report
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -40,7 +40,7 @@ def hanger(make_episode, make_model):
 
 
 def _written(path, *tasks) -> str:
-    write_report(path, ReportInput(tasks=tasks, provenance=provenance_now(), seed=0, notes=("a <note>",)))
+    write_report(path, ReportInput(tasks=tasks, provenance=capture_provenance(), seed=0, notes=("a <note>",)))
     return path.read_text(encoding="utf-8")
 
 
@@ -118,9 +118,9 @@ def test_every_run_is_in_the_page(report):
 
 def test_strips_show_start_stop_disturbance_and_end(make_episode):
     episode = make_episode(images=True)
-    placing = frames.strip(episode, frames.placing_ticks(episode), frames.plain_draw, 80)
+    placing = frames.frame_strip(episode, frames.placing_ticks(episode), frames.draw_plain, 80)
     assert (len(placing), placing[0].word, placing[-1].word) == (10, "start", "stopped")
-    disturbance = frames.strip(episode, frames.disturbance_ticks(episode), frames.plain_draw, 80)
+    disturbance = frames.frame_strip(episode, frames.disturbance_ticks(episode), frames.draw_plain, 80)
     assert [frame.word for frame in disturbance] == [
         "start", "placing", "stopped", "disturbance", "disturbed", *["repair"] * 4, "end",
     ]  # fmt: skip
@@ -134,7 +134,7 @@ def test_strips_take_the_nearest_frame_that_has_an_image(make_episode):
         replace(step, observation=replace(step.observation, rgb=None)) if tick % 7 else step
         for tick, step in enumerate(episode.steps)
     )
-    shown = frames.strip(replace(episode, steps=steps), [0, 6, 10], frames.plain_draw, 80)
+    shown = frames.frame_strip(replace(episode, steps=steps), [0, 6, 10], frames.draw_plain, 80)
     assert [frame.tick for frame in shown] == [0, 7, 7]
 
 
@@ -158,7 +158,7 @@ def test_the_field_is_the_model_at_the_demonstrated_cloth_state(make_episode, ma
             asked.append(inputs)
             return model.predict(inputs)
 
-    panel = figures.Panel(model=Spy(), title="", held={"contact": 0.8})
+    panel = figures.SubplotSpec(model=Spy(), title="", held={"contact": 0.8})
     x, z, dx, dz, _ = figures.field_of("pickers", panel, demonstrations)
     names = model.layout.names
     assert np.allclose(asked[0][:, names.index("x1")], x.ravel())
@@ -195,8 +195,8 @@ def test_a_browser_lays_the_page_out(tmp_path, report):
 
 def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
     episode = make_episode(images=True)
-    rows = [frames.strip(episode, ticks, frames.plain_draw, 80) for ticks in ([0, 5, 10], [12, 15, 20])]
-    picture = frames.sheet(rows)
+    rows = [frames.frame_strip(episode, ticks, frames.draw_plain, 80) for ticks in ([0, 5, 10], [12, 15, 20])]
+    picture = frames.contact_sheet(rows)
     height, width = rows[0][0].image.shape[:2]
     assert picture.shape == (2 * (height + 4), 3 * (width + 4), 3)
     for j in range(2):
@@ -205,4 +205,4 @@ def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
             shown = picture[top : top + height - height // 2, left : left + width]
             np.testing.assert_array_equal(shown, rows[j][k].image[height // 2 :])
     with pytest.raises(ValueError, match="one length"):
-        frames.sheet([rows[0], rows[1][:2]])
+        frames.contact_sheet([rows[0], rows[1][:2]])

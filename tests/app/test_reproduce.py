@@ -14,29 +14,29 @@ from layflat.app.evaluation.run import run_batch
 from layflat.app.report.page import markdown
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.reproduce import inputs, run, studies
-from layflat.app.reproduce.artifact_store import Workshop
-from layflat.app.reproduce.experiment_results import Material
+from layflat.app.reproduce.artifact_store import ArtifactStore
+from layflat.app.reproduce.experiment_results import ExperimentResults
 from layflat.app.reproduce.experiments import EXPERIMENTS
 from layflat.app.reproduce.report import page_of, write_reports
 from layflat.app.reproduce.studies import FULL, QUICK
 from layflat.app.reproduce.trials import plan_of, trial_folder, trial_seconds
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import provenance_now
+from layflat.app.support.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import TASKS, Task
+from layflat.data.types import ROBOTS, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy import registry
-from layflat.policy.registry import TRAINABLE
-from layflat.policy.trained_model import Learned
+from layflat.policy.registry import TRAINABLE_POLICIES
+from layflat.policy.trained_model import TrainedModel
 from layflat.tests.browser import measured, needs_chromium
 from layflat.tests.fakeplay import Scripted
 
 
-class Taught(Workshop):
+class Taught(ArtifactStore):
     """Models without demonstrations: one of each task for everybody."""
 
-    models: Mapping[Task, Learned] = MappingProxyType({})
+    models: Mapping[RobotName, TrainedModel] = MappingProxyType({})
 
     def model(self, taught):
         return self.models[taught.task]
@@ -45,7 +45,8 @@ class Taught(Workshop):
 @pytest.fixture(scope="module")
 def models(make_episode):
     return {
-        task: registry.train("nearest", [make_episode(task=task, source="scripted", disturbed=False)]) for task in TASKS
+        task: registry.train("nearest", [make_episode(task=task, source="scripted", disturbed=False)])
+        for task in ROBOTS
     }
 
 
@@ -58,7 +59,7 @@ def ran(models, tmp_path_factory):
     size = replace(QUICK, seeds=2, sweep_seeds=1)
     for trial in run.trials_of(list(EXPERIMENTS.values()), size):
         run_batch(plan_of(trial, workshop, 0), trial_folder(out, trial), workers=2, play=Scripted())
-    with Material(out, size, workshop) as material:
+    with ExperimentResults(out, size, workshop) as material:
         write_reports(out, material)
     return out, size, workshop
 
@@ -72,7 +73,7 @@ def test_every_experiment_can_be_planned(size):
         wanted = experiment.trials(size)
         assert wanted, experiment.name
         assert all(by_name[trial.name] == trial for trial in wanted)
-    assert {taught.policy for trial in trials for taught in trial.taught} <= set(TRAINABLE)
+    assert {taught.policy for trial in trials for taught in trial.taught} <= set(TRAINABLE_POLICIES)
     assert trials[0].name.startswith("placing")
     assert size.demonstrations in size.counts
 
@@ -85,7 +86,7 @@ def test_the_full_size_is_what_was_asked_for():
     assert cloths == {"towel", "napkin"}
     for experiment in EXPERIMENTS.values():
         tasks = {trial.task for trial in experiment.trials(FULL)}
-        assert tasks == ({"pickers"} if experiment.name == "flattening" else set(TASKS))
+        assert tasks == ({"pickers"} if experiment.name == "flattening" else set(ROBOTS))
 
 
 def test_quick_is_planned_for_under_fifteen_minutes_on_two_cores():
@@ -106,19 +107,19 @@ def test_starts_and_demonstrations_share_no_seed(models, tmp_path):
 def test_a_folder_holds_one_reproduction(tmp_path):
     run._check_asked(tmp_path, QUICK, 0)
     run._check_asked(tmp_path, QUICK, 0)
-    with pytest.raises(WrongCall, match="holds a quick reproduction with 2 seeds from --seed 0"):
+    with pytest.raises(UsageError, match="holds a quick reproduction with 2 seeds from --seed 0"):
         run._check_asked(tmp_path, FULL, 0)
-    with pytest.raises(WrongCall, match="another --out"):
+    with pytest.raises(UsageError, match="another --out"):
         run._check_asked(tmp_path, QUICK, 1)
     (tmp_path / run.ASKED).write_text("{}", encoding="utf-8")
-    with pytest.raises(WrongCall, match="no file of a reproduction"):
+    with pytest.raises(UsageError, match="no file of a reproduction"):
         run._check_asked(tmp_path, QUICK, 0)
 
 
 def test_before_anything_was_run_the_page_says_so(tmp_path):
-    with Material(tmp_path, QUICK, Workshop(tmp_path, seed=0)) as material:
+    with ExperimentResults(tmp_path, QUICK, ArtifactStore(tmp_path, seed=0)) as material:
         shown = [(experiment, experiment.show(material)) for experiment in EXPERIMENTS.values()]
-        page = page_of(shown, QUICK, provenance_now())
+        page = page_of(shown, QUICK, capture_provenance())
     text = markdown(page)
     for experiment in EXPERIMENTS.values():
         assert f"## {experiment.title}" in text
@@ -128,7 +129,7 @@ def test_before_anything_was_run_the_page_says_so(tmp_path):
 
 def test_tables_are_the_means_of_the_episodes(ran):
     out, size, workshop = ran
-    with Material(out, size, workshop) as material:
+    with ExperimentResults(out, size, workshop) as material:
         (trial,) = (trial for trial in studies.placing(size) if trial.task == "hanger")
         results = material.results(trial)
     text = (out / "table.md").read_text(encoding="utf-8")
@@ -159,7 +160,7 @@ def test_a_browser_shows_all_of_it(ran, tmp_path, width):
 
 def test_a_part_of_it_can_be_asked_for(ran):
     assert [experiment.name for experiment in run.chosen(["field", "placing"])] == ["field", "placing"]
-    with pytest.raises(WrongCall, match="experiment 'nonsense' is unknown"):
+    with pytest.raises(UsageError, match="experiment 'nonsense' is unknown"):
         run.chosen(["nonsense"])
 
 
@@ -196,7 +197,7 @@ def test_what_word_adds_is_said_where_the_numbers_show_it_and_only_there():
 
 
 def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_episode, tmp_path):
-    workshop = Workshop(tmp_path, seed=0)
+    workshop = ArtifactStore(tmp_path, seed=0)
     path = workshop.session_path("hanger", "towel")
     path.parent.mkdir()
     with SessionRecorder(path, task="hanger", cloth="towel", descriptor=DEFAULT) as recorder:
@@ -204,7 +205,7 @@ def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_ep
             drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT)
             recorder.keep(drawn)
     assert [episode.seed for episode in workshop.demonstrations("hanger", "towel", 2)] == [1000, 1002]
-    taught = studies.Taught(policy="nearest", task="hanger", cloth="towel", demonstrations=2)
+    taught = studies.ModelSpec(policy="nearest", task="hanger", cloth="towel", demonstrations=2)
     with Progress({"models": 1.0}) as progress:
         progress.phase("models")
         workshop.prepare([taught, taught], progress, workers=2)
@@ -230,5 +231,5 @@ def test_the_same_command_goes_on_and_changes_nothing_that_is_there(tmp_path, ca
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "trials" / "flattening" / "runs").iterdir()} == files
     text = (tmp_path / "table.md").read_text(encoding="utf-8")
     assert "| word | 1 |" in text
-    with pytest.raises(WrongCall, match="holds a quick reproduction with 1 seeds"):
+    with pytest.raises(UsageError, match="holds a quick reproduction with 1 seeds"):
         run.reproduce(tmp_path, quick=True, seeds=2, seed=5000, only=[], workers=1, report_only=True)

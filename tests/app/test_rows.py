@@ -41,12 +41,12 @@ def _with_contact(observation: Observation, contact: float) -> Observation:
 
 
 def test_columns_are_those_of_the_contract_in_its_order(make_episode):
-    assert list(metrics.row_of(make_episode())) == CONTRACT == list(metrics.COLUMNS)
+    assert list(metrics.episode_metrics(make_episode())) == CONTRACT == list(metrics.COLUMNS)
 
 
 def test_moments_are_those_at_the_end_of_each_phase(make_episode):
     episode = _numbered(make_episode())
-    row, steps = metrics.row_of(episode), episode.steps
+    row, steps = metrics.episode_metrics(episode), episode.steps
     first_disturbed = next(i for i, step in enumerate(steps) if step.phase == "disturb")
     first_repair = next(i for i, step in enumerate(steps) if step.phase == "repair")
     assert row["contact_start"] == 0.0
@@ -56,7 +56,7 @@ def test_moments_are_those_at_the_end_of_each_phase(make_episode):
 
 
 def test_without_disturbance_that_moment_is_null_and_placed_is_final(make_episode):
-    row = metrics.row_of(make_episode(disturbed=False))
+    row = metrics.episode_metrics(make_episode(disturbed=False))
     assert row["contact_disturbed"] is None
     assert row["disturbance"] == "none"
     assert row["contact_placed"] == row["contact_final"]
@@ -78,8 +78,10 @@ def test_of_repeated_disturbances_each_has_its_moments_and_the_row_the_last_ones
     assert [contact.name for contact in told] == ["wind", "push", "push"]
     moments = [moment for contact in told for moment in (contact.before, contact.after, contact.final)]
     assert moments == pytest.approx([0.010, 0.020, 0.060, 0.060, 0.070, 0.080, 0.080, 0.095, 0.095])
-    assert metrics.row_of(episode)["contact_disturbed"] == pytest.approx(0.095)
-    assert metrics.row_of(replace(episode, disturbances=befell[:1]))["contact_disturbed"] == pytest.approx(0.020)
+    assert metrics.episode_metrics(episode)["contact_disturbed"] == pytest.approx(0.095)
+    assert metrics.episode_metrics(replace(episode, disturbances=befell[:1]))["contact_disturbed"] == pytest.approx(
+        0.020
+    )
 
 
 def test_where_only_the_phases_tell_of_a_disturbance_they_are_believed(make_episode):
@@ -92,25 +94,25 @@ def test_where_only_the_phases_tell_of_a_disturbance_they_are_believed(make_epis
 
 
 def test_an_episode_that_never_began_placing_has_no_placed_moment(make_episode):
-    row = metrics.row_of(replace(make_episode(), steps=(), stopped_by="crashed", outcome="failure"))
+    row = metrics.episode_metrics(replace(make_episode(), steps=(), stopped_by="crashed", outcome="failure"))
     assert row["contact_placed"] is None
     assert (row["ticks"], row["sim_s"], row["crashed"], row["unstable"]) == (0, 0.0, True, False)
 
 
 def test_sensor_noise_above_one_is_cut_off(make_episode):
     episode = make_episode(disturbed=False)
-    row = metrics.row_of(replace(episode, final_observation=_with_contact(episode.final_observation, 1.03)))
+    row = metrics.episode_metrics(replace(episode, final_observation=_with_contact(episode.final_observation, 1.03)))
     assert row["contact_final"] == 1.0
 
 
 def test_simulated_time_is_ticks_times_tick(make_episode):
-    row = metrics.row_of(make_episode(tick_s=0.2))
+    row = metrics.episode_metrics(make_episode(tick_s=0.2))
     assert row["sim_s"] == pytest.approx(row["ticks"] * 0.2)
 
 
 def test_json_has_the_schema_and_survives_a_round_trip(tmp_path, make_episode):
     path = tmp_path / "rows.json"
-    row = metrics.row_of(make_episode())
+    row = metrics.episode_metrics(make_episode())
     metrics.write_json(path, {"episodes": [row], "extra": np.float64(0.5)})
     content = json.loads(path.read_text())
     assert content == {"schema": 1, "episodes": [row], "extra": 0.5}
@@ -176,7 +178,7 @@ def test_one_value_has_no_interval_and_equal_values_have_a_point():
 def test_summary_groups_by_policy_and_leaves_gain_empty_without_disturbance(make_episode):
     made = [make_episode(source="gp-word", seed=s, gain=0.1) for s in range(4)]
     made += [make_episode(source="gp-baseline", seed=s, disturbed=False) for s in range(3)]
-    frame = statistics.summary([metrics.row_of(episode) for episode in made]).set_index("policy")
+    frame = statistics.summary([metrics.episode_metrics(episode) for episode in made]).set_index("policy")
     assert frame.loc["gp-word", "n"] == 4
     assert frame.loc["gp-word", "gain_mean"] == pytest.approx(0.1)
     assert frame.loc["gp-baseline", "n"] == 3

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from layflat.app.commands.replay import compare
-from layflat.app.support.errors import WrongCall
-from layflat.app.workers.rollout import disturb_and_repair, place, rerun_episode, run_episode
-from layflat.app.workers.runner import Run
-from layflat.app.workers.schedule import ScheduledDisturbance, Watch, When
+from layflat.app.support.errors import UsageError
+from layflat.app.workers.rollout import replay_actions, rollout, run_disturbances, run_until_stop
+from layflat.app.workers.runner import EpisodeRunner
+from layflat.app.workers.schedule import DisturbanceScheduler, ScheduledDisturbance, Trigger
 from layflat.data import SessionRecorder, open_session, validate
 from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal_reader import journals, read_journal
-from layflat.data.types import Pull
+from layflat.data.types import DragTarget
 from layflat.policy.base import Decision
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
 from layflat.tests.app.fake_bench import ACTING_TICKS, FakeBench, Forward
 
@@ -28,7 +28,7 @@ SEED = 3
 @pytest.fixture
 def make_bench():
     def made(task="hanger"):
-        bench = FakeBench(BenchSettings(task=task, cloth="towel"))
+        bench = FakeBench(SimConfig(task=task, cloth="towel"))
         bench.reset(SEED)
         return bench
 
@@ -45,7 +45,7 @@ def _scheduled(name="thesis", **when):
 
 
 def _at(moment, value, name="wind", **more):
-    return _scheduled(name, when=When(moment=moment, value=value), **more)
+    return _scheduled(name, when=Trigger(moment=moment, value=value), **more)
 
 
 def _through_a_file(episode, path):
@@ -61,7 +61,7 @@ def _through_a_file(episode, path):
 
 def test_a_named_disturbance_comes_once_after_the_stop(bench):
     policy = Forward()
-    episode = run_episode(bench, policy, seed=SEED, disturbance="thesis")
+    episode = rollout(bench, policy, seed=SEED, disturbance="thesis")
     (befell,) = episode.disturbances
     first, end = episode.phase_bounds("disturb")
     assert (befell.name, befell.first_tick, befell.last_tick) == ("thesis", first, end - 1)
@@ -80,7 +80,7 @@ def test_a_named_disturbance_comes_once_after_the_stop(bench):
 
 
 def test_repeats_come_one_after_another_each_with_its_chance(bench):
-    episode = run_episode(bench, Forward(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=3)])
+    episode = rollout(bench, Forward(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=3)])
     told = [step.phase for step in episode.steps]
     changes = [a for a, b in zip(told, ["", *told], strict=False) if a != b]
     assert changes == ["place", *["disturb", "repair"] * 3]
@@ -90,7 +90,7 @@ def test_repeats_come_one_after_another_each_with_its_chance(bench):
 
 
 def test_one_at_a_tick_acts_while_the_policy_goes_on(bench):
-    episode = run_episode(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("tick", 5)])
+    episode = rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("tick", 5)])
     (befell,) = episode.disturbances
     assert (befell.name, befell.first_tick, befell.last_tick) == ("wind", 5, 4 + ACTING_TICKS)
     assert {step.phase for step in episode.steps} == {"place"}
@@ -99,7 +99,7 @@ def test_one_at_a_tick_acts_while_the_policy_goes_on(bench):
 
 
 def test_one_at_a_contact_begins_when_the_camera_first_sees_it(bench):
-    episode = run_episode(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.25)])
+    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.25)])
     (befell,) = episode.disturbances
     assert episode.disturbance == "wind"
     contact = episode.contact()
@@ -110,7 +110,7 @@ def test_one_at_a_contact_begins_when_the_camera_first_sees_it(bench):
 def test_one_that_still_acts_when_the_policy_stops_is_waited_for(bench):
     policy, acts = Forward(), iter([*[None] * 10, "threshold", *[None] * 3, "converged"])
     policy.act = lambda seen: Decision(action=[0.01, 0.0], stop=next(acts))
-    episode = run_episode(bench, policy, seed=SEED, schedule=[_at("tick", 9)])
+    episode = rollout(bench, policy, seed=SEED, schedule=[_at("tick", 9)])
     (befell,) = episode.disturbances
     told = [step.phase for step in episode.steps]
     assert told == ["place"] * 10 + ["disturb"] * (ACTING_TICKS - 1) + ["repair"] * 3
@@ -119,7 +119,7 @@ def test_one_that_still_acts_when_the_policy_stops_is_waited_for(bench):
 
 
 def test_what_falls_due_together_comes_one_after_another(bench):
-    episode = run_episode(
+    episode = rollout(
         bench, Forward(), seed=SEED, schedule=[_at("tick", 5), _at("tick", 5, "push"), _scheduled("poke")]
     )
     told = [(record.name, record.first_tick) for record in episode.disturbances]
@@ -129,7 +129,7 @@ def test_what_falls_due_together_comes_one_after_another(bench):
 
 
 def test_a_tick_that_was_not_reached_comes_after_the_stop_and_a_contact_never(bench):
-    episode = run_episode(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.9), _at("tick", 900, repeats=2)])
+    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.9), _at("tick", 900, repeats=2)])
     assert [record.name for record in episode.disturbances] == ["wind", "wind"]
     assert episode.phase_bounds("place")[1] == episode.disturbances[0].first_tick
 
@@ -141,7 +141,7 @@ def test_chance_is_the_schedules_whatever_comes_first(make_bench):
     quick.act = lambda seen: replace(Forward.act(quick, seen), action=np.array([0.02, 0.0]))
     plans, orders = [], []
     for policy in (slow, quick):
-        befell = run_episode(make_bench(), policy, seed=SEED, schedule=schedule).disturbances
+        befell = rollout(make_bench(), policy, seed=SEED, schedule=schedule).disturbances
         orders.append([record.name for record in befell])
         plans.append(sorted((record.name, str(record.plan)) for record in befell))
     assert orders[0] != orders[1]
@@ -149,21 +149,21 @@ def test_chance_is_the_schedules_whatever_comes_first(make_bench):
 
 
 def test_copies_of_a_placing_go_on_as_an_episode_that_was_never_copied(make_bench):
-    run = Run(make_bench(), Forward(), seed=SEED)
-    stopped_by = place(run)
+    run = EpisodeRunner(make_bench(), Forward(), seed=SEED)
+    stopped_by = run_until_stop(run)
     for name in ("none", "push", "wind"):
         twin = copy.deepcopy(run)
         twin.disturbance = name
         schedule = [] if name == "none" else [_scheduled(name)]
-        episode = twin.episode(disturb_and_repair(twin, Watch(schedule), stopped_by))
-        whole = run_episode(make_bench(), Forward(), seed=SEED, disturbance=name)
+        episode = twin.episode(run_disturbances(twin, DisturbanceScheduler(schedule), stopped_by))
+        whole = rollout(make_bench(), Forward(), seed=SEED, disturbance=name)
         assert compare(whole, episode).identical
         assert (episode.disturbance, episode.disturbances) == (name, whole.disturbances)
 
 
 def test_an_unstable_cloth_ends_the_episode_and_its_disturbance_was_never_over(bench):
     bench.breaks_at = 7
-    episode = run_episode(bench, Forward(), seed=SEED, schedule=[_at("tick", 5), _scheduled()])
+    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("tick", 5), _scheduled()])
     (befell,) = episode.disturbances
     assert (episode.stopped_by, episode.outcome, len(episode.steps)) == ("unstable", "failure", 7)
     assert (befell.first_tick, befell.last_tick) == (5, None)
@@ -172,14 +172,14 @@ def test_an_unstable_cloth_ends_the_episode_and_its_disturbance_was_never_over(b
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (lambda: When(moment="tick", value=2.5), "tick 2.5"),
-        (lambda: When(moment="tick", value=-1), "tick -1"),
-        (lambda: When(moment="contact", value=1.5), "contact 1.5"),
+        (lambda: Trigger(moment="tick", value=2.5), "tick 2.5"),
+        (lambda: Trigger(moment="tick", value=-1), "tick -1"),
+        (lambda: Trigger(moment="contact", value=1.5), "contact 1.5"),
         (lambda: _scheduled(repeats=0), "0 times"),
     ],
 )
 def test_a_schedule_that_makes_no_sense_is_one_sentence(wrong, sentence):
-    with pytest.raises(WrongCall, match=sentence):
+    with pytest.raises(UsageError, match=sentence):
         wrong()
 
 
@@ -189,9 +189,9 @@ def test_a_schedule_that_makes_no_sense_is_one_sentence(wrong, sentence):
 def _driven(bench, ticks=12):
     """By a person: pulls for three ticks, lets go, pulls elsewhere, disturbs; the hand leads the holder at the end."""
     policy = Forward()
-    run = Run(bench, policy, seed=SEED)
+    run = EpisodeRunner(bench, policy, seed=SEED)
     for tick in range(ticks):
-        pull = Pull(node=1 + tick // 6, target_m=[0.1 * tick, 0.0, 0.2]) if tick in (2, 3, 4, 6, 7) else None
+        pull = DragTarget(node=1 + tick // 6, target_m=[0.1 * tick, 0.0, 0.2]) if tick in (2, 3, 4, 6, 7) else None
         if tick == 5:
             run.disturb("wind")
         assert run.tick("place", pull, intervention=tick == 9) is None
@@ -216,16 +216,16 @@ def test_what_a_person_does_is_recorded_tick_by_tick(bench):
 
 
 def _disturbed_in_the_middle(bench):
-    return run_episode(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("tick", 5)])
+    return rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("tick", 5)])
 
 
 def _disturbed_twice(bench):
-    return run_episode(bench, Forward(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=2)])
+    return rollout(bench, Forward(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=2)])
 
 
 def _diverged(bench):
     bench.breaks_at = 8
-    return run_episode(bench, Forward(), seed=SEED, schedule=[_at("tick", 5)])
+    return rollout(bench, Forward(), seed=SEED, schedule=[_at("tick", 5)])
 
 
 @pytest.mark.parametrize("made", [_driven, _disturbed_in_the_middle, _disturbed_twice, _diverged])
@@ -233,7 +233,7 @@ def test_an_episode_runs_again_to_the_bit_from_its_file(made, make_bench, tmp_pa
     kept = _through_a_file(made(make_bench()), tmp_path / "s.h5")
     bench = make_bench()
     bench.breaks_at = 8 if made is _diverged else None
-    again = rerun_episode(bench, kept)
+    again = replay_actions(bench, kept)
     assert compare(kept, again).identical
     assert differences(again.disturbances, kept.disturbances) == []
     for before, after in zip(kept.steps, again.steps, strict=True):
@@ -244,16 +244,16 @@ def test_the_plan_counts_not_its_name(make_bench, tmp_path):
     kept = _through_a_file(_disturbed_twice(make_bench()), tmp_path / "s.h5")
     first, second = kept.disturbances
     renamed = replace(kept, disturbances=[replace(first, name="gone"), replace(second, name="gone")])
-    assert compare(kept, rerun_episode(make_bench(), renamed)).identical
+    assert compare(kept, replay_actions(make_bench(), renamed)).identical
     swapped = replace(kept, disturbances=[replace(first, plan=second.plan), second])
-    divergence = compare(kept, rerun_episode(make_bench(), swapped))
+    divergence = compare(kept, replay_actions(make_bench(), swapped))
     assert divergence.first_tick == first.first_tick + 1
 
 
 def test_a_journal_hears_of_disturbances_as_they_come(bench, tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
-        run = Run(bench, Forward(), seed=SEED, disturbance="gust", begin=recorder.begin)
+        run = EpisodeRunner(bench, Forward(), seed=SEED, disturbance="gust", begin=recorder.begin)
         run.tick("place")
         run.disturb("wind")
         run.tick("place")
@@ -270,7 +270,7 @@ def test_a_journal_hears_of_disturbances_as_they_come(bench, tmp_path):
 
 
 def test_one_that_is_replaced_before_it_acts_was_never_there(bench):
-    run = Run(bench, Forward(), seed=SEED)
+    run = EpisodeRunner(bench, Forward(), seed=SEED)
     run.tick("place")
     run.disturb("wind")
     run.disturb("push")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from layflat.app.evaluation.suites import cases_of, parse, shipped
-from layflat.app.support.errors import WrongCall
-from layflat.app.workers.schedule import When
+from layflat.app.support.errors import UsageError
+from layflat.app.workers.schedule import Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 GOOD = """
@@ -37,9 +37,9 @@ def test_a_suite_says_what_where_when_how_strongly_and_how_often():
     push, wind = landing.schedule
     assert push.spec.scale == (0.5, 1.5)
     assert push.spec.path == DISTURBANCES["push"].path
-    assert (push.when, push.repeats) == (When(moment="contact", value=0.5), 2)
-    assert (wind.spec.kind, wind.spec.heading_deg, wind.when) == ("wind", (90.0, 90.0), When())
-    assert early.schedule[0].when == When(moment="tick", value=30)
+    assert (push.when, push.repeats) == (Trigger(moment="contact", value=0.5), 2)
+    assert (wind.spec.kind, wind.spec.heading_deg, wind.when) == ("wind", (90.0, 90.0), Trigger())
+    assert early.schedule[0].when == Trigger(moment="tick", value=30)
     assert [case.after_the_stop for case in (landing, early)] == [False, False]
 
 
@@ -116,25 +116,25 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_what_is_wrong_is_one_sentence(what):
     words, text = WRONG[what]
-    with pytest.raises(WrongCall, match=words) as caught:
+    with pytest.raises(UsageError, match=words) as caught:
         parse(text, "mine", "mine.toml")
     assert "\n" not in str(caught.value)
     assert "mine" in str(caught.value)
 
 
 def test_names_and_files_that_are_none(tmp_path):
-    with pytest.raises(WrongCall, match=r"disturbance 'soap' is unknown; give one of folds, .*thesis.*FILE\.toml"):
+    with pytest.raises(UsageError, match=r"disturbance 'soap' is unknown; give one of folds, .*thesis.*FILE\.toml"):
         cases_of("soap")
-    with pytest.raises(WrongCall, match="'none' is unknown"):
+    with pytest.raises(UsageError, match="'none' is unknown"):
         cases_of("none")
-    with pytest.raises(WrongCall, match="no such file"):
+    with pytest.raises(UsageError, match="no such file"):
         cases_of(str(tmp_path / "missing.toml"))
     (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(WrongCall, match="is a directory"):
+    with pytest.raises(UsageError, match="is a directory"):
         cases_of(str(tmp_path / "folder.toml"))
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(WrongCall, match="it is not text"):
+    with pytest.raises(UsageError, match="it is not text"):
         cases_of(str(tmp_path / "bytes.toml"))
     (tmp_path / "large.toml").write_text("# " + "x" * 200_000)
-    with pytest.raises(WrongCall, match="a suite has at most"):
+    with pytest.raises(UsageError, match="a suite has at most"):
         cases_of(str(tmp_path / "large.toml"))

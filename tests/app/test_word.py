@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from layflat.app.cli import main
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.camera.camera import TARGET_M
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
-from layflat.sim.camera.renderer import View
+from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.mesh import MeshMaker
 from layflat.tests.scenes import CLOTHS, Scene, shoot, stand
@@ -206,7 +206,7 @@ def test_every_descriptor_gives_its_vector(name, frames, run):
 def test_the_simulators_camera_rolled_and_with_noise(width, run):
     """Wrinkles of known direction in the simulator's own picture; the command is told nothing of the camera."""
     height, roll = width * 9 // 16 if width > 1000 else width * 3 // 4, math.radians(-15)
-    pinhole = Pinhole.look_at(
+    pinhole = PinholeCamera.look_at(
         (0.25, -0.55, 0.75),
         TARGET_M,
         (math.sin(roll), 0, math.cos(roll)),
@@ -218,7 +218,7 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
     nodes = spec.flat_nodes(x_m=0.1)
     normal = math.radians(25)
     nodes[:, 2] += 0.004 * (1 + np.sin(2 * np.pi * (nodes[:, :2] @ [math.cos(normal), math.sin(normal)]) / 0.1))
-    view = View(pinhole)
+    view = Renderer(pinhole)
     picture = view.blank()
     view.draw_cloth(picture, MeshMaker(spec).mesh(nodes))
     true_depth = np.where(np.isfinite(picture.depth), picture.depth, np.float32(0)).reshape(height, width)

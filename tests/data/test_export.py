@@ -18,7 +18,7 @@ from layflat.data import SessionRecorder, open_session
 from layflat.data.exchange.csv_export import EPISODES_CSV, TICKS_CSV, export_csv
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic, train_and_valid
 from layflat.data.exchange.robomimic_import import UNKNOWN_SEED, UNKNOWN_SOURCE
-from layflat.data.types import FLAT_AREA, OUTCOMES, TASKS, DataError
+from layflat.data.types import FLAT_AREA, OUTCOMES, ROBOTS, DataError
 from layflat.tests.data.test_round_trip import episodes as any_episode
 
 FEW = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
@@ -95,7 +95,7 @@ def _as_robomimic_judges(path, filter_key):
         return set(demos)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_robomimic_reads_the_masks(task, session_of, make_episode, tmp_path):
     path = session_of([make_episode(task, ticks=2 + i, seed=i) for i in range(12)])
     with open_session(path) as session:
@@ -165,7 +165,7 @@ def _rewritten(source, target, *, skip=(), attributes=(), dtype="<f4", **packing
                     group.create_dataset(key, data=kept, **(packing if kept.ndim > 1 else {}))
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_a_file_that_kept_only_the_layout_comes_back(task, session_of, make_episode, tmp_path, differences):
     made = [make_episode(task, seed=i, images=True, with_std=True) for i in range(3)]
     foreign, back = tmp_path / "foreign.hdf5", tmp_path / "back.h5"
@@ -321,7 +321,7 @@ def test_an_existing_file_is_not_replaced_unasked(session_of, make_episode, tmp_
 # csv
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_csv_reads_back_to_the_same_bits(task, session_of, make_episode, tmp_path):
     made = [make_episode(task, ticks=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
     with open_session(session_of(made)) as session:

@@ -14,15 +14,15 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.format.opening import parts_folder
-from layflat.data.session.journal import SYNC_S, JournalTicket
+from layflat.data.session.journal import SYNC_S, JournalHandle
 from layflat.data.session.journal_reader import journals, read_journal
-from layflat.data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, Pull, Step
+from layflat.data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, DragTarget, Step
 from layflat.tests.data.old_files import FILES, version_2_episode
 
 
 @pytest.fixture
-def ticket(tmp_path) -> JournalTicket:
-    return JournalTicket(path=tmp_path / "running-a.journal", uid="a", keep_images=True)
+def ticket(tmp_path) -> JournalHandle:
+    return JournalHandle(path=tmp_path / "running-a.journal", uid="a", keep_images=True)
 
 
 BEFELL = DisturbanceRecord(name="push", first_tick=1, last_tick=2, plan={"at": [1, 2]})
@@ -33,7 +33,7 @@ def written(ticket, make_episode, beginning_of):
     """A finished episode and the bytes of its journal, without the frame of its end and with it."""
     episode = make_episode(ticks=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance="push")
     first, *others = episode.steps
-    pulled = {"pull": Pull(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
+    pulled = {"pull": DragTarget(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
     changes = [pulled, {"phase": "disturb", "intervention": True}, {"hand_m": [0.1, 0.2, 0.3]}]
     steps = [first, *(replace(step, **change) for step, change in zip(others, changes, strict=True))]
     episode = replace(episode, steps=steps, disturbances=[BEFELL])

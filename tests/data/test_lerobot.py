@@ -17,7 +17,7 @@ import pytest
 from layflat.data import SessionRecorder, open_session
 from layflat.data.exchange import optional_imports
 from layflat.data.exchange.lerobot import export_lerobot
-from layflat.data.types import ACTION_NAMES, OUTCOMES, TASKS, DataError
+from layflat.data.types import ACTION_NAMES, OUTCOMES, ROBOTS, DataError
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 pandas = pytest.importorskip("pandas")
@@ -40,7 +40,7 @@ def session_of(tmp_path):
     return lambda episodes: _session(tmp_path / "s.h5", episodes)
 
 
-@pytest.fixture(params=TASKS, scope="module")
+@pytest.fixture(params=ROBOTS, scope="module")
 def exported(request, make_episode, tmp_path_factory):
     """The folder, and the episodes that went into it."""
     folder = tmp_path_factory.mktemp("exported")

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from layflat.data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
 from layflat.data.format.opening import parts_folder
 from layflat.data.format.schema import SCHEMA_VERSION
-from layflat.data.types import DataError, DisturbanceRecord, Pull
+from layflat.data.types import DataError, DisturbanceRecord, DragTarget
 from layflat.tests.data.old_files import FILES, version_2_episodes
 
 
@@ -350,7 +350,10 @@ def test_what_befell_the_cloth_is_counted_from_the_ticks_that_are_kept(tmp_path,
 
 def test_what_few_episodes_have_costs_the_others_nothing(make_session, make_episode):
     plain, pulled = make_episode(ticks=4), make_episode(ticks=4, seed=1)
-    steps = [*pulled.steps[:3], replace(pulled.steps[3], pull=Pull(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0])]
+    steps = [
+        *pulled.steps[:3],
+        replace(pulled.steps[3], pull=DragTarget(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0]),
+    ]
     path = make_session("s.h5", [plain, replace(pulled, steps=steps)])
     with h5py.File(path) as f:
         assert not {"force_n", "pull_node", "pull_target_m", "intervention", "hand_m"} & set(f["data/demo_0"])

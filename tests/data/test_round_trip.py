@@ -20,16 +20,16 @@ from layflat.data.types import (
     DESCRIPTORS,
     OUTCOMES,
     PHASES,
-    STOPS,
-    TASKS,
+    ROBOTS,
+    STOP_REASONS,
     DataError,
     DisturbanceRecord,
+    DragTarget,
     Episode,
+    GroundTruth,
     Observation,
     Provenance,
-    Pull,
     Step,
-    Truth,
 )
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -67,12 +67,15 @@ def disturbances(draw, ticks):
 
 @st.composite
 def episodes(draw):
-    task = draw(st.sampled_from(TASKS))
+    task = draw(st.sampled_from(ROBOTS))
     nodes, three = draw(st.integers(0, 4)), arrays(np.float64, 3, elements=finite)
     shape = st.none() | st.tuples(st.integers(0, 3), st.integers(0, 3))
     observation = observations(draw(shape), draw(shape))
     truth = st.builds(
-        Truth, nodes=arrays(np.float64, (nodes, 3), elements=finite), contact_portion_true=finite, flat_area=finite
+        GroundTruth,
+        nodes=arrays(np.float64, (nodes, 3), elements=finite),
+        contact_portion_true=finite,
+        flat_area=finite,
     )
     size = len(ACTION_NAMES[task])
     step = st.builds(
@@ -82,7 +85,7 @@ def episodes(draw):
         action=arrays(np.float64, size, elements=st.floats(-ACTION_LIMIT_M, ACTION_LIMIT_M)),
         action_std=st.none() | arrays(np.float64, size, elements=finite),
         phase=st.sampled_from(PHASES),
-        pull=st.none() | st.builds(Pull, node=st.integers(0, 2**40), target_m=three),
+        pull=st.none() | st.builds(DragTarget, node=st.integers(0, 2**40), target_m=three),
         force_n=st.just(np.zeros(3)) | three,
         intervention=st.booleans(),
         hand_m=st.none() | three | arrays(np.float64, (2, 3), elements=finite),
@@ -96,7 +99,7 @@ def episodes(draw):
         steps=tuple(draw(step) for _ in range(ticks)),
         final_observation=draw(observation),
         final_truth=draw(truth),
-        stopped_by=draw(st.sampled_from(STOPS)),
+        stopped_by=draw(st.sampled_from(STOP_REASONS)),
         outcome=draw(st.sampled_from(OUTCOMES)),
         tick_s=draw(st.floats(1e-9, 1e9)),
         disturbance=draw(text),
@@ -180,7 +183,7 @@ def _as_robomimic_reads(path):
         return demos, filters, lengths, actions, meta, arrays_, int(f["data"].attrs["total"])
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, task):
     path = tmp_path / "s.h5"
     made = [make_episode(task, ticks=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
@@ -239,7 +242,7 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
     path = tmp_path / "s.h5"
     good = make_episode(images=True)
     too_far = np.nextafter(ACTION_LIMIT_M, 1)
-    fewer_nodes = Truth(nodes=np.zeros((3, 3)), contact_portion_true=0, flat_area=0)
+    fewer_nodes = GroundTruth(nodes=np.zeros((3, 3)), contact_portion_true=0, flat_area=0)
     no_images = make_episode().steps[1].observation
     refused = [
         (make_episode(images=True, **_changed(good, action=[0.0, too_far])), r"tick 1.*0\.02"),

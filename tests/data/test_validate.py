@@ -15,7 +15,7 @@ import pytest
 from layflat.data import open_session, repair, validate
 from layflat.data.atomic_files import PART_SUFFIX
 from layflat.data.format.opening import parts_folder
-from layflat.data.tools.sandbox import Isolated, isolated
+from layflat.data.tools.sandbox import CallOutcome, isolated
 from layflat.data.tools.validate import violations
 from layflat.data.types import DataError
 
@@ -233,7 +233,7 @@ def test_a_crash_a_hang_and_a_glutton_are_held_off():
         (lambda: 1 / 0, "division by zero"),
     ):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        with pytest.raises(Isolated, match=words):
+        with pytest.raises(CallOutcome, match=words):
             isolated(work, limit_s=1, memory_bytes=1 << 28)
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
     assert isolated(lambda: [1, 2], limit_s=10, memory_bytes=1 << 28) == [1, 2]

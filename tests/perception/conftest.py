@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.synthetic_sheet import Drawing, Frame, Light, Sheet, Wave, draw_sheet
 
 
@@ -27,7 +27,7 @@ def one_wave(
 
 
 def draw(
-    camera: Pinhole,
+    camera: PinholeCamera,
     sheet: Sheet | None,
     *,
     azimuth_deg: float = 45.0,
@@ -45,9 +45,9 @@ def draw(
 
 
 @pytest.fixture(scope="session")
-def tilted_camera() -> Pinhole:
+def tilted_camera() -> PinholeCamera:
     """Beside the table, about 51 degrees above the horizontal."""
-    return Pinhole.look_at((0.25, -0.6, 0.75), (0.25, 0.0, 0.0), width=320, height=240, fx=307.0)
+    return PinholeCamera.look_at((0.25, -0.6, 0.75), (0.25, 0.0, 0.0), width=320, height=240, fx=307.0)
 
 
 @pytest.fixture(scope="session")

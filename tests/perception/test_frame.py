@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from layflat.perception.camera.table_plane import TablePlane
-from layflat.perception.cloth.analyze_frame import SeenFrame, see_frame
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.errors import PerceptionError
 from layflat.tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
@@ -18,8 +18,8 @@ from layflat.tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
 BLUE = HsvRange()
 
 
-def see(shot: Shot, **options: object) -> SeenFrame:
-    return see_frame(shot.rgb, shot.depth, shot.lens, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+def see(shot: Shot, **options: object) -> FrameResult:
+    return analyze_frame(shot.rgb, shot.depth, shot.lens, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
 
 
 def degrees_between(one: np.ndarray, two: np.ndarray) -> float:
@@ -47,7 +47,7 @@ def test_as_with_the_true_pose(place: dict, scene: Scene) -> None:
     seen = see(shot)
     up = shot.camera.cam_to_world[2, :3]
     truth = TablePlane(normal=up, distance_m=float(shot.camera.position[2]), rms_m=0.0, share=1.0, pixels=9)
-    expected = Perceiver(truth.camera(shot.lens), seen.config).perceive(shot.rgb, shot.depth)
+    expected = PerceptionPipeline(truth.camera(shot.lens), seen.config).perceive(shot.rgb, shot.depth)
     flat = scene.side**2 / 0.0025**2
     assert seen.percept.contact_pixels / flat == pytest.approx(expected.contact_pixels / flat, abs=0.02)
     assert degrees_between(seen.percept.word, expected.word) < 2.0

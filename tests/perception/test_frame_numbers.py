@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from layflat.perception.camera.intrinsics import Lens
-from layflat.perception.camera.table_plane import TablePlane, fit_plane
-from layflat.perception.cloth.analyze_frame import SeenFrame, see_frame
+from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.camera.table_plane import TablePlane, fit_table_plane
+from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import learn_hsv, suggest_hsv
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.errors import PerceptionError
 from layflat.tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
@@ -31,8 +31,8 @@ def spread(values: list[float]) -> str:
     return f"median {np.median(size):.3f}, 95 % {np.percentile(size, 95):.3f}, max {size.max():.3f} (n {len(size)})"
 
 
-def see(shot: Shot, lens: Lens) -> SeenFrame:
-    return see_frame(shot.rgb, shot.depth, lens, rng=np.random.default_rng(0))
+def see(shot: Shot, lens: Intrinsics) -> FrameResult:
+    return analyze_frame(shot.rgb, shot.depth, lens, rng=np.random.default_rng(0))
 
 
 def axis_error(one: np.ndarray, two: np.ndarray) -> float:
@@ -42,7 +42,7 @@ def axis_error(one: np.ndarray, two: np.ndarray) -> float:
     return min(angle, 180 - angle)
 
 
-def by_true_pose(seen: SeenFrame, shot: Shot) -> SeenFrame:
+def by_true_pose(seen: FrameResult, shot: Shot) -> FrameResult:
     """The same frame with the camera's true place."""
     truth = TablePlane(
         normal=shot.camera.cam_to_world[2, :3].copy(),
@@ -51,11 +51,11 @@ def by_true_pose(seen: SeenFrame, shot: Shot) -> SeenFrame:
         share=1.0,
         pixels=1,
     )
-    perceiver = Perceiver(truth.camera(shot.lens), seen.config)
+    perceiver = PerceptionPipeline(truth.camera(shot.lens), seen.config)
     return replace(seen, percept=perceiver.perceive(shot.rgb, shot.depth), plane=truth)
 
 
-def errors(seen: SeenFrame, shot: Shot) -> tuple[float, float, float, float]:
+def errors(seen: FrameResult, shot: Shot) -> tuple[float, float, float, float]:
     """Plane in degrees and in mm under the cloth's corners, word_axial in degrees, contact as a portion."""
     expected = by_true_pose(seen, shot)
     corners = np.array([[x, y, 0.0] for x in (-0.14, 0.14) for y in (-0.14, 0.14)])
@@ -176,7 +176,7 @@ def _lit(
 def _overlap(shot: Shot, colour: HsvRange, at: tuple[int, int] | None) -> float:
     """Intersection over union of the cloth that is taken and the true one; 0 where the frame is refused."""
     try:
-        seen = see_frame(shot.rgb, shot.depth, shot.lens, colour=colour, cloth_at=at, rng=np.random.default_rng(0))
+        seen = analyze_frame(shot.rgb, shot.depth, shot.lens, colour=colour, cloth_at=at, rng=np.random.default_rng(0))
     except PerceptionError:
         return 0.0
     return float((seen.cloth & shot.cloth).sum() / (seen.cloth | shot.cloth).sum())
@@ -188,7 +188,7 @@ def test_a_plane_in_the_whole_image_is_as_good() -> None:
     for k in range(12):
         camera, lens = stand(tilt=5.0 * k, roll=3.0 * k - 18, width=424, height=240)
         shot = shoot(Scene(box=CLOTHS["red"]), camera, lens, seed=k, missing=0.1)
-        plane = fit_plane(shot.depth, lens, rng=np.random.default_rng(0))
+        plane = fit_table_plane(shot.depth, lens, rng=np.random.default_rng(0))
         found.append(1000 * (plane.distance_m - float(camera.position[2])))
     print(f"\nwithout the cloth's mask: distance off by {spread(found)} mm")
     assert np.abs(found).max() < 4.0

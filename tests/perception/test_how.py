@@ -12,7 +12,7 @@ from scipy.signal import oaconvolve
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.descriptors.gabor import gabor_bank
 from layflat.perception.descriptors.how import HowConfig, HowDescriptor
-from layflat.perception.descriptors.preprocess import PrepareConfig, prepare
+from layflat.perception.descriptors.preprocess import PreprocessConfig, preprocess
 from layflat.perception.errors import PerceptionError
 
 HOW = HowDescriptor()
@@ -57,9 +57,9 @@ def test_cells_say_where_the_wrinkles_are() -> None:
 
 def test_a_cell_is_the_mean_response_in_it() -> None:
     """By scipy's convolution of the prepared picture, and by slices of the cloth's 140 x 140 px."""
-    view, prepare_config = striped(0.4, 58.0), PrepareConfig(decimation=1)
-    config = HowConfig(wavelengths_mm=(58.0,), orientations=2, grid=(2, 2), prepare=prepare_config)
-    prepared = prepare(view, prepare_config)
+    view, prepare_config = striped(0.4, 58.0), PreprocessConfig(decimation=1)
+    config = HowConfig(wavelengths_mm=(58.0,), orientations=2, grid=(2, 2), preprocess=prepare_config)
+    prepared = preprocess(view, prepare_config)
     assert prepared is not None
     wanted = []
     for theta in (-math.pi / 2, 0.0):  # normals of wrinkles along x and along y, rows down
@@ -101,6 +101,6 @@ def test_impossible_settings_are_refused(wrong: dict, said: str) -> None:
 
 def test_impossible_preparations_are_refused() -> None:
     with pytest.raises(PerceptionError, match="decimation is 0"):
-        PrepareConfig(decimation=0)
+        PreprocessConfig(decimation=0)
     with pytest.raises(PerceptionError, match="must not be negative"):
-        PrepareConfig(erosion_mm=-1.0)
+        PreprocessConfig(erosion_mm=-1.0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from layflat.perception.camera.intrinsics import Lens
+from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.errors import PerceptionError
 
 
@@ -15,13 +15,13 @@ from layflat.perception.errors import PerceptionError
     ("size", "field_of_view_deg"), [((640, 480), 55.0), ((848, 480), 69.4), ((1280, 720), 69.4), ((1920, 1080), 69.4)]
 )
 def test_the_assumed_camera_has_the_data_sheets_field_of_view(size: tuple[int, int], field_of_view_deg: float) -> None:
-    lens = Lens.d435(*size)
+    lens = Intrinsics.d435(*size)
     assert 2 * math.degrees(math.atan(lens.width / 2 / lens.fx)) == pytest.approx(field_of_view_deg, abs=1.0)
     assert lens.fx == lens.fy
 
 
 def test_slopes_are_those_of_the_pinhole() -> None:
-    lens = Lens(width=100, height=80, fx=90.0, fy=85.0, cx=48.5, cy=41.0)
+    lens = Intrinsics(width=100, height=80, fx=90.0, fy=85.0, cx=48.5, cy=41.0)
     pose = np.diag([1.0, -1.0, -1.0, 1.0])  # straight down
     pose[2, 3] = 2.0
     rows, columns = np.array([0, 41, 79]), np.array([7, 48, 99])
@@ -44,6 +44,6 @@ def test_slopes_are_those_of_the_pinhole() -> None:
 )
 def test_absurd_numbers_are_refused(changes: dict[str, float], message: str) -> None:
     good = {"width": 640, "height": 480, "fx": 615.0, "fy": 615.0, "cx": 320.0, "cy": 240.0}
-    Lens(**good)  # type: ignore[arg-type]
+    Intrinsics(**good)  # type: ignore[arg-type]
     with pytest.raises(PerceptionError, match=message):
-        Lens(**(good | changes))  # type: ignore[arg-type]
+        Intrinsics(**(good | changes))  # type: ignore[arg-type]

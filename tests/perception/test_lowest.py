@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.perception.camera.pinhole import Pinhole
-from layflat.perception.cloth.free_edge import LEAST_PX, lowest_part
+from layflat.perception.camera.pinhole import PinholeCamera
+from layflat.perception.cloth.free_edge import LEAST_PX, free_edge
 
-CAMERA = Pinhole.look_at((0.15, -0.72, 0.86), (0.285, 0.065, 0.0), width=320, height=240, fx=307.5)
+CAMERA = PinholeCamera.look_at((0.15, -0.72, 0.86), (0.285, 0.065, 0.0), width=320, height=240, fx=307.5)
 
 PIXEL_M = 0.005
 """What a pixel's rounding moves a height by: 1 m of distance, seen at a slant."""
@@ -31,8 +31,8 @@ def hanging(x_m: float, low_m: float, rng: np.random.Generator, noise_m: float) 
 @pytest.mark.parametrize("x_m", [-0.05, 0.1, 0.3])
 def test_the_free_edge_is_found(x_m: float, low_m: float) -> None:
     rng = np.random.default_rng(1)
-    exact = lowest_part(CAMERA, *hanging(x_m, low_m, rng, 0.0))
-    noisy = lowest_part(CAMERA, *hanging(x_m, low_m, rng, 0.003))
+    exact = free_edge(CAMERA, *hanging(x_m, low_m, rng, 0.0))
+    noisy = free_edge(CAMERA, *hanging(x_m, low_m, rng, 0.003))
     assert exact is not None
     assert noisy is not None
     # Of 0.3 m a twentieth is 15 mm.
@@ -44,8 +44,8 @@ def test_the_free_edge_is_found(x_m: float, low_m: float) -> None:
 
 def test_where_the_sensor_is_blind_or_sees_next_to_nothing_there_is_none() -> None:
     mask, depth = hanging(0.1, 0.05, np.random.default_rng(0), 0.0)
-    assert lowest_part(CAMERA, mask, np.zeros_like(depth)) is None
+    assert free_edge(CAMERA, mask, np.zeros_like(depth)) is None
     rows, columns = np.nonzero(mask)
     few = np.zeros_like(mask)
     few[rows[: LEAST_PX - 1], columns[: LEAST_PX - 1]] = True
-    assert lowest_part(CAMERA, few, depth) is None
+    assert free_edge(CAMERA, few, depth) is None

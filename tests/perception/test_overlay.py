@@ -8,19 +8,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from layflat.perception.camera.pinhole import Pinhole
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.camera.pinhole import PinholeCamera
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.errors import PerceptionError
 from layflat.perception.overlay import ARROW, ARROW_M, CONTACT, draw_percept
 
 
 @pytest.mark.parametrize("scale", [1, 3])
 def test_contact_is_tinted_where_it_is_and_nowhere_else(
-    scale: int, tilted_camera: Pinhole, draw_sheet: Callable, make_sheet: Callable
+    scale: int, tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
 ) -> None:
     frame = draw_sheet(tilted_camera, make_sheet(lift_x=0.25))
     before = frame.rgb.copy()
-    percept = Perceiver(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
+    percept = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
     picture = draw_percept(frame.rgb, percept, tilted_camera, scale=scale)
     assert picture.shape == (240 * scale, 320 * scale, 3)
     assert picture.dtype == np.uint8
@@ -34,10 +34,10 @@ def test_contact_is_tinted_where_it_is_and_nowhere_else(
 
 
 def test_arrow_points_along_word_from_the_contact_centroid(
-    tilted_camera: Pinhole, draw_sheet: Callable, make_sheet: Callable
+    tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
 ) -> None:
     frame = draw_sheet(tilted_camera, make_sheet(amplitude=0.0015, normal=0.6))
-    percept = Perceiver(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
+    percept = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
     picture = draw_percept(frame.rgb, percept, tilted_camera)
     rows, columns = np.nonzero(percept.contact_mask)
     start = percept.grid.to_table([columns.mean(), rows.mean()])[0]
@@ -47,8 +47,10 @@ def test_arrow_points_along_word_from_the_contact_centroid(
     np.testing.assert_allclose(picture[row, column], ARROW, atol=12)
 
 
-def test_every_kind_of_percept_can_be_drawn(tilted_camera: Pinhole, draw_sheet: Callable, make_sheet: Callable) -> None:
-    perceiver = Perceiver(tilted_camera)
+def test_every_kind_of_percept_can_be_drawn(
+    tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
+) -> None:
+    perceiver = PerceptionPipeline(tilted_camera)
     for sheet in (None, make_sheet(), make_sheet(rest=0.2), make_sheet(centre=(0.7, 0.0), amplitude=0.003)):
         frame = draw_sheet(tilted_camera, sheet)
         percept = perceiver.perceive(frame.rgb, frame.depth)
@@ -56,9 +58,9 @@ def test_every_kind_of_percept_can_be_drawn(tilted_camera: Pinhole, draw_sheet: 
         assert draw_percept(frame.rgb, percept, tilted_camera).shape == (240, 320, 3)
 
 
-def test_wrong_input_is_refused(tilted_camera: Pinhole, draw_sheet: Callable) -> None:
+def test_wrong_input_is_refused(tilted_camera: PinholeCamera, draw_sheet: Callable) -> None:
     frame = draw_sheet(tilted_camera, None)
-    percept = Perceiver(tilted_camera).perceive(frame.rgb, frame.depth)
+    percept = PerceptionPipeline(tilted_camera).perceive(frame.rgb, frame.depth)
     with pytest.raises(PerceptionError, match="rgb has shape"):
         draw_percept(frame.rgb[:10], percept, tilted_camera)
     with pytest.raises(PerceptionError, match="scale is 0"):

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
 
 POSITIONS = st.tuples(st.floats(-0.5, 0.8), st.floats(-0.9, -0.3), st.floats(0.3, 1.2))
 
 
-def camera_at(position: tuple[float, float, float]) -> Pinhole:
-    return Pinhole.look_at(position, (0.25, 0.0, 0.0), width=64, height=48, fx=61.0)
+def camera_at(position: tuple[float, float, float]) -> PinholeCamera:
+    return PinholeCamera.look_at(position, (0.25, 0.0, 0.0), width=64, height=48, fx=61.0)
 
 
-def table_depth(camera: Pinhole) -> np.ndarray:
+def table_depth(camera: PinholeCamera) -> np.ndarray:
     """Depth image of the bare table, by intersecting each ray with z = 0 in plain linear algebra."""
     depth = np.zeros((camera.height, camera.width))
     for row in range(camera.height):
@@ -37,7 +37,7 @@ def test_projection_and_back_projection_are_inverse(position: tuple[float, float
     np.testing.assert_allclose(camera.back_project(pixels, depth), points, atol=1e-9)
 
 
-def test_projection_agrees_with_opencv(tilted_camera: Pinhole) -> None:
+def test_projection_agrees_with_opencv(tilted_camera: PinholeCamera) -> None:
     points = np.random.default_rng(0).uniform((0.0, -0.2, 0.0), (0.5, 0.2, 0.2), (50, 3))
     world_to_cam = np.linalg.inv(tilted_camera.cam_to_world)
     rotation, _ = cv2.Rodrigues(world_to_cam[:3, :3])
@@ -56,7 +56,7 @@ def test_target_is_in_the_centre_and_up_is_up() -> None:
 
 @given(position=POSITIONS)
 def test_bare_table_has_height_zero_everywhere(position: tuple[float, float, float]) -> None:
-    camera = Pinhole.look_at(position, (0.25, 0.0, 0.0), width=16, height=12, fx=15.0)
+    camera = PinholeCamera.look_at(position, (0.25, 0.0, 0.0), width=16, height=12, fx=15.0)
     depth = table_depth(camera)
     height = camera.height_above_table(depth.astype(np.float32))
     seen = depth > 0
@@ -64,7 +64,7 @@ def test_bare_table_has_height_zero_everywhere(position: tuple[float, float, flo
     assert np.isnan(height[~seen]).all()
 
 
-def test_height_of_points_above_the_table_is_their_z(tilted_camera: Pinhole) -> None:
+def test_height_of_points_above_the_table_is_their_z(tilted_camera: PinholeCamera) -> None:
     column, row, wanted = 200, 90, 0.123
     ray = tilted_camera.back_project([[column, row]], [1.0])[0] - tilted_camera.position
     depth = np.zeros((240, 320), dtype=np.float32)
@@ -75,11 +75,11 @@ def test_height_of_points_above_the_table_is_their_z(tilted_camera: Pinhole) -> 
 
 
 @pytest.mark.parametrize("missing", [0.0, -1.0, np.nan, np.inf])
-def test_missing_depth_is_nan(tilted_camera: Pinhole, missing: float) -> None:
+def test_missing_depth_is_nan(tilted_camera: PinholeCamera, missing: float) -> None:
     assert np.isnan(tilted_camera.height_above_table(np.full((240, 320), missing, dtype=np.float32))).all()
 
 
-def test_homography_is_projection_of_the_table(tilted_camera: Pinhole) -> None:
+def test_homography_is_projection_of_the_table(tilted_camera: PinholeCamera) -> None:
     xy = np.random.default_rng(1).uniform((0, -0.2), (0.5, 0.2), (30, 2))
     pixels, depth = tilted_camera.project(np.column_stack([xy, np.zeros(30)]))
     mapped = np.column_stack([xy, np.ones(30)]) @ tilted_camera.table_to_pixel.T
@@ -89,18 +89,18 @@ def test_homography_is_projection_of_the_table(tilted_camera: Pinhole) -> None:
 
 def test_wrong_cameras_are_refused() -> None:
     with pytest.raises(PerceptionError, match="parallel"):
-        Pinhole.look_at((0, 0, 1), (0, 0, 0), width=4, height=3, fx=5.0)
+        PinholeCamera.look_at((0, 0, 1), (0, 0, 0), width=4, height=3, fx=5.0)
     with pytest.raises(PerceptionError, match="above the table"):
-        Pinhole.look_at((0, -1, -0.1), (0, 0, 0), width=4, height=3, fx=5.0)
+        PinholeCamera.look_at((0, -1, -0.1), (0, 0, 0), width=4, height=3, fx=5.0)
     with pytest.raises(PerceptionError, match="orthonormal"):
-        Pinhole(width=4, height=3, fx=5.0, fy=5.0, cx=0.0, cy=0.0, cam_to_world=np.diag([2.0, 1.0, 1.0, 1.0]))
+        PinholeCamera(width=4, height=3, fx=5.0, fy=5.0, cx=0.0, cy=0.0, cam_to_world=np.diag([2.0, 1.0, 1.0, 1.0]))
     with pytest.raises(PerceptionError, match="depth has shape"):
         camera_at((0, -1, 1)).height_above_table(np.zeros((3, 3)))
 
 
 def test_pose_cannot_be_changed_from_outside() -> None:
     pose = np.array(camera_at((0.0, -0.6, 0.7)).cam_to_world)
-    camera = Pinhole(width=4, height=3, fx=5.0, fy=5.0, cx=1.5, cy=1.0, cam_to_world=pose)
+    camera = PinholeCamera(width=4, height=3, fx=5.0, fy=5.0, cx=1.5, cy=1.0, cam_to_world=pose)
     pose[0, 3] = 99.0
     assert camera.position[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.perception.camera.pinhole import Pinhole
-from layflat.perception.camera.table_plane import TablePlane, fit_plane
+from layflat.perception.camera.pinhole import PinholeCamera
+from layflat.perception.camera.table_plane import TablePlane, fit_table_plane
 from layflat.perception.errors import PerceptionError
 from layflat.tests.scenes import CLOTHS, Scene, Shot, shoot, stand
 
@@ -17,10 +17,10 @@ ROOM = Scene(box=CLOTHS["red"], amplitude=0.003)
 
 
 def fit(shot: Shot, cloth: bool = True) -> TablePlane:
-    return fit_plane(shot.depth, shot.lens, rng=np.random.default_rng(0), cloth=shot.cloth if cloth else None)
+    return fit_table_plane(shot.depth, shot.lens, rng=np.random.default_rng(0), cloth=shot.cloth if cloth else None)
 
 
-def errors(plane: TablePlane, camera: Pinhole) -> tuple[float, float]:
+def errors(plane: TablePlane, camera: PinholeCamera) -> tuple[float, float]:
     """Degrees between the normals, and mm between the planes under the corners of a cloth of 0.35 m."""
     cosine = float(plane.normal @ camera.cam_to_world[2, :3])
     corners = np.array([[x, y, 0.0] for x in (-0.175, 0.175) for y in (-0.175, 0.175)])
@@ -98,16 +98,16 @@ def test_what_is_no_table_is_refused() -> None:
     _, lens = stand(width=320, height=240)
     rng = np.random.default_rng(0)
     with pytest.raises(PerceptionError, match="depth has shape"):
-        fit_plane(np.ones((10, 10), np.float32), lens, rng=rng)
+        fit_table_plane(np.ones((10, 10), np.float32), lens, rng=rng)
     few = np.zeros((240, 320), np.float32)
     few[:10, :10] = 0.8
     with pytest.raises(PerceptionError, match="100 pixels have a depth"):
-        fit_plane(few, lens, rng=rng)
+        fit_table_plane(few, lens, rng=rng)
     clutter = rng.uniform(0.3, 3.0, (240, 320)).astype(np.float32)
     with pytest.raises(PerceptionError, match="no table: the largest plane holds"):
-        fit_plane(clutter, lens, rng=rng)
+        fit_table_plane(clutter, lens, rng=rng)
     # 1/z grows with the row below a horizon 20 rows above the middle: tan(tilt) = fy / 20, 86 degrees.
     below = np.maximum(np.arange(240)[:, None] - 99.5, 0.0) * np.ones((1, 320))
     edge_on = np.divide(20.0, below, out=np.zeros_like(below), where=below > 4)
     with pytest.raises(PerceptionError, match="no table"):
-        fit_plane(edge_on.astype(np.float32), lens, rng=rng)
+        fit_table_plane(edge_on.astype(np.float32), lens, rng=rng)

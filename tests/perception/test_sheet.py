@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
 from layflat.perception.synthetic_sheet import CLOTH_RGB, Drawing, Light, Sheet, Wave, draw_sheet
 
 RIPPLED = Sheet(waves=(Wave(normal=0.6, amplitude_m=0.003), Wave(normal=-0.9, wavelength_m=0.09, amplitude_m=0.002)))
 
 
-def inside(camera: Pinhole, sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+def inside(camera: PinholeCamera, sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (N, 2) and world points (N, 3) well inside the sheet, of a drawing with one ray a pixel."""
     frame = draw_sheet(camera, sheet, Drawing(samples=1))
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
@@ -25,7 +25,7 @@ def inside(camera: Pinhole, sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
     return pixels[kept], points[kept]
 
 
-def test_depth_back_projects_onto_the_surface(tilted_camera: Pinhole) -> None:
+def test_depth_back_projects_onto_the_surface(tilted_camera: PinholeCamera) -> None:
     _, points = inside(tilted_camera, RIPPLED)
     assert len(points) > 5_000
     np.testing.assert_allclose(points[:, 2], RIPPLED.height(points[:, 0], points[:, 1]), atol=2e-5)
@@ -43,7 +43,7 @@ def test_heights_of_waves_add_up_and_the_trough_is_at_rest() -> None:
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.0, 45.0), (130.0, 60.0), (-70.0, 35.0)])
-def test_brightness_is_lamberts_law(tilted_camera: Pinhole, azimuth: float, elevation: float) -> None:
+def test_brightness_is_lamberts_law(tilted_camera: PinholeCamera, azimuth: float, elevation: float) -> None:
     light = Light(azimuth_deg=azimuth, elevation_deg=elevation, ambient=0.25, exposure=0.8)
     frame = draw_sheet(tilted_camera, RIPPLED, Drawing(light=light, samples=1))
     pixels, points = inside(tilted_camera, RIPPLED)
@@ -55,7 +55,7 @@ def test_brightness_is_lamberts_law(tilted_camera: Pinhole, azimuth: float, elev
     np.testing.assert_allclose(seen, wanted, atol=1.0)
 
 
-def test_a_low_lamp_throws_the_shadows_of_crests_and_a_high_one_none(tilted_camera: Pinhole) -> None:
+def test_a_low_lamp_throws_the_shadows_of_crests_and_a_high_one_none(tilted_camera: PinholeCamera) -> None:
     steep = Sheet(waves=(Wave(normal=0.0, amplitude_m=0.003),))  # 18 degrees
     ambient_only = np.rint(0.4 * np.array(CLOTH_RGB))
     shares = {}
@@ -69,14 +69,14 @@ def test_a_low_lamp_throws_the_shadows_of_crests_and_a_high_one_none(tilted_came
     assert shares[40.0] == 0.0
 
 
-def test_what_stands_in_the_light_shades_one_side(tilted_camera: Pinhole) -> None:
+def test_what_stands_in_the_light_shades_one_side(tilted_camera: PinholeCamera) -> None:
     frame = draw_sheet(tilted_camera, Sheet(), Drawing(light=Light(elevation_deg=90.0, shaded_from_m=0.05)))
     (lit, shaded), _ = tilted_camera.project([(0.25, 0.0, 0.004), (0.25, 0.1, 0.004)])
     bright, dark = (frame.rgb[round(p[1]), round(p[0])].astype(float) for p in (lit, shaded))
     np.testing.assert_allclose(dark, 0.4 * bright, atol=1.0)
 
 
-def test_exposure_cuts_off_and_tint_colours(tilted_camera: Pinhole) -> None:
+def test_exposure_cuts_off_and_tint_colours(tilted_camera: PinholeCamera) -> None:
     light = Light(elevation_deg=90.0)
     plain = draw_sheet(tilted_camera, Sheet(), Drawing(light=light)).rgb
     tinted = draw_sheet(tilted_camera, Sheet(), Drawing(light=replace(light, tint=(0.5, 1.0, 1.0)))).rgb
@@ -87,7 +87,7 @@ def test_exposure_cuts_off_and_tint_colours(tilted_camera: Pinhole) -> None:
     assert over[120, 160, 0] == 120
 
 
-def test_noise_has_its_size_and_its_seed(tilted_camera: Pinhole) -> None:
+def test_noise_has_its_size_and_its_seed(tilted_camera: PinholeCamera) -> None:
     clean, noisy = draw_sheet(tilted_camera, Sheet()), draw_sheet(tilted_camera, Sheet(), Drawing().noisy(3))
     again, other = (draw_sheet(tilted_camera, Sheet(), Drawing().noisy(seed)) for seed in (3, 4))
     np.testing.assert_array_equal(noisy.rgb, again.rgb)
@@ -99,13 +99,13 @@ def test_noise_has_its_size_and_its_seed(tilted_camera: Pinhole) -> None:
     assert (noisy.rgb.astype(float) - clean.rgb).std() == pytest.approx(3.0, rel=0.05)
 
 
-def test_what_cannot_be_drawn_is_refused(tilted_camera: Pinhole) -> None:
+def test_what_cannot_be_drawn_is_refused(tilted_camera: PinholeCamera) -> None:
     with pytest.raises(PerceptionError, match="steep"):
         Wave(amplitude_m=0.02)
     with pytest.raises(PerceptionError, match="must be positive"):
         Wave(wavelength_m=0.0)
     with pytest.raises(PerceptionError, match="elevation"):
         Light(elevation_deg=0.0)
-    level = Pinhole.look_at((0, 0, 0.5), (1, 0, 0.5), width=32, height=24, fx=30)
+    level = PinholeCamera.look_at((0, 0, 0.5), (1, 0, 0.5), width=32, height=24, fx=30)
     with pytest.raises(PerceptionError, match="horizon"):
         draw_sheet(level, None)

@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from layflat.data.types import Episode, Observation, Step, Task, Truth, action_size
+from layflat.data.types import Episode, GroundTruth, Observation, RobotName, Step, action_size
 from layflat.policy import registry
 from layflat.policy.features import input_set
 from layflat.policy.gp.kernel import Hyperparameters, weights
 from layflat.policy.gp.model import GpModel
-from layflat.policy.trained_model import Learned
+from layflat.policy.trained_model import TrainedModel
 
 GP_INPUTS = {
     "gp-word": "all",
@@ -48,13 +48,13 @@ def _episode(
     observations: Sequence[Observation],
     actions: np.ndarray,
     *,
-    task: Task = "hanger",
+    task: RobotName = "hanger",
     seed: int = 0,
     cloth: str = "towel",
     tick_s: float = 0.1,
     phases: Sequence[str] | None = None,
 ) -> Episode:
-    truth = Truth(nodes=np.zeros((4, 3)), contact_portion_true=0.0, flat_area=0.0)
+    truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.0, flat_area=0.0)
     steps = tuple(
         Step(observation=o, truth=truth, action=a, phase="place" if phases is None else phases[k])
         for k, (o, a) in enumerate(zip(observations, actions, strict=True))
@@ -73,7 +73,9 @@ def _episode(
     )
 
 
-def _model(task: Task = "hanger", inputs: str = "all", points: int = 25, seed: int = 0, policy: str = "") -> GpModel:
+def _model(
+    task: RobotName = "hanger", inputs: str = "all", points: int = 25, seed: int = 0, policy: str = ""
+) -> GpModel:
     """A model with given hyperparameters on random points: what a fit would make, without the fit."""
     rng = np.random.default_rng(seed)
     layout = input_set(task, inputs)
@@ -102,7 +104,7 @@ def _model(task: Task = "hanger", inputs: str = "all", points: int = 25, seed: i
     )
 
 
-def _taught(task: Task) -> list[Episode]:
+def _taught(task: RobotName) -> list[Episode]:
     """Three demonstrations of a way down and forward, as long as their seeds say."""
     episodes = []
     for seed in range(3):
@@ -120,11 +122,11 @@ def _taught(task: Task) -> list[Episode]:
 
 
 @pytest.fixture(scope="session")
-def learned_of() -> Callable[[str, Task], Learned]:
+def learned_of() -> Callable[[str, RobotName], TrainedModel]:
     """A model of any trainable policy by name; those of Gaussian processes without a fit, which takes a second each."""
 
     @cache
-    def made(name: str, task: Task) -> Learned:
+    def made(name: str, task: RobotName) -> TrainedModel:
         if name in GP_INPUTS:
             return _model(task, GP_INPUTS[name], policy=name)
         return registry.train(name, _taught(task))

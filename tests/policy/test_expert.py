@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import ACTION_LIMIT_M, TASKS, Observation, Truth, action_size
+from layflat.data.types import ACTION_LIMIT_M, ROBOTS, GroundTruth, Observation, action_size
 from layflat.policy.scripted.demonstrator import (
     DRAG_STEP_M,
     FLAT_CONTACT,
     LAND_STEP_M,
     LAY_STEP_M,
-    ScriptedExpert,
+    ScriptedDemonstrator,
     _tautly,
 )
 
@@ -40,7 +40,7 @@ class RodCloth:
         x, _, z = self.holder
         lowest = max(0.004, z - LENGTH_M)
         nodes = np.array([[self.edge_x, y, lowest] for y in (WIDTH_M / 2, 0, -WIDTH_M / 2)] + [[x, 0.0, z]] * 6)
-        return Truth(nodes=nodes, contact_portion_true=self.contact(), flat_area=self.contact())
+        return GroundTruth(nodes=nodes, contact_portion_true=self.contact(), flat_area=self.contact())
 
     def contact(self):
         x, _, z = self.holder
@@ -69,7 +69,7 @@ class RodCloth:
 
 
 def expert_for(cloth):
-    return ScriptedExpert(cloth.task, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.truth)
+    return ScriptedDemonstrator(cloth.task, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.truth)
 
 
 def demonstrate(cloth, expert, limit=200):
@@ -82,7 +82,7 @@ def demonstrate(cloth, expert, limit=200):
     pytest.fail(f"no stop within {limit} ticks; the last clause was {decisions[-1].reason!r}")
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 @pytest.mark.parametrize("seed", range(6))
 def test_lays_the_cloth_and_stops_flat_within_the_limits(task, seed):
     cloth = RodCloth(task)
@@ -95,7 +95,7 @@ def test_lays_the_cloth_and_stops_flat_within_the_limits(task, seed):
     assert not decisions[-1].action.any()
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_the_free_edge_trails_before_anything_is_laid_on_it(task):
     cloth = RodCloth(task)
     expert = expert_for(cloth)
@@ -109,7 +109,7 @@ def test_the_free_edge_trails_before_anything_is_laid_on_it(task):
     assert cloth.holder[0] - cloth.edge_x > 0.04
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(task):
     def drag_speed(wrinkle_m):
         cloth = RodCloth(task)
@@ -125,7 +125,7 @@ def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(task):
     assert DRAG_STEP_M[0] <= speeds[0] < speeds[-1] <= DRAG_STEP_M[1] + 0.006
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_repairs_after_a_disturbance(task):
     cloth = RodCloth(task)
     expert = expert_for(cloth)

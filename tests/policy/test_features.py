@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import TASKS, Observation
+from layflat.data.types import ROBOTS, Observation
 from layflat.policy.base import PolicyError
 from layflat.policy.features import COLUMNS, INPUT_SETS, FeatureLayout, input_set
 
@@ -41,7 +41,7 @@ def test_pickers_layout_begins_with_the_corners():
     np.testing.assert_array_equal(vector, [*corners.ravel(), 0.6, 0.8, 0.25])
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 @given(contact=st.floats(0, 1), angle=st.floats(-1.5, 1.5))
 def test_cloth_state_reaches_exactly_the_sets_that_name_it(task, observe, contact, angle):
     word = (np.cos(angle), np.sin(angle))
@@ -64,7 +64,7 @@ def test_matrix_is_the_vectors_in_order(observe, episode_of):
     assert layout.matrix([]).shape == (0, 5)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_no_column_reads_what_only_the_simulator_knows(task):
     assert not {"nodes", "contact_true", "flat_area"} & set(COLUMNS[task])
 

@@ -10,9 +10,9 @@ import pytest
 from layflat.policy import finishing_policy
 from layflat.policy.base import Policy
 from layflat.policy.features import input_set
-from layflat.policy.finishing_policy import FinishPolicy
+from layflat.policy.finishing_policy import FinishingPolicy
 from layflat.policy.gp import fit
-from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.scripted.baselines import along_x
 from layflat.policy.stopping import AnyOf
 
@@ -78,8 +78,8 @@ def share(policy: Policy, begins: np.ndarray, observe, ticks: int = 400) -> floa
 
 def test_the_mean_alone_fades_and_this_does_not(model, observe):
     """In the order of the table in docs/policies.md: the mean fails the more the farther it begins."""
-    thesis = FieldPolicy(replace(model, stop_threshold_m=1e-9), guard=AnyOf())
-    mine = FinishPolicy(model, stop=AnyOf())
+    thesis = ModelPolicy(replace(model, stop_threshold_m=1e-9), guard=AnyOf())
+    mine = FinishingPolicy(model, stop=AnyOf())
     alone = [share(thesis, starts(model, d), observe) for d in DISTANCES]
     ours = [share(mine, starts(model, d), observe) for d in DISTANCES]
     assert ours == [1.0] * len(DISTANCES)
@@ -89,7 +89,7 @@ def test_the_mean_alone_fades_and_this_does_not(model, observe):
 
 
 def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
-    policy = FinishPolicy(model, stop=AnyOf())
+    policy = FinishingPolicy(model, stop=AnyOf())
     useful = np.linalg.norm(along_x("hanger", finishing_policy.USEFUL_M))
     places = model.inputs + 0.003
     taught = places[np.linalg.norm(model.predict(places)[0], axis=1) >= useful]
@@ -104,7 +104,7 @@ def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
 
 @pytest.mark.parametrize("away_m", [0.2, 1.0, 20.0])
 def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, observe, away_m):
-    policy = FinishPolicy(model, stop=AnyOf())
+    policy = FinishingPolicy(model, stop=AnyOf())
     place = model.inputs[0] + np.array([-away_m, away_m])
     near = policy.nearest(place)
     gaps = np.linalg.norm((model.inputs - near.query) / model.input_scale, axis=1)
@@ -118,13 +118,13 @@ def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, observe
 
 def test_on_the_table_nothing_is_pushed_back(model, observe):
     """The way back to the demonstrations leads over cloth that lies there."""
-    policy = FinishPolicy(model, stop=AnyOf())
+    policy = FinishingPolicy(model, stop=AnyOf())
     assert policy.act(observe(0.7, 0.02, contact=0.85)).action[0] >= 0
     assert policy.act(observe(0.7, 0.02, contact=0.1)).action[0] < 0
 
 
 def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
-    still = FinishPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
+    still = FinishingPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
     wrinkled = still.act(observe(*GOAL, contact=0.9))
     np.testing.assert_allclose(wrinkled.action, along_x("hanger", finishing_policy.USEFUL_M), atol=1e-9)
     assert not still.act(observe(*GOAL, contact=0.995)).action.any()
@@ -136,7 +136,7 @@ def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of)
     ticks = model.inputs.copy()
     ticks[:, 1], ticks[:, 4] = 0.3, 0.4
     ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
-    policy = FinishPolicy(replace(model, inputs=ticks, alpha=0 * model.alpha), stop=AnyOf())
+    policy = FinishingPolicy(replace(model, inputs=ticks, alpha=0 * model.alpha), stop=AnyOf())
     for z, want in ((0.018, finishing_policy.PULL * (0.008 - 0.018)), (0.004, 0.0), (0.3, -finishing_policy.USEFUL_M)):
         assert policy.act(observe(0.2, z, contact=0.9)).action[1] == pytest.approx(want, abs=1e-9)
 
@@ -149,7 +149,7 @@ def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
     model = replace(model, inputs=ticks)
     landing = next(tick for tick in ticks[5:] if np.linalg.norm(model.predict([tick])[0]) > 0.006)
     seen = observe(landing[0], landing[1], contact=0.85)
-    policy = FinishPolicy(model, stop=AnyOf())
+    policy = FinishingPolicy(model, stop=AnyOf())
     near = policy.nearest(model.layout.vector(seen))
     mean = model.predict([near.query])[0][0]
     assert np.linalg.norm(mean) >= finishing_policy.USEFUL_M
@@ -159,20 +159,20 @@ def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
 
 def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
     for contact, word in ((0.995, "has reached"), (0.9, "no gain")):
-        policy = FinishPolicy(model)
+        policy = FinishingPolicy(model)
         policy.reset(0)
         stops = [policy.act(observe(*GOAL, contact=contact)) for _ in range(40)]
         stop = next(d for d in stops if d.stop is not None)
         assert stop.stop == "converged"
         assert word in stop.reason
         assert not stop.action.any()
-    hanging = FinishPolicy(model)
+    hanging = FinishingPolicy(model)
     assert all(hanging.act(observe(0.001 * k, 0.4)).stop is None for k in range(60))
 
 
 def test_it_gives_up_where_it_pulls_and_nothing_yields(model, observe):
     """A heap of cloth that has less contact than any gain counts from, and holds the holder back."""
-    policy = FinishPolicy(model)
+    policy = FinishingPolicy(model)
     policy.reset(0)
     decisions = [policy.act(observe(0.3 + 0.0001 * k, 0.1, contact=0.1)) for k in range(finishing_policy.STUCK_TICKS)]
     assert all(decision.stop is None for decision in decisions[:-1])

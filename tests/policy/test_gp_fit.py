@@ -18,7 +18,7 @@ from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gp import fit
 from layflat.policy.gp.kernel import JITTER
-from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
 
 GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
@@ -198,7 +198,7 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
     for name, model in models.items():
         for added_m in (0.0, 0.045):
             # This demonstrator's slowest move is 3 mm; the threshold stays well below it.
-            policy = FieldPolicy(replace(model, stop_threshold_m=0.001), guard=AnyOf())
+            policy = ModelPolicy(replace(model, stop_threshold_m=0.001), guard=AnyOf())
             policy.reset(0)
             world = DragWorld(observe, 0.06, 0.0, 1)
             assert _run(policy, world) == "threshold"
@@ -212,7 +212,7 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
     assert left["gp-word", 0.045] < 0.2 * 0.045 < left["gp-baseline", 0.045]
 
 
-def _run(policy: FieldPolicy, world: DragWorld, ticks: int = 80) -> str | None:
+def _run(policy: ModelPolicy, world: DragWorld, ticks: int = 80) -> str | None:
     for _ in range(ticks):
         decision = policy.act(world.see())
         if decision.stop is not None:

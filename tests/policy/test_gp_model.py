@@ -11,7 +11,7 @@ from layflat.data.types import DataError
 from layflat.policy.base import PolicyError
 from layflat.policy.gp.kernel import JITTER, Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
-from layflat.policy.model_policy import FieldPolicy
+from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
 
 
@@ -112,16 +112,16 @@ def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
 
 def test_an_output_below_the_threshold_moves_nothing(model_of, observe):
     """Chapter 4-3-3: the robot stands still, so what is regained after a stop was commanded, not crept."""
-    policy = FieldPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_ticks=50))
+    policy = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_ticks=50))
     assert all(not policy.act(observe(0.1, 0.1, contact=c)).action.any() for c in (0.2, 0.6, 1.0))
-    keen = FieldPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
+    keen = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
     assert keen.act(observe(0.1, 0.1, contact=0.5)).action.any()
 
 
 def test_output_is_clipped_to_the_action_limit(model_of, observe):
     model = model_of()
     wild = replace(model, alpha=1e4 * model.alpha)
-    policy = FieldPolicy(wild, guard=AnyOf())
+    policy = ModelPolicy(wild, guard=AnyOf())
     raw, _ = wild.predict([wild.layout.vector(observe())])
     assert np.abs(raw).max() > wild.action_limit_m
     np.testing.assert_allclose(policy.act(observe()).action, np.clip(raw[0], -wild.action_limit_m, wild.action_limit_m))
@@ -129,7 +129,7 @@ def test_output_is_clipped_to_the_action_limit(model_of, observe):
 
 def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, observe):
     model = model_of()
-    policy = FieldPolicy(model, guard=AnyOf())
+    policy = ModelPolicy(model, guard=AnyOf())
     policy.reset(0)
     lost = observe(-30.0, 30.0)
     for _ in range(2):
@@ -141,9 +141,9 @@ def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, o
 def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):
     model = model_of(inputs="position")
     eager = replace(model, stop_threshold_m=1e-12)
-    stops = [FieldPolicy(eager).act(observe(0.8, contact=0.9)).stop]
+    stops = [ModelPolicy(eager).act(observe(0.8, contact=0.9)).stop]
     assert stops == ["tick_limit"]
-    policy = FieldPolicy(eager)
+    policy = ModelPolicy(eager)
     assert "converged" in [policy.act(observe(0.3, contact=0.9)).stop for _ in range(15)]
 
 

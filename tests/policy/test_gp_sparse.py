@@ -43,7 +43,7 @@ def full_and_sparse(count: int, points: int = 120, shrink: float = 1.0) -> tuple
     inputs, targets, hyper = problem(points)
     hyper = replace(hyper, length_scales=shrink * hyper.length_scales)
     inducing = sparse.inducing_points(inputs, count, seed=0)
-    alpha, inner = sparse.condensed(inducing, inputs, targets, hyper)
+    alpha, inner = sparse.compress(inducing, inputs, targets, hyper)
     return made(inputs, weights(inputs, targets, hyper), hyper), made(inducing, alpha, hyper, inner)
 
 
@@ -69,7 +69,7 @@ def test_more_inducing_points_come_closer_to_the_full_process():
 def test_prediction_is_gpys_own():
     inputs, targets, hyper = problem()
     gpy, inducing = fit.import_gpy(), sparse.inducing_points(inputs, 25, seed=0)
-    alpha, inner = sparse.condensed(inducing, inputs, targets, hyper)
+    alpha, inner = sparse.compress(inducing, inputs, targets, hyper)
     model = made(inducing, alpha, hyper, inner)
     mean, std = model.predict(QUERIES)
     for a in range(2):
@@ -103,7 +103,7 @@ def test_held_out_errors_are_those_of_models_trained_without_the_group():
     errors = sparse.held_out_errors(inducing, inputs, targets, groups, hyper)
     for group in (1, 2, 3):
         out = groups == group
-        alpha, inner = sparse.condensed(inducing, inputs[~out], targets[~out], hyper)
+        alpha, inner = sparse.compress(inducing, inputs[~out], targets[~out], hyper)
         mean, _ = made(inducing, alpha, hyper, inner).predict(inputs[out])
         np.testing.assert_allclose(errors[out], targets[out] - mean, atol=1e-6)
 
@@ -150,4 +150,4 @@ def test_inducing_points_on_top_of_each_other_are_refused():
     wide = replace(hyper, length_scales=np.full((2, 2), 1e6))
     huge = replace(wide, variance=np.full(2, 1e12))
     with pytest.raises(PolicyError, match="too close"):
-        sparse.condensed(inputs, inputs, targets, huge)
+        sparse.compress(inputs, inputs, targets, huge)

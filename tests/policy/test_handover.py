@@ -7,13 +7,13 @@ import pytest
 
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
-from layflat.policy.wrappers.sequential import Handover
+from layflat.policy.wrappers.sequential import SequentialPolicy
 
 
 @pytest.fixture
 def handover():
     first, then = registry.make("hold", "hanger"), registry.make("stretch-right", "hanger")
-    policy = Handover(first, then, name="hold+stretch-right")
+    policy = SequentialPolicy(first, then, name="hold+stretch-right")
     policy.reset(0)
     return policy
 
@@ -32,4 +32,4 @@ def test_reset_hands_back_to_the_first(handover, observe):
 
 def test_policies_of_different_tasks_are_refused():
     with pytest.raises(PolicyError, match="pickers"):
-        Handover(registry.make("hold", "hanger"), registry.make("hold", "pickers"), name="both")
+        SequentialPolicy(registry.make("hold", "hanger"), registry.make("hold", "pickers"), name="both")

@@ -62,7 +62,7 @@ def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
 
 
 @pytest.mark.parametrize("task", ["hanger", "pickers"])
-@pytest.mark.parametrize("name", registry.TRAINABLE)
+@pytest.mark.parametrize("name", registry.TRAINABLE_POLICIES)
 def test_every_method_comes_back_as_it_was(name, task, tmp_path, learned_of, observe):
     model = replace(learned_of(name, task), provenance=Provenance(versions={"numpy": "2"}, command="train"))
     path, twin = tmp_path / "model.npz", tmp_path / "twin.npz"

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, STOPS, TASKS, Observation, Truth, action_size
+from layflat.data.types import ACTION_LIMIT_M, ROBOTS, STOP_REASONS, GroundTruth, Observation, action_size
 from layflat.policy import registry
 from layflat.policy.base import Policy
-from layflat.policy.model_policy import FieldPolicy
-from layflat.policy.scripted.demonstrator import ScriptedExpert
-from layflat.policy.scripted.replay import Recorded
+from layflat.policy.model_policy import ModelPolicy
+from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
+from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, controller
-from layflat.policy.wrappers.sequential import Handover
+from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.policy.wrappers.takeover import Takeover
 
 HANDOVER = "handover"
@@ -24,29 +24,31 @@ RECORDED = "recorded"
 FLATTEN = "flatten-"
 AROUND = "hold+"
 """What can be put around any policy, around one of the poorest."""
-OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED, *(AROUND + name for name in registry.DECORATORS))
-PLACERS = [(name, task) for name in (*registry.MADE, *registry.TRAINABLE, *OTHERS) for task in TASKS]
+OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED, *(AROUND + name for name in registry.WRAPPERS))
+PLACERS = [
+    (name, task) for name in (*registry.BUILTIN_POLICIES, *registry.TRAINABLE_POLICIES, *OTHERS) for task in ROBOTS
+]
 
 
 @pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
 def policy(request, model_of, learned_of, make_episode) -> Policy:
     name, task = request.param
     if name == RECORDED:
-        return Recorded(make_episode(task, ticks=50))
+        return ReplayPolicy(make_episode(task, ticks=50))
     if name.startswith(FLATTEN):
         return controller(name.removeprefix(FLATTEN))
     if name.startswith(AROUND):
-        return registry.decorated(registry.make("hold", task), [name.removeprefix(AROUND)])
+        return registry.wrap(registry.make("hold", task), [name.removeprefix(AROUND)])
     if name == HANDOVER:
-        first = FieldPolicy(model_of(task, "position"))
-        return Handover(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
+        first = ModelPolicy(model_of(task, "position"))
+        return SequentialPolicy(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
     if name == TAKEOVER:
-        return Takeover(FieldPolicy(model_of(task, "position")), registry.make("random", task), lambda: "lead")
+        return Takeover(ModelPolicy(model_of(task, "position")), registry.make("random", task), lambda: "lead")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
-        truth = Truth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
-        return ScriptedExpert(task, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: truth)
-    if name in registry.TRAINABLE:
+        truth = GroundTruth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
+        return ScriptedDemonstrator(task, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: truth)
+    if name in registry.TRAINABLE_POLICIES:
         return registry.from_model(learned_of(name, task))
     return registry.make(name, task)
 
@@ -68,14 +70,14 @@ def run(policy: Policy, observations: list[Observation], seed: int) -> list:
 def test_is_a_policy_with_a_name_and_a_task(policy):
     assert isinstance(policy, Policy)
     assert policy.name
-    assert policy.task in TASKS
+    assert policy.task in ROBOTS
 
 
 def test_decisions_are_well_formed(policy, observe):
     for decision in run(policy, placing(observe), seed=1):
         assert decision.action.shape == (action_size(policy.task),)
         assert np.abs(decision.action).max() <= ACTION_LIMIT_M
-        assert decision.stop is None or decision.stop in STOPS
+        assert decision.stop is None or decision.stop in STOP_REASONS
         assert decision.reason
         if decision.std is not None:
             assert (decision.std > 0).all()
@@ -98,7 +100,7 @@ def test_same_seed_same_decisions_also_after_another_episode(policy, observe):
 
 def test_resume_goes_on_where_a_new_episode_would_begin(policy, observe):
     """After resume a stop needs as many ticks as after reset: nothing of the old counters is left."""
-    if isinstance(policy, Handover):
+    if isinstance(policy, SequentialPolicy):
         pytest.skip("goes on as another policy, see test_handover")
     policy.reset(0)
     fresh = [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)]

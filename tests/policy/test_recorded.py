@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from layflat.policy.scripted.replay import Recorded
+from layflat.policy.scripted.replay import ReplayPolicy
 
 
 def test_actions_come_in_order_without_those_of_the_disturbance(make_episode):
     phases = ["place", "place", "disturb", "disturb", "repair"]
     episode = make_episode(ticks=5)
     steps = tuple(replace(step, phase=phase) for step, phase in zip(episode.steps, phases, strict=True))
-    policy = Recorded(replace(episode, steps=steps))
+    policy = ReplayPolicy(replace(episode, steps=steps))
     for _ in range(2):
         policy.reset(0)
         for tick in (0, 1, 4):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, TASKS, Observation, Task, action_size
+from layflat.data.types import ACTION_LIMIT_M, ROBOTS, Observation, RobotName, action_size
 from layflat.policy.base import Decision
 from layflat.policy.scripted.baselines import along_x, along_z
 from layflat.policy.wrappers.recovery import (
@@ -18,7 +18,7 @@ from layflat.policy.wrappers.recovery import (
     STUCK_TICKS,
     TRIES,
     WIPE_M,
-    Recovery,
+    RecoveryWrapper,
 )
 
 LENGTH_M = 0.35
@@ -29,7 +29,7 @@ class Layer:
 
     name = "layer"
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: RobotName) -> None:
         self.task = task
         self.begun = 0
 
@@ -49,7 +49,7 @@ class Layer:
 class Toy:
     """A cloth that hides ``hidden`` of itself once it lies, until it has hung free ``cures`` times."""
 
-    def __init__(self, task: Task, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
+    def __init__(self, task: RobotName, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
         self.task, self._observe, self._hidden, self._cures = task, observe, hidden, cures
         self.corners = np.array([[0.0, half, 0.47], [0.0, -half, 0.47]])
         self._was_down = False
@@ -70,7 +70,7 @@ class Toy:
         self.corners = self.corners + step
 
 
-def run(policy: Recovery, toy: Toy, ticks: int = 2000) -> tuple[list[Decision], float]:
+def run(policy: RecoveryWrapper, toy: Toy, ticks: int = 2000) -> tuple[list[Decision], float]:
     """All decisions until the stop, and the contact in the end."""
     decisions = []
     for _ in range(ticks):
@@ -83,9 +83,9 @@ def run(policy: Recovery, toy: Toy, ticks: int = 2000) -> tuple[list[Decision], 
     raise AssertionError("it never stops")
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_a_flat_cloth_is_left_alone(task: Task, observe) -> None:
-    policy = Recovery(Layer(task))
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_flat_cloth_is_left_alone(task: RobotName, observe) -> None:
+    policy = RecoveryWrapper(Layer(task))
     policy.reset(0)
     decisions, contact = run(policy, Toy(task, observe, hidden=0.0))
     assert policy.tried == []
@@ -93,10 +93,10 @@ def test_a_flat_cloth_is_left_alone(task: Task, observe) -> None:
     assert all(decision.reason in ("", "laid") for decision in decisions)
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_a_fold_is_lifted_once_and_laid_again(task: Task, observe) -> None:
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_fold_is_lifted_once_and_laid_again(task: RobotName, observe) -> None:
     inner = Layer(task)
-    policy = Recovery(inner)
+    policy = RecoveryWrapper(inner)
     policy.reset(3)
     decisions, contact = run(policy, Toy(task, observe, hidden=0.25))
     assert policy.tried == ["lift"]
@@ -110,7 +110,7 @@ def test_a_fold_is_lifted_once_and_laid_again(task: Task, observe) -> None:
 
 
 def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
-    policy = Recovery(Layer("hanger"))
+    policy = RecoveryWrapper(Layer("hanger"))
     policy.reset(0)
     decisions, contact = run(policy, Toy("hanger", observe, hidden=0.25, cures=2))
     assert policy.tried == ["lift", "wipe"]
@@ -125,7 +125,7 @@ def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
 
 @pytest.mark.parametrize("hidden", [0.25, 0.08])
 def test_what_stays_folded_is_given_up_after_so_many_tries(hidden: float, observe) -> None:
-    policy = Recovery(Layer("hanger"))
+    policy = RecoveryWrapper(Layer("hanger"))
     policy.reset(0)
     toy = Toy("hanger", observe, hidden=hidden, cures=99)
     decisions, contact = run(policy, toy)
@@ -139,7 +139,7 @@ def test_what_stays_folded_is_given_up_after_so_many_tries(hidden: float, observ
 
 
 def test_a_little_that_is_hidden_is_turned_over_first(observe) -> None:
-    policy = Recovery(Layer("hanger"))
+    policy = RecoveryWrapper(Layer("hanger"))
     policy.reset(0)
     decisions, _ = run(policy, Toy("hanger", observe, hidden=0.08, cures=1))
     assert policy.tried == ["turn", "lift"]
@@ -152,7 +152,7 @@ def test_a_little_that_is_hidden_is_turned_over_first(observe) -> None:
 
 @pytest.mark.parametrize(("moved", "width"), [(-0.03, 0.36), (0.02, 0.38)])
 def test_two_pickers_come_back_side_by_side_as_wide_as_they_ever_were(moved: float, width: float, observe) -> None:
-    policy = Recovery(Layer("pickers"))
+    policy = RecoveryWrapper(Layer("pickers"))
     policy.reset(0)
     toy = Toy("pickers", observe, hidden=0.25)
     toy.corners = toy.corners + np.array([[0.01, 0.0, 0.0], [0.0, 0.0, 0.03]])  # The start is aslant.
@@ -173,7 +173,7 @@ class Forward(Layer):
 @pytest.mark.parametrize(("slope", "undone"), [(0.0, True), (0.004, False)])
 def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undone: bool, observe) -> None:
     rng = np.random.default_rng(4)
-    policy = Recovery(Forward("hanger"))
+    policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)
     for tick in range(2 * PLATEAU_TICKS):
         contact = min(0.78 + slope * tick, 1.0) + rng.normal(0.0, 0.008)
@@ -183,7 +183,7 @@ def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undo
 
 @pytest.mark.parametrize(("strength", "ticks"), [(0.0, SMOOTH_TICKS), (0.01, SMOOTH_TICKS), (0.05, PLATEAU_TICKS)])
 def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, ticks: int, observe) -> None:
-    policy = Recovery(Forward("hanger"))
+    policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)
     for tick in range(1, PLATEAU_TICKS + 1):
         policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=0.78, word=(strength, 0.0)))
@@ -194,7 +194,7 @@ def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, 
 
 def test_a_smooth_cloth_that_is_being_laid_is_let_be(observe) -> None:
     """No wrinkle is seen while contact grows by a hundredth a tick, and the cloth is no fold."""
-    policy = Recovery(Forward("hanger"))
+    policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)
     for tick in range(60):
         policy.act(observe(0.1 + 0.008 * tick, 0.005, contact=0.31 + 0.01 * tick))
@@ -203,7 +203,7 @@ def test_a_smooth_cloth_that_is_being_laid_is_let_be(observe) -> None:
 
 def test_a_holder_that_hovers_is_stuck_and_one_that_descends_is_not(observe) -> None:
     for speed, stuck in ((0.0005, True), (0.004, False)):
-        policy = Recovery(Forward("hanger"))
+        policy = RecoveryWrapper(Forward("hanger"))
         policy.reset(0)
         for tick in range(STUCK_TICKS + 1):
             policy.act(observe(0.1, 0.25 - speed * tick))

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, TASKS
+from layflat.data.types import ACTION_LIMIT_M, ROBOTS
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
-from layflat.policy.scripted.baselines import RandomMoves, along_x, drag_rule, stretch_right
+from layflat.policy.scripted.baselines import RandomPolicy, along_x, drag_rule, stretch_right
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_along_x_moves_every_holder_point_alike_and_only_in_x(task):
     action = along_x(task, 0.004)
     names = {"hanger": ["dx", "dz"], "pickers": ["dx1", "dy1", "dz1", "dx2", "dy2", "dz2"]}[task]
@@ -49,7 +49,7 @@ def test_drag_rule_leaves_a_flat_cloth_alone(observe):
 
 
 def test_random_moves_fill_their_range_and_differ_by_seed(observe):
-    policy = RandomMoves("pickers", limit_m=0.01)
+    policy = RandomPolicy("pickers", limit_m=0.01)
     draws = []
     for seed in (1, 2):
         policy.reset(seed)
@@ -63,7 +63,7 @@ def test_random_moves_fill_their_range_and_differ_by_seed(observe):
 @pytest.mark.parametrize("limit_m", [0.0, -1.0, 2 * ACTION_LIMIT_M, float("nan")])
 def test_random_moves_beyond_the_action_limit_are_refused(limit_m):
     with pytest.raises(PolicyError, match="limit_m"):
-        RandomMoves("hanger", limit_m=limit_m)
+        RandomPolicy("hanger", limit_m=limit_m)
 
 
 @pytest.mark.parametrize("name", ["GP-WORD", "gp", ""])
@@ -80,7 +80,7 @@ def test_unknown_and_untrained_policies_are_told_apart():
 
 
 def test_unknown_task_is_refused():
-    for name in registry.MADE:
+    for name in registry.BUILTIN_POLICIES:
         with pytest.raises(PolicyError, match="task is 'table'"):
             registry.make(name, "table")
 

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.data.types import TASKS, Task
-from layflat.policy.wrappers.swing_damping import WAIT_TICKS, Steady
+from layflat.data.types import ROBOTS, RobotName
+from layflat.policy.wrappers.swing_damping import WAIT_TICKS, SwingDampingWrapper
 from layflat.tests.lowering import Down
 
 LENGTH_M = 0.35
 PERIOD_TICKS = 10.0
 
 
-def lower(task: Task, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:
+def lower(task: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:
     """Reasons of all decisions until the free edge touches, and how far ahead of the holder it is then."""
-    policy = Steady(Down(task))
+    policy = SwingDampingWrapper(Down(task))
     policy.reset(0)
     reasons: list[str] = []
     for tick in range(200):
@@ -31,8 +31,8 @@ def lower(task: Task, observe, *, swing_m: float, fades: float = 8.0, z: float =
     raise AssertionError("it never comes down")
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_a_swing_ahead_is_waited_for(task: Task, observe) -> None:
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_swing_ahead_is_waited_for(task: RobotName, observe) -> None:
     plainly = max(0.1 * np.cos(2 * np.pi * tick / PERIOD_TICKS) * np.exp(-tick / 8.0) for tick in (1, 2))
     assert plainly > 0.03, "without waiting it would touch ahead"
     reasons, ahead = lower(task, observe, swing_m=0.1)
@@ -48,14 +48,14 @@ def test_a_cloth_that_hangs_still_or_behind_is_not_held_up(swing_m: float, obser
 
 
 def test_high_up_a_swing_does_not_matter(observe) -> None:
-    policy = Steady(Down("hanger"))
+    policy = SwingDampingWrapper(Down("hanger"))
     policy.reset(0)
     seen = replace(observe(0.0, 0.5), lowest_m=np.array([0.1, 0.0, 0.16]))
     assert policy.act(seen).reason == "down"
 
 
 def test_waiting_has_an_end(observe) -> None:
-    policy = Steady(Down("hanger"))
+    policy = SwingDampingWrapper(Down("hanger"))
     for _ in range(2):
         policy.reset(0)
         reasons = [
@@ -67,7 +67,7 @@ def test_waiting_has_an_end(observe) -> None:
 
 
 def test_on_the_table_and_without_a_camera_the_policy_decides(observe) -> None:
-    policy = Steady(Down("hanger"))
+    policy = SwingDampingWrapper(Down("hanger"))
     policy.reset(0)
     ahead = np.array([0.2, 0.0, 0.004])
     assert policy.act(replace(observe(0.1, 0.05, contact=0.7), lowest_m=ahead)).reason == "down"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import STOPS
+from layflat.data.types import STOP_REASONS
 from layflat.policy.base import PolicyError
 from layflat.policy.stopping import (
     AllOf,
@@ -13,9 +13,9 @@ from layflat.policy.stopping import (
     BelowThreshold,
     ContactReached,
     NoContactGain,
+    StepLimit,
     StopRule,
     Stuck,
-    TickLimit,
     XLimit,
 )
 
@@ -48,7 +48,7 @@ def test_threshold_looks_at_the_norm_not_at_one_axis(observe):
 
 
 def test_tick_limit_counts_from_the_reset(observe):
-    rule = TickLimit(3)
+    rule = StepLimit(3)
     seen = 3 * [observe()]
     assert fires(rule, seen, np.ones(3)) == [False, False, True]
     rule.reset()
@@ -107,13 +107,13 @@ def test_contact_may_have_to_last(observe):
 
 def test_any_tells_every_rule_of_every_tick(observe):
     """Also the rules behind the one that fires: else their counts would lag."""
-    rule = AnyOf(ContactReached(0.9), TickLimit(3))
+    rule = AnyOf(ContactReached(0.9), StepLimit(3))
     stops = [rule.update(observe(contact=c), np.ones(2)) for c in (0.95, 0.95, 0.0)]
     assert [stop.by if stop else None for stop in stops] == ["converged", "converged", "tick_limit"]
 
 
 def test_all_waits_for_the_last(observe):
-    rule = AllOf(ContactReached(0.9), TickLimit(2))
+    rule = AllOf(ContactReached(0.9), StepLimit(2))
     assert fires(rule, [observe(contact=0.95)] * 2, np.ones(2)) == [False, True]
     rule.reset()
     assert fires(rule, [observe(contact=0.5)] * 4, np.ones(4)) == [False] * 4
@@ -129,7 +129,7 @@ def test_any_of_nothing_never_stops(observe):
 def test_every_rule_uses_words_that_files_know(observe):
     rules = [
         BelowThreshold(threshold_m=1.0),
-        TickLimit(1),
+        StepLimit(1),
         Stuck(ticks=1, within_m=1.0),
         NoContactGain(ticks=1),
         ContactReached(0.1),
@@ -139,13 +139,13 @@ def test_every_rule_uses_words_that_files_know(observe):
         rule.reset()
         stops = [rule.update(observe(0.5, contact=0.5), np.zeros(2)) for _ in range(2)]
         assert stops[-1] is not None
-        assert stops[-1].by in STOPS
+        assert stops[-1].by in STOP_REASONS
         assert stops[-1].reason
 
 
 @pytest.mark.parametrize(
     "make",
-    [lambda: BelowThreshold(threshold_m=0.0), lambda: TickLimit(0), lambda: NoContactGain(ticks=1, gain=float("nan"))],
+    [lambda: BelowThreshold(threshold_m=0.0), lambda: StepLimit(0), lambda: NoContactGain(ticks=1, gain=float("nan"))],
 )
 def test_impossible_rules_are_refused(make):
     with pytest.raises(PolicyError, match="must be"):

@@ -7,7 +7,7 @@ import pytest
 
 from layflat.policy import registry
 from layflat.policy.base import Decision, PolicyError
-from layflat.policy.wrappers.takeover import Grip, Takeover
+from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
 
 
 class Counts:
@@ -79,11 +79,11 @@ def test_what_the_person_decides_is_theirs_but_for_the_mark(observe):
 
 def test_a_grip_leads_while_the_hands_move_and_a_little_longer():
     moving = iter([False, True, False, False, True, False, False, False, False])
-    grip = Grip(lambda: next(moving), rest_ticks=3)
+    grip = MotionTakeoverTrigger(lambda: next(moving), rest_ticks=3)
     told = [grip() for _ in range(9)]
     assert told == [None, "lead", None, None, "lead", None, None, "hand back", "hand back"]
     with pytest.raises(PolicyError, match="rest_ticks is 0"):
-        Grip(lambda: True, rest_ticks=0)
+        MotionTakeoverTrigger(lambda: True, rest_ticks=0)
 
 
 def test_policies_of_different_tasks_are_refused():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from layflat.sim.cloth.cloth import Cloth, ClothSpec
-from layflat.sim.physics.bullet.air_drag import DRAG_LIMIT_M_S2, Air
+from layflat.sim.physics.bullet.air_drag import DRAG_LIMIT_M_S2, AirDrag
 from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
-from layflat.sim.robots.pickers import Pickers
+from layflat.sim.robots.pickers import FreePickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.15, width_m=0.15, rows=6, columns=6,
@@ -22,7 +22,7 @@ def _swing(rate: float, ticks: int = 20) -> np.ndarray:
     cloth = Cloth(world, SMALL)
     home = np.array([[0.0, 0.075, 0.5], [0.0, -0.075, 0.5]])
     cloth.set_nodes(SMALL.hanging_nodes(home))
-    pickers, air = Pickers(cloth, home), Air(cloth, drag_rate_per_s=rate)
+    pickers, air = FreePickers(cloth, home), AirDrag(cloth, drag_rate_per_s=rate)
     pickers.grip()
     path = []
     for tick in range(5 + ticks):
@@ -47,7 +47,7 @@ def test_the_drag_of_a_known_velocity_is_rate_times_velocity_without_a_vertical_
     world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     cloth.set_nodes(SMALL.flat_nodes(z_m=2.0))
-    air = Air(cloth, drag_rate_per_s=2.0)
+    air = AirDrag(cloth, drag_rate_per_s=2.0)
     world.set_gravity((5.0, -2.0, 0.0))
     for _ in range(24):  # 0.1 s: 0.5 m/s along x and -0.2 m/s along y
         world.step()
@@ -67,7 +67,7 @@ def test_the_drag_is_bounded_and_spares_a_still_cloth() -> None:
     world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     cloth.set_nodes(SMALL.flat_nodes())
-    air = Air(cloth)
+    air = AirDrag(cloth)
     for _ in range(24):
         air.before_substep()
         world.step()

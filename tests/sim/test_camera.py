@@ -11,11 +11,11 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from layflat.perception.camera.pinhole import Pinhole
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import touches_border
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.sim.camera.camera import Camera, default_pinhole
-from layflat.sim.camera.renderer import View
+from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.cloth import Cloth, cloth_spec
 from layflat.sim.physics.bullet.world import World
 
@@ -52,7 +52,7 @@ def test_solid_bodies_and_the_raster_see_the_same_box(bench: tuple[World, Cloth]
 
     # An unequal, off-centre pinhole, so that a swapped or shifted axis shows.
     pose = camera.pinhole.cam_to_world
-    view = View(Pinhole(width=320, height=240, fx=307, fy=290, cx=150.3, cy=125.7, cam_to_world=pose))
+    view = Renderer(PinholeCamera(width=320, height=240, fx=307, fy=290, cx=150.3, cy=125.7, cam_to_world=pose))
     raster = view.raster(corners, triangles)
     picture = view.blank()
     picture.depth[:] = np.inf

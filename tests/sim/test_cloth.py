@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.stats import qmc
 
 from layflat.sim.cloth.cloth import CLOTHS, CONTACT_TOLERANCE_M, HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from layflat.sim.cloth.starts import clip
-from layflat.sim.physics.bullet.air_drag import Air
+from layflat.sim.cloth.starts import attach
+from layflat.sim.physics.bullet.air_drag import AirDrag
 from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
-from layflat.sim.robots.pickers import Pickers
+from layflat.sim.robots.pickers import FreePickers
 from layflat.tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
@@ -29,11 +29,11 @@ def _settled(spec: ClothSpec, nodes: np.ndarray, duration_s: float, *, held: boo
     world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
     try:
         cloth = Cloth(world, spec, nodes)
-        air, lowest = Air(cloth), np.inf
+        air, lowest = AirDrag(cloth), np.inf
         if held:
             corners = nodes[list(spec.corners)] * [1.0, HELD_STRETCH, 1.0]
-            clip(cloth, corners, air)
-            Pickers(cloth, corners).grip()
+            attach(cloth, corners, air)
+            FreePickers(cloth, corners).grip()
         for step in range(round(duration_s * spec.rate_hz)):
             air.before_substep()
             world.step()
@@ -278,7 +278,7 @@ def test_a_cloth_that_was_hung_up_is_at_rest_as_large_as_its_spec(name: str) -> 
         nodes = _hanging(spec)
         cloth = Cloth(world, spec, nodes)
         wide = nodes[list(spec.corners)] * [1.0, HELD_STRETCH, 1.0]
-        clip(cloth, wide, Air(cloth))
+        attach(cloth, wide, AirDrag(cloth))
         assert np.ptp(cloth.nodes()[list(spec.corners), 1]) == pytest.approx(HELD_STRETCH * spec.width_m, abs=1e-3)
         world.set_gravity((0.0, 0.0, 0.0))
         for _ in range(200):

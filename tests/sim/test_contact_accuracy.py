@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
 from layflat.sim.physics.bullet.world import World
@@ -23,7 +23,7 @@ class Bench:
         self.world = World(step_s=1 / self.spec.rate_hz, table_friction=1.0)
         self.cloth = Cloth(self.world, self.spec)
         self.camera = Camera(self.world, self.cloth, seed=0)
-        blank = Perceiver(self.camera.pinhole)
+        blank = PerceptionPipeline(self.camera.pinhole)
         flat = blank.perceive(*self.camera.capture(self.spec.flat_nodes()))
         self.perceiver = blank.with_flat_pixels(flat.cloth_pixels)
 

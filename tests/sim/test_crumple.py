@@ -8,28 +8,28 @@ import sys
 import numpy as np
 import pytest
 
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 _SCRIPT = """
 import sys, hashlib
-from layflat.sim.simulation import Placing
-from layflat.sim.config import BenchSettings
-bench = Placing(BenchSettings(task="pickers", start="crumpled", camera=False))
+from layflat.sim.simulation import ClothSimulation
+from layflat.sim.config import SimConfig
+bench = ClothSimulation(SimConfig(task="pickers", start="crumpled", camera=False))
 bench.reset(int(sys.argv[1]))
 print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 """
 
 
 @pytest.fixture(scope="module")
-def crumpled() -> Placing:
-    bench = Placing(BenchSettings(task="pickers", start="crumpled"))
+def crumpled() -> ClothSimulation:
+    bench = ClothSimulation(SimConfig(task="pickers", start="crumpled"))
     bench.reset(201)
     return bench
 
 
-def test_about_three_quarters_lie_and_the_rest_is_wrinkles(crumpled: Placing) -> None:
+def test_about_three_quarters_lie_and_the_rest_is_wrinkles(crumpled: ClothSimulation) -> None:
     truth, spec = crumpled.truth(), crumpled.settings.spec
     assert 0.68 <= truth.contact_portion_true <= 0.82
     assert truth.flat_area > truth.contact_portion_true - 0.05  # a fold would take twice its area away
@@ -38,7 +38,7 @@ def test_about_three_quarters_lie_and_the_rest_is_wrinkles(crumpled: Placing) ->
     assert np.percentile(crumpled.cloth.stretch(truth.nodes), 95) < 1.12
 
 
-def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wide(crumpled: Placing) -> None:
+def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wide(crumpled: ClothSimulation) -> None:
     seen, spec = crumpled.observe(images=False), crumpled.settings.spec
     np.testing.assert_allclose(crumpled.truth().nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
     assert np.abs(seen.corner_positions[:, 2] - spec.margin_m).max() < 0.002
@@ -47,7 +47,7 @@ def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wi
     assert seen.word.any()  # Three of ten starts have wrinkles without a direction.
 
 
-def test_what_was_drawn_is_in_the_record(crumpled: Placing) -> None:
+def test_what_was_drawn_is_in_the_record(crumpled: ClothSimulation) -> None:
     assert {"push_back_1_m", "push_inward_2_m", "push_ticks"} <= set(crumpled.start)
     assert crumpled.start["contact_portion_true"] == crumpled.truth().contact_portion_true
 
@@ -72,4 +72,4 @@ def test_the_same_seed_in_fresh_processes_gives_the_same_bits() -> None:
 )
 def test_settings_that_do_not_go_together_are_refused(wrong: dict, hint: str) -> None:
     with pytest.raises(SimError, match=hint):
-        BenchSettings(**({"task": "pickers"} | wrong))
+        SimConfig(**({"task": "pickers"} | wrong))

@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.perception import Perceiver
+from layflat.perception import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from layflat.sim.disturbances.controller import Disturbance
+from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.force_anchors import HAND_MASS_KG
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
 from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
-from layflat.sim.robots.pickers import Pickers
+from layflat.sim.robots.pickers import FreePickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.2, width_m=0.2, rows=7, columns=7,
@@ -46,7 +46,7 @@ def _flying() -> np.ndarray:
     return SMALL.flat_nodes(z_m=0.6)
 
 
-def _run(world: World, disturbance: Disturbance, limit_s: float = 5.0) -> None:
+def _run(world: World, disturbance: DisturbanceController, limit_s: float = 5.0) -> None:
     end = world.time_s + limit_s
     while not disturbance.done and world.time_s < end:
         disturbance.before_substep()
@@ -74,7 +74,7 @@ def _steady_push(
     nodes[:, 2] += 3.0
     with _bench(SMALL, nodes) as (world, cloth):
         world.set_gravity((0.0, 0.0, gravity_m_s2))
-        disturbance = Disturbance(world, cloth, spec, np.random.default_rng(1))
+        disturbance = DisturbanceController(world, cloth, spec, np.random.default_rng(1))
         _run(world, disturbance)
         fallen = np.array([0.0, 0.0, gravity_m_s2 * (world.time_s + world.step_s)])
         return SMALL.mass_kg * (_velocity(world, cloth) - fallen), disturbance.impulse_n_s
@@ -117,7 +117,7 @@ def test_hands_follow_their_path() -> None:
     spec = replace(disturbance_spec("push"), heading_deg=(30.0, 30.0), settle_s=0.0)
     with _bench(SMALL, _flying()) as (world, cloth):
         world.set_gravity((0.0, 0.0, 0.0))
-        disturbance = Disturbance(world, cloth, spec, np.random.default_rng(1))
+        disturbance = DisturbanceController(world, cloth, spec, np.random.default_rng(1))
         disturbance.before_substep()
         start = disturbance.hand_positions()
         assert len(start) == 9
@@ -135,7 +135,7 @@ def test_nothing_is_left_behind() -> None:
     with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
         bodies, gravity = bullet.getNumBodies(physicsClientId=world.client), world.gravity_m_s2
         for name in ("thesis", "wind", "none"):
-            disturbance = Disturbance(
+            disturbance = DisturbanceController(
                 world, cloth, replace(disturbance_spec(name), settle_s=0.05), np.random.default_rng(0)
             )
             _run(world, disturbance)
@@ -148,7 +148,7 @@ def test_nothing_is_left_behind() -> None:
 def test_stop_lets_go_at_once() -> None:
     with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
         bodies = bullet.getNumBodies(physicsClientId=world.client)
-        disturbance = Disturbance(world, cloth, disturbance_spec("lift-drop"), np.random.default_rng(0))
+        disturbance = DisturbanceController(world, cloth, disturbance_spec("lift-drop"), np.random.default_rng(0))
         for _ in range(20):
             disturbance.before_substep()
             world.step()
@@ -162,7 +162,7 @@ def test_none_touches_nothing() -> None:
     results = []
     for disturbed in (False, True):
         with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
-            disturbance = Disturbance(world, cloth, disturbance_spec("none"), np.random.default_rng(0))
+            disturbance = DisturbanceController(world, cloth, disturbance_spec("none"), np.random.default_rng(0))
             for _ in range(24):
                 if disturbed:
                     disturbance.before_substep()
@@ -177,7 +177,7 @@ def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
     with _bench(SMALL, _flying()) as (world, cloth):
         world.set_gravity((0.0, 0.0, 0.0))
         before = cloth.nodes().mean(axis=0)
-        disturbance = Disturbance(world, cloth, spec, np.random.default_rng(0))
+        disturbance = DisturbanceController(world, cloth, spec, np.random.default_rng(0))
         for _ in range(round(0.5 / world.step_s)):
             disturbance.before_substep()
             world.step()
@@ -189,7 +189,7 @@ def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
 def test_wind_adds_to_whatever_gravity_another_sets() -> None:
     spec = replace(disturbance_spec("wind"), heading_deg=(0.0, 0.0), wind_m_s2=2.0, time_limit_s=0.1, settle_s=0.0)
     with _bench(SMALL, _flying()) as (world, cloth):
-        disturbance = Disturbance(world, cloth, spec, np.random.default_rng(0))
+        disturbance = DisturbanceController(world, cloth, spec, np.random.default_rng(0))
         for k in range(40):
             if k % 5 == 0:
                 base = (0.0, 0.01 * k, -9.0)
@@ -239,11 +239,11 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
         nodes = spec.flat_nodes()
         nodes[list(spec.corners)] = held
         cloth.set_nodes(nodes)
-        pickers = Pickers(cloth, held)
+        pickers = FreePickers(cloth, held)
         pickers.grip()
         substeps = round(spec.rate_hz / 10)
 
-        def tick(dx: float, disturbance: Disturbance | None = None) -> None:
+        def tick(dx: float, disturbance: DisturbanceController | None = None) -> None:
             pickers.start_tick(np.array([dx, 0.0, 0.0] * 2), substeps)
             for _ in range(substeps):
                 pickers.before_substep()
@@ -252,8 +252,8 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
                 world.step()
 
         camera = Camera(world, cloth, noise=None, seed=0)
-        flat = Perceiver(camera.pinhole).perceive(*camera.capture(spec.flat_nodes())).cloth_pixels
-        perceiver = Perceiver(camera.pinhole, flat_pixels=flat)
+        flat = PerceptionPipeline(camera.pinhole).perceive(*camera.capture(spec.flat_nodes())).cloth_pixels
+        perceiver = PerceptionPipeline(camera.pinhole, flat_pixels=flat)
 
         def contact() -> float:
             return perceiver.perceive(*camera.capture()).contact_portion
@@ -261,7 +261,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
         for _ in range(3):
             tick(0.0)
         assert contact() > 0.97
-        disturbance = Disturbance(world, cloth, disturbance_spec("thesis"), np.random.default_rng(3))
+        disturbance = DisturbanceController(world, cloth, disturbance_spec("thesis"), np.random.default_rng(3))
         while not disturbance.done:
             tick(0.0, disturbance)
         disturbed = cloth.nodes()
@@ -277,14 +277,14 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
 _SCRIPT = """
 import sys, hashlib, numpy as np
 from layflat.sim.cloth.cloth import Cloth, cloth_spec
-from layflat.sim.disturbances.controller import Disturbance
+from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.physics.bullet.world import World
 spec = cloth_spec("napkin")
 world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
 cloth = Cloth(world, spec)
 cloth.set_nodes(spec.flat_nodes())
-disturbance = Disturbance(world, cloth, disturbance_spec("thesis"), np.random.default_rng(int(sys.argv[1])))
+disturbance = DisturbanceController(world, cloth, disturbance_spec("thesis"), np.random.default_rng(int(sys.argv[1])))
 for _ in range(100):
     disturbance.before_substep()
     world.step()

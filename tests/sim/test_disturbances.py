@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.sim.cloth.cloth import cloth_spec
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 TOWEL = cloth_spec("towel")
 
@@ -107,7 +107,7 @@ def test_both_sides_occur() -> None:
 
 
 def test_repeats_differ_and_the_first_is_what_it_always_was() -> None:
-    bench = Placing(BenchSettings(task="hanger", cloth="towel", camera=False))
+    bench = ClothSimulation(SimConfig(task="hanger", cloth="towel", camera=False))
     known = disturbance_spec("thesis").schedule(np.random.default_rng([7, 0xD157]), TOWEL)
     first, named, second, again = (
         bench.disturbance_plan(what, 7, repeat).path_m

@@ -10,10 +10,10 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from layflat.sim.cloth.starts import clip
-from layflat.sim.physics.bullet.air_drag import Air
+from layflat.sim.cloth.starts import attach
+from layflat.sim.physics.bullet.air_drag import AirDrag
 from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, World
-from layflat.sim.robots.pickers import Pickers
+from layflat.sim.robots.pickers import FreePickers
 
 FINE = {"towel": (21, 21), "towel-fine": (21, 21), "napkin": (21, 17)}
 FINE_HZ = 800.0
@@ -36,11 +36,11 @@ def _surface(spec: ClothSpec, situation: Literal["held", "over an edge"]) -> np.
         else:
             nodes = spec.flat_nodes(x_m=TABLE_CENTRE_M[0] + TABLE_SIZE_M[0] / 2 - 0.65 * spec.length_m, z_m=0.005)
         cloth = Cloth(world, spec, nodes)
-        air = Air(cloth)
+        air = AirDrag(cloth)
         if situation == "held":
             corners = nodes[list(spec.corners)] * [1.0, HELD_STRETCH, 1.0]
-            clip(cloth, corners, air)
-            Pickers(cloth, corners).grip()
+            attach(cloth, corners, air)
+            FreePickers(cloth, corners).grip()
         for _ in range(round(1.5 * spec.rate_hz)):
             air.before_substep()
             world.step()

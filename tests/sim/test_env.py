@@ -12,15 +12,15 @@ from gymnasium.utils.env_checker import check_env
 
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim import MAX_EPISODE_STEPS
-from layflat.sim.env import PlaceEnv
+from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.physics.bullet.world import SimError
 
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
 
 
 @pytest.fixture(scope="module")
-def env() -> Iterator[PlaceEnv]:
-    made = PlaceEnv("pickers", cloth="napkin", noise=False, render_mode="rgb_array")
+def env() -> Iterator[ClothPlaceEnv]:
+    made = ClothPlaceEnv("pickers", cloth="napkin", noise=False, render_mode="rgb_array")
     yield made
     made.close()
 
@@ -57,7 +57,7 @@ def test_two_processes(name: str) -> None:
         vector.close()
 
 
-def test_rewards_add_up_to_the_gain_of_contact(env: PlaceEnv) -> None:
+def test_rewards_add_up_to_the_gain_of_contact(env: ClothPlaceEnv) -> None:
     """A tick at a time, lowered until some of it touches."""
     first, _ = env.reset(seed=0)
     total = 0.0
@@ -77,7 +77,7 @@ def test_rewards_add_up_to_the_gain_of_contact(env: PlaceEnv) -> None:
     assert info["is_success"] is False
 
 
-def test_a_diverged_cloth_ends_the_episode_and_says_why(env: PlaceEnv) -> None:
+def test_a_diverged_cloth_ends_the_episode_and_says_why(env: ClothPlaceEnv) -> None:
     env.reset(seed=0)
     nodes = env.bench.cloth.nodes().copy()
     nodes[100] += [3.0, 0.0, 0.0]
@@ -91,14 +91,14 @@ def test_a_diverged_cloth_ends_the_episode_and_says_why(env: PlaceEnv) -> None:
 
 
 @pytest.mark.parametrize("wrong", [np.full(6, np.nan), np.full(6, np.inf), np.zeros(2), np.zeros((2, 3))])
-def test_wrong_actions_are_refused_and_change_nothing(env: PlaceEnv, wrong: np.ndarray) -> None:
+def test_wrong_actions_are_refused_and_change_nothing(env: ClothPlaceEnv, wrong: np.ndarray) -> None:
     env.reset(seed=1)
     with pytest.raises(SimError, match="6 finite numbers"):
         env.step(wrong.astype(np.float32))
     assert env.bench.time_s == 0.0
 
 
-def test_the_picture_shows_something(env: PlaceEnv) -> None:
+def test_the_picture_shows_something(env: ClothPlaceEnv) -> None:
     env.reset(seed=1)
     picture = env.render()
     assert picture is not None
@@ -107,7 +107,7 @@ def test_the_picture_shows_something(env: PlaceEnv) -> None:
     assert picture.std() > 10
 
 
-def test_resets_without_a_seed_follow_from_the_last_seed(env: PlaceEnv) -> None:
+def test_resets_without_a_seed_follow_from_the_last_seed(env: ClothPlaceEnv) -> None:
     seeds = []
     for _ in range(2):
         env.reset(seed=4)
@@ -116,7 +116,7 @@ def test_resets_without_a_seed_follow_from_the_last_seed(env: PlaceEnv) -> None:
 
 
 def test_a_disturbance_comes_at_its_tick() -> None:
-    made = PlaceEnv("pickers", cloth="napkin", disturbance="wind", disturb_tick=2)
+    made = ClothPlaceEnv("pickers", cloth="napkin", disturbance="wind", disturb_tick=2)
     made.reset(seed=0)
     heard = []
     for _ in range(4):
@@ -127,7 +127,7 @@ def test_a_disturbance_comes_at_its_tick() -> None:
 
 
 def test_images_are_seen_when_asked_for() -> None:
-    made = PlaceEnv("pickers", cloth="napkin", images=True)
+    made = ClothPlaceEnv("pickers", cloth="napkin", images=True)
     seen, _ = made.reset(seed=0)
     assert made.observation_space.contains(seen)
     assert seen["rgb"].shape == (*seen["depth"].shape, 3)
@@ -137,4 +137,4 @@ def test_images_are_seen_when_asked_for() -> None:
 @pytest.mark.parametrize("wrong", [{"cloth": "silk"}, {"render_mode": "human"}, {"disturbance": "earthquake"}])
 def test_impossible_environments_are_refused(wrong: dict) -> None:
     with pytest.raises(SimError, match=r"silk|human|earthquake"):
-        PlaceEnv("hanger", **wrong)
+        ClothPlaceEnv("hanger", **wrong)

@@ -9,11 +9,11 @@ import pybullet as bullet
 import pytest
 
 from layflat.data.types import ACTION_LIMIT_M, FloatArray
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError, World
 from layflat.sim.robots import hand_guiding, panda
-from layflat.sim.robots.hanger import Hanger
-from layflat.sim.simulation import Placing
+from layflat.sim.robots.hanger import PandaHanger
+from layflat.sim.simulation import ClothSimulation
 from layflat.tests.sim.test_hanger import START, bare_hanger, run_tick
 
 AXES = [0, 2]
@@ -28,7 +28,7 @@ def world() -> Iterator[World]:
 
 def guided_tick(
     world: World,
-    hanger: Hanger,
+    hanger: PandaHanger,
     hand: FloatArray | None = None,
     push_n: tuple[float, float, float] = (0.0, 0.0, 0.0),
     load_n: float = 0.0,
@@ -145,7 +145,7 @@ class TestArm:
 
 class TestOnTheBench:
     def test_the_displacements_are_what_happened_and_can_be_done_again(self) -> None:
-        bench = Placing(BenchSettings(task="hanger", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(task="hanger", cloth="napkin", camera=False))
         try:
             bench.reset(1)
             start = bench.holder.position()
@@ -165,7 +165,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_left_alone_it_carries_its_cloth(self) -> None:
-        bench = Placing(BenchSettings(task="hanger", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(task="hanger", cloth="napkin", camera=False))
         try:
             bench.reset(0)
             for _ in range(3):
@@ -179,7 +179,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_pickers_follow_their_hands_at_a_bounded_speed(self) -> None:
-        bench = Placing(BenchSettings(task="pickers", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
         try:
             bench.reset(0)
             hands = bench.holder.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
@@ -198,7 +198,7 @@ class TestOnTheBench:
 
     @pytest.mark.parametrize("task", ["hanger", "pickers"])
     def test_hands_that_are_none_are_refused(self, task: str) -> None:
-        bench = Placing(BenchSettings(task=task, cloth="napkin", camera=False))  # type: ignore[arg-type]
+        bench = ClothSimulation(SimConfig(task=task, cloth="napkin", camera=False))  # type: ignore[arg-type]
         bench.reset(0)
         shape = (3,) if task == "hanger" else (2, 3)
         try:

@@ -17,7 +17,7 @@ from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
 from layflat.sim.robots import hanger as module
 from layflat.sim.robots import impedance, panda
-from layflat.sim.robots.hanger import Hanger
+from layflat.sim.robots.hanger import PandaHanger
 
 TICK_S = 0.1
 START = (0.0, 0.45)
@@ -37,16 +37,16 @@ def corners_at(spec: ClothSpec, x: float, z: float) -> FloatArray:
     return np.array([[x, half, z], [x, -half, z]])
 
 
-def bare_hanger(world: World, start: tuple[float, float] = START, cloth: str = "towel", **options: str) -> Hanger:
+def bare_hanger(world: World, start: tuple[float, float] = START, cloth: str = "towel", **options: str) -> PandaHanger:
     """A hanger that holds nothing, so that it costs microseconds a substep."""
     spec = cloth_spec(cloth)
     holder = SimpleNamespace(world=world, spec=spec)
-    return Hanger(holder, corners_at(spec, *start), **options)  # type: ignore[arg-type]
+    return PandaHanger(holder, corners_at(spec, *start), **options)  # type: ignore[arg-type]
 
 
 def run_tick(
     world: World,
-    hanger: Hanger,
+    hanger: PandaHanger,
     action: tuple[float, float] = (0.0, 0.0),
     push_n: tuple[float, float, float] = (0, 0, 0),
 ) -> FloatArray:
@@ -211,12 +211,12 @@ class TestStart:
         good = corners_at(spec, *START)
         for bad in (good[::-1], good * [1, 0.9, 1], np.add(good, [[0, 0, 0.01], [0, 0, 0]])):
             with pytest.raises(SimError, match="do not fit"):
-                Hanger(holder, bad)  # type: ignore[arg-type]
+                PandaHanger(holder, bad)  # type: ignore[arg-type]
         for away in ([0.7, 0, 0], [0, 0, 0.3], [0, 0.1, 0]):
             with pytest.raises(SimError, match="cannot start"):
-                Hanger(holder, good + away)  # type: ignore[arg-type]
+                PandaHanger(holder, good + away)  # type: ignore[arg-type]
         with pytest.raises(SimError, match="control"):
-            Hanger(holder, good, control="magic")  # type: ignore[arg-type]
+            PandaHanger(holder, good, control="magic")  # type: ignore[arg-type]
 
     def test_bad_actions_are_refused(self, world: World) -> None:
         hanger = bare_hanger(world)
@@ -367,11 +367,11 @@ class TestPositionControl:
             hanger.spring_force_n()
 
 
-def gripped(world: World, name: str, hem_m: float = 0.0, top_m: float = 0.1) -> tuple[Cloth, Hanger]:
+def gripped(world: World, name: str, hem_m: float = 0.0, top_m: float = 0.1) -> tuple[Cloth, PandaHanger]:
     """A cloth in the clips, its lower edge ``top_m`` above the table and all but its corners ``hem_m`` along x."""
     spec = cloth_spec(name)
     cloth = Cloth(world, spec)
-    hanger = Hanger(cloth, corners_at(spec, 0.0, spec.length_m + top_m))
+    hanger = PandaHanger(cloth, corners_at(spec, 0.0, spec.length_m + top_m))
     nodes = spec.hanging_nodes(hanger.corner_positions())
     free = np.setdiff1d(np.arange(len(nodes)), spec.corners)
     nodes[free, 0] += hem_m

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec
 from layflat.sim.physics.bullet.world import World
-from layflat.sim.robots.pickers import MAX_SPREAD, WORKSPACE_HIGH_M, WORKSPACE_LOW_M, Pickers
+from layflat.sim.robots.pickers import MAX_SPREAD, WORKSPACE_HIGH_M, WORKSPACE_LOW_M, FreePickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.15, width_m=0.15, rows=6, columns=6,
@@ -21,26 +21,26 @@ HOME = np.array([[0.0, 0.5, 0.4 / 0.15], [0.0, -0.5, 0.4 / 0.15]]) * 0.15 * np.a
 
 
 @pytest.fixture
-def held() -> Iterator[tuple[World, Cloth, Pickers]]:
+def held() -> Iterator[tuple[World, Cloth, FreePickers]]:
     world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     nodes = SMALL.hanging_nodes(HOME)
     nodes[:, 0] = 0.0  # a taut hem: a drooping one keeps the cloth moving, and awake
     cloth.set_nodes(nodes)
-    pickers = Pickers(cloth, HOME)
+    pickers = FreePickers(cloth, HOME)
     pickers.grip()
     yield world, cloth, pickers
     world.close()
 
 
-def _tick(world: World, pickers: Pickers, action: np.ndarray, substeps: int = 24) -> None:
+def _tick(world: World, pickers: FreePickers, action: np.ndarray, substeps: int = 24) -> None:
     pickers.start_tick(action, substeps)
     for _ in range(substeps):
         pickers.before_substep()
         world.step()
 
 
-def test_corners_follow_within_a_substep_of_motion(held: tuple[World, Cloth, Pickers]) -> None:
+def test_corners_follow_within_a_substep_of_motion(held: tuple[World, Cloth, FreePickers]) -> None:
     world, cloth, pickers = held
     rng = np.random.default_rng(0)
     for _ in range(10):
@@ -51,7 +51,7 @@ def test_corners_follow_within_a_substep_of_motion(held: tuple[World, Cloth, Pic
         assert np.linalg.norm(corners - pickers.corner_positions(), axis=1).max() < allowed
 
 
-def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[World, Cloth, Pickers]) -> None:
+def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[World, Cloth, FreePickers]) -> None:
     world, _, pickers = held
     action = np.array([0.004, -0.001, 0.006, -0.003, 0.002, -0.005])
     before = pickers.corner_positions()
@@ -60,7 +60,7 @@ def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[World, Clot
     np.testing.assert_allclose(pickers.position(), pickers.corner_positions().mean(axis=0))
 
 
-def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cloth, Pickers]) -> None:
+def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cloth, FreePickers]) -> None:
     """Bullet puts a still cloth to sleep after about a second unless it is forbidden; it then ignores its anchors."""
     world, cloth, pickers = held
     for _ in range(30):
@@ -80,7 +80,7 @@ def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cl
 def test_whatever_is_asked_they_stay_in_the_workspace_and_near_each_other(actions: list[list[float]]) -> None:
     world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
     try:
-        pickers = Pickers(Cloth(world, SMALL), HOME)  # not gripped: their path does not depend on the cloth
+        pickers = FreePickers(Cloth(world, SMALL), HOME)  # not gripped: their path does not depend on the cloth
         for action in actions:
             pickers.start_tick(np.array(action), 4)
             for _ in range(4):

@@ -8,20 +8,20 @@ import sys
 import numpy as np
 import pytest
 
-from layflat.data.types import TASKS, Task, action_size
+from layflat.data.types import ROBOTS, RobotName, action_size
 from layflat.sim.cloth.cloth import HELD_STRETCH
 from layflat.sim.cloth.starts import START_MOVES, START_STEP_M, home_corners
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 _SCRIPT = """
 import sys, hashlib, numpy as np
 from layflat.data.types import action_size
-from layflat.sim.simulation import Placing
-from layflat.sim.config import BenchSettings
+from layflat.sim.simulation import ClothSimulation
+from layflat.sim.config import SimConfig
 task, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
-bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))
+bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))
 bench.reset(seed)
 rng = np.random.default_rng(seed)
 down = np.array([0.006, -0.011] if task == "hanger" else [0.006, 0.0, -0.011] * 2)
@@ -35,7 +35,7 @@ print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 
 
 @pytest.mark.parametrize(("task", "cloth"), [("hanger", "towel"), ("pickers", "napkin")])
-def test_the_same_seed_in_fresh_processes_gives_the_same_bits(task: Task, cloth: str) -> None:
+def test_the_same_seed_in_fresh_processes_gives_the_same_bits(task: RobotName, cloth: str) -> None:
     """Through the start, the descent, and the first contact with the table."""
     running = [
         subprocess.Popen([sys.executable, "-c", _SCRIPT, task, cloth, seed], stdout=subprocess.PIPE, text=True)
@@ -45,14 +45,14 @@ def test_the_same_seed_in_fresh_processes_gives_the_same_bits(task: Task, cloth:
     assert digests[0] == digests[1] != digests[2]
 
 
-@pytest.fixture(scope="module", params=TASKS)
-def started(request: pytest.FixtureRequest) -> Placing:
-    bench = Placing(BenchSettings(task=request.param))
+@pytest.fixture(scope="module", params=ROBOTS)
+def started(request: pytest.FixtureRequest) -> ClothSimulation:
+    bench = ClothSimulation(SimConfig(task=request.param))
     bench.reset(5)
     return bench
 
 
-def test_a_start_hangs_free_of_the_table_near_home(started: Placing) -> None:
+def test_a_start_hangs_free_of_the_table_near_home(started: ClothSimulation) -> None:
     spec, home = started.settings.spec, home_corners(started.settings.spec)
     truth, seen = started.truth(), started.observe()
     assert started.time_s == 0.0
@@ -67,7 +67,7 @@ def test_a_start_hangs_free_of_the_table_near_home(started: Placing) -> None:
     assert started.instability() is None
 
 
-def test_observations_keep_images_only_when_asked(started: Placing) -> None:
+def test_observations_keep_images_only_when_asked(started: ClothSimulation) -> None:
     assert started.observe(images=False).rgb is None
     seen = started.observe()
     assert seen.rgb is not None
@@ -75,7 +75,7 @@ def test_observations_keep_images_only_when_asked(started: Placing) -> None:
     assert seen.rgb.shape == (*seen.depth.shape, 3)
 
 
-def test_a_tick_is_a_tenth_of_a_second_and_moves_the_holder(started: Placing) -> None:
+def test_a_tick_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimulation) -> None:
     before, time_s = started.observe(images=False).holder_position, started.time_s
     up = np.zeros(action_size(started.settings.task)).reshape(-1, 2 if started.settings.task == "hanger" else 3)
     up[:, -1] = 0.008
@@ -89,7 +89,7 @@ def test_a_tick_is_a_tenth_of_a_second_and_moves_the_holder(started: Placing) ->
 
 def test_starts_differ_by_seed_and_repeat_in_one_process() -> None:
     """In the air nothing touches itself, so that even one process repeats a start bit by bit."""
-    bench = Placing(BenchSettings(task="pickers", cloth="napkin", camera=False))
+    bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
     nodes = []
     for seed in (1, 2, 1):
         bench.reset(seed)
@@ -100,7 +100,7 @@ def test_starts_differ_by_seed_and_repeat_in_one_process() -> None:
 
 
 def test_a_bench_without_a_world_says_so() -> None:
-    bench = Placing(BenchSettings(task="pickers"))
+    bench = ClothSimulation(SimConfig(task="pickers"))
     with pytest.raises(SimError, match="reset"):
         bench.step(np.zeros(6))
     bench.close()
@@ -109,13 +109,13 @@ def test_a_bench_without_a_world_says_so() -> None:
 @pytest.mark.parametrize("wrong", [{"task": "feet"}, {"cloth": "silk"}, {"tick_s": 0.0}, {"tick_s": 2.0}])
 def test_impossible_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(SimError, match=r"known ones|between"):
-        BenchSettings(**({"task": "hanger"} | wrong))
+        SimConfig(**({"task": "hanger"} | wrong))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_fine_mesh_survives_a_whole_demonstration(task: Task, seed: int) -> None:
+def test_the_fine_mesh_survives_a_whole_demonstration(task: RobotName, seed: int) -> None:
     script = (
         "import sys; from layflat.app.workers.episode_pool import EpisodeJob, run_job\n"
         "episode = run_job(EpisodeJob(task=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"

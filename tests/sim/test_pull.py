@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from layflat.data.types import action_size
 from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
-from layflat.sim.config import BenchSettings
-from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, Pull, free_node, picked_node
+from layflat.sim.config import SimConfig
+from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, MouseDrag, free_node, pick_node
 from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 from layflat.tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
@@ -41,7 +41,7 @@ def flying() -> Iterator[tuple[World, Cloth]]:
     world.close()
 
 
-def run_tick(world: World, pull: Pull, target: np.ndarray) -> None:
+def run_tick(world: World, pull: MouseDrag, target: np.ndarray) -> None:
     pull.start_tick(target, TICK_S)
     for _ in range(TICK_STEPS):
         pull.before_substep()
@@ -62,7 +62,7 @@ def test_momentum_is_the_logged_force_times_time(
     flying: tuple[World, Cloth], heading: tuple[float, ...], tolerance: float
 ) -> None:
     world, cloth = flying
-    pull = Pull(world, cloth, MIDDLE)
+    pull = MouseDrag(world, cloth, MIDDLE)
     start = cloth.nodes()[MIDDLE]
     for _ in range(5):
         run_tick(world, pull, start + 5.0 * np.array(heading))
@@ -77,7 +77,7 @@ def test_momentum_is_the_logged_force_times_time(
 
 def test_the_force_is_bounded_and_the_target_followed_at_a_bounded_speed(flying: tuple[World, Cloth]) -> None:
     world, cloth = flying
-    pull = Pull(world, cloth, MIDDLE)
+    pull = MouseDrag(world, cloth, MIDDLE)
     given_n_s = np.zeros(3)
     for _ in range(4):
         before = pull.position()
@@ -90,7 +90,7 @@ def test_the_force_is_bounded_and_the_target_followed_at_a_bounded_speed(flying:
 
 def test_the_node_comes_to_its_target_and_stays(flying: tuple[World, Cloth]) -> None:
     world, cloth = flying
-    pull = Pull(world, cloth, MIDDLE)
+    pull = MouseDrag(world, cloth, MIDDLE)
     target = cloth.nodes()[MIDDLE] + [0.05, -0.03, 0.04]
     distances = []
     for _ in range(25):
@@ -103,7 +103,7 @@ def test_the_node_comes_to_its_target_and_stays(flying: tuple[World, Cloth]) -> 
 def test_letting_go_leaves_nothing_behind(flying: tuple[World, Cloth]) -> None:
     world, cloth = flying
     bodies = bullet.getNumBodies(physicsClientId=world.client)
-    pull = Pull(world, cloth, 0)
+    pull = MouseDrag(world, cloth, 0)
     run_tick(world, pull, np.array([0.1, 0.1, 3.1]))
     assert bullet.getNumBodies(physicsClientId=world.client) == bodies + 1
     pull.let_go()
@@ -113,7 +113,7 @@ def test_letting_go_leaves_nothing_behind(flying: tuple[World, Cloth]) -> None:
 def test_a_node_that_is_none_is_refused(flying: tuple[World, Cloth]) -> None:
     for node in (-1, 49):
         with pytest.raises(SimError, match="0 to 48"):
-            Pull(*flying, node)
+            MouseDrag(*flying, node)
 
 
 class TestOnTheBench:
@@ -121,7 +121,7 @@ class TestOnTheBench:
     @pytest.mark.parametrize("where", ["anywhere", "corner", "under"])
     def test_flinging_the_mouse_tears_nothing(self, task: str, cloth: str, where: str) -> None:
         """Ten ticks of targets metres away, in all directions or under the table, then let go in the air."""
-        bench = Placing(BenchSettings(task=task, cloth=cloth, camera=False))  # type: ignore[arg-type]
+        bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))  # type: ignore[arg-type]
         spec, rest = bench.settings.spec, np.zeros(action_size(bench.settings.task))
         rng = np.random.default_rng(2)
         try:
@@ -145,7 +145,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_another_node_is_another_hand_and_a_disturbance_adds_up(self) -> None:
-        bench = Placing(BenchSettings(task="pickers", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
         try:
             bench.reset(0)
             bodies = bullet.getNumBodies(physicsClientId=bench._running().client)
@@ -168,7 +168,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_what_is_no_place_is_refused(self) -> None:
-        bench = Placing(BenchSettings(task="pickers", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
         with pytest.raises(SimError, match="reset"):
             bench.pull(0, np.zeros(3))
         bench.reset(0)
@@ -183,9 +183,9 @@ class TestOnTheBench:
 
 _SCRIPT = """
 import hashlib, sys, numpy as np
-from layflat.sim.simulation import Placing
-from layflat.sim.config import BenchSettings
-bench = Placing(BenchSettings(task="hanger", cloth="napkin", camera=False, start="folded-corner"))
+from layflat.sim.simulation import ClothSimulation
+from layflat.sim.config import SimConfig
+bench = ClothSimulation(SimConfig(task="hanger", cloth="napkin", camera=False, start="folded-corner"))
 bench.reset(3)
 rng = np.random.default_rng(int(sys.argv[1]))
 for k in range(12):
@@ -212,7 +212,7 @@ def test_a_ray_at_a_node_picks_it(node: int, x: float, y: float, z: float) -> No
     spec = cloth_spec("towel")
     nodes = spec.flat_nodes()
     eye = np.array([x, y, z])
-    assert picked_node(nodes, spec.triangles(), eye, 0.37 * (nodes[node] - eye)) == node
+    assert pick_node(nodes, spec.triangles(), eye, 0.37 * (nodes[node] - eye)) == node
 
 
 def test_the_layer_in_front_is_picked() -> None:
@@ -220,9 +220,9 @@ def test_the_layer_in_front_is_picked() -> None:
     nodes = fold_corner(spec.flat_nodes(), spec, (0.2, 0.2), left=True)
     for node in (0, 1, spec.columns):
         above = nodes[node] + [0.0, 0.0, 0.5]
-        assert picked_node(nodes, spec.triangles(), above, np.array([0.0, 0.0, -1.0])) == node
+        assert pick_node(nodes, spec.triangles(), above, np.array([0.0, 0.0, -1.0])) == node
         below = nodes[node] - [0.0, 0.0, 0.5]
-        under = picked_node(nodes, spec.triangles(), below, np.array([0.0, 0.0, 1.0]))
+        under = pick_node(nodes, spec.triangles(), below, np.array([0.0, 0.0, 1.0]))
         assert under is not None
         assert nodes[under, 2] < nodes[node, 2] - 0.004
 
@@ -232,12 +232,12 @@ def test_beside_the_cloth_a_ray_picks_the_nearest_within_its_radius() -> None:
     nodes, down = spec.flat_nodes(), np.array([0.0, 0.0, -1.0])
     corner = nodes[0]
     near, far = (corner + np.array([0.0, share * PICK_RADIUS_M, 1.0]) for share in (0.9, 1.1))
-    assert picked_node(nodes, spec.triangles(), near, down) == 0
-    assert picked_node(nodes, spec.triangles(), far, down) is None
-    assert picked_node(nodes, spec.triangles(), near, -down) is None
+    assert pick_node(nodes, spec.triangles(), near, down) == 0
+    assert pick_node(nodes, spec.triangles(), far, down) is None
+    assert pick_node(nodes, spec.triangles(), near, -down) is None
     for wrong in (np.zeros(3), np.array([np.nan, 0.0, 1.0])):
         with pytest.raises(SimError, match="ray"):
-            picked_node(nodes, spec.triangles(), near, wrong)
+            pick_node(nodes, spec.triangles(), near, wrong)
 
 
 def test_beside_a_held_corner_lies_a_free_node() -> None:

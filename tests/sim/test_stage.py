@@ -5,26 +5,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.types import TASKS, Task
-from layflat.sim.camera.replay_scene import Stage
-from layflat.sim.config import BenchSettings
+from layflat.data.types import ROBOTS, RobotName
+from layflat.sim.camera.replay_scene import ReplayScene
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 ARM_SHARE = 0.02
 """Of the pixels: the edges of the arm, whose joints follow from where its hanger was."""
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_the_stage_shows_what_the_camera_saw(task: Task) -> None:
-    bench = Placing(BenchSettings(task=task, noise=False))
+@pytest.mark.parametrize("task", ROBOTS)
+def test_the_stage_shows_what_the_camera_saw(task: RobotName) -> None:
+    bench = ClothSimulation(SimConfig(task=task, noise=False))
     bench.reset(3)
     down = np.array([0.006, -0.011] if task == "hanger" else [0.006, 0.0, -0.011] * 2)
     for _ in range(12):
         bench.step(down)
     seen, truth = bench.observe(), bench.truth()
     bench.close()
-    with Stage(task, "towel") as stage:
+    with ReplayScene(task, "towel") as stage:
         before = stage.capture(truth.nodes + 0.1, seen.holder_position + 0.1)[0]
         rgb, depth = stage.capture(truth.nodes, seen.holder_position)
     assert (rgb != before).any(axis=2).mean() > 2 * ARM_SHARE
@@ -38,6 +38,6 @@ def test_the_stage_shows_what_the_camera_saw(task: Task) -> None:
 
 def test_what_is_no_such_cloth_is_refused() -> None:
     with pytest.raises(SimError, match="silk"):
-        Stage("pickers", "silk")
-    with Stage("pickers", "towel") as stage, pytest.raises(SimError, match=r"\(4, 3\).*towel"):
+        ReplayScene("pickers", "silk")
+    with ReplayScene("pickers", "towel") as stage, pytest.raises(SimError, match=r"\(4, 3\).*towel"):
         stage.capture(np.zeros((4, 3)), np.zeros(3))

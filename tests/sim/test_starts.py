@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.types import TASKS, Task
+from layflat.data.types import ROBOTS, RobotName
 from layflat.sim.cloth.cloth import cloth_spec
-from layflat.sim.config import BenchSettings
-from layflat.sim.simulation import Placing
+from layflat.sim.config import SimConfig
+from layflat.sim.simulation import ClothSimulation
 
 TOWEL = cloth_spec("towel")
 
@@ -21,7 +21,7 @@ def test_seeds_decide_place_size_and_side() -> None:
 
 
 def _start(seed: int) -> dict[str, float]:
-    bench = Placing(BenchSettings(task="pickers", cloth="towel", start="folded-corner", camera=False))
+    bench = ClothSimulation(SimConfig(task="pickers", cloth="towel", start="folded-corner", camera=False))
     try:
         bench.reset(seed)
         assert not bench.disturbed
@@ -41,7 +41,7 @@ def _start(seed: int) -> dict[str, float]:
 
 def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
     """Edges keep their lengths: what a hand folds, gravity unfolds. Nodes that are put into a fold stay creased."""
-    bench = Placing(BenchSettings(task="hanger", cloth="towel", start="folded-corner", camera=False))
+    bench = ClothSimulation(SimConfig(task="hanger", cloth="towel", start="folded-corner", camera=False))
     try:
         bench.reset(0)
         assert bench.cloth.layered(bench.truth().nodes)
@@ -57,9 +57,9 @@ def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
         bench.close()
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_a_folded_corner_lies_still_with_the_hem_held(task: Task) -> None:
-    bench = Placing(BenchSettings(task=task, cloth="towel", start="folded-corner"))
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_folded_corner_lies_still_with_the_hem_held(task: RobotName) -> None:
+    bench = ClothSimulation(SimConfig(task=task, cloth="towel", start="folded-corner"))
     try:
         bench.reset(3)
         truth, seen = bench.truth(), bench.observe(images=False)
@@ -78,10 +78,10 @@ def test_a_folded_corner_lies_still_with_the_hem_held(task: Task) -> None:
         bench.close()
 
 
-@pytest.mark.parametrize("task", TASKS)
-def test_a_swinging_cloth_touches_ahead_of_its_holder(task: Task) -> None:
+@pytest.mark.parametrize("task", ROBOTS)
+def test_a_swinging_cloth_touches_ahead_of_its_holder(task: RobotName) -> None:
     """Lowered straight on, the free edge comes down in front; a cloth that hangs does not."""
-    bench = Placing(BenchSettings(task=task, cloth="towel", start="swinging", camera=False))
+    bench = ClothSimulation(SimConfig(task=task, cloth="towel", start="swinging", camera=False))
     down = np.array([0.0, -0.01] if task == "hanger" else [0.0, 0.0, -0.01] * 2)
     try:
         bench.reset(2)

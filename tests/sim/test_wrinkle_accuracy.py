@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from layflat.perception.cloth.pipeline import Perceiver
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import Cloth, cloth_spec
@@ -45,7 +45,7 @@ def measured(cloth: str, *, angles: int, repeats: int, seed: int) -> Iterator[Ca
     spec = cloth_spec(cloth)
     world = World(step_s=1.0 / spec.rate_hz, table_friction=1.0)
     camera = Camera(world, Cloth(world, spec), seed=seed)  # with depth noise
-    perceiver = Perceiver(camera.pinhole)
+    perceiver = PerceptionPipeline(camera.pinhole)
     perceiver = perceiver.with_flat_pixels(perceiver.perceive(*camera.capture(spec.flat_nodes())).cloth_pixels)
     others = {name: descriptor(name) for name in DESCRIPTORS}
     rng = np.random.default_rng([seed, 0x3B1F])

@@ -10,10 +10,10 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from layflat.app.workstation.session.bench_process import Channels, MakeWork, Order, receive, send, serve
-from layflat.app.workstation.session.frame_channel import Moment
-from layflat.app.workstation.teleop import Reading
-from layflat.data.types import Pull, Task
+from layflat.app.workstation.session.bench_process import Channels, Request, TaskFactory, main, receive, send
+from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.teleop import TeleopInput
+from layflat.data.types import DragTarget, RobotName
 
 END_S = 20.0
 """Time for a bench process to put what it has on disk when it is told to end; assembling a large session takes some."""
@@ -34,16 +34,16 @@ def warm() -> None:
 
 
 @dataclass
-class BenchLink:
+class BenchClient:
     """One bench process at most; another order ends the one before."""
 
-    make: MakeWork
+    make: TaskFactory
     context: Any = field(default_factory=bench_context)
     sentence: str = ""
     """Why the last one ended by itself; empty where it was told to, or did what it was to do."""
     status: dict[str, Any] = field(default_factory=dict)
     """How the work stands, as it last said."""
-    moment: Moment | None = None
+    moment: BenchFrame | None = None
     _process: BaseProcess | None = None
     _connection: Connection | None = None
     _channels: Channels | None = None
@@ -53,7 +53,7 @@ class BenchLink:
     _done: bool = False
     """It has said that it ends, or why it failed."""
 
-    def start(self, order: Order, task: Task) -> None:
+    def start(self, order: Request, task: RobotName) -> None:
         """Begin a bench process for this order; returns at once."""
         self.end()
         self.sentence, self.status, self._seen, self._closing = "", {}, [0, 0], False
@@ -61,7 +61,7 @@ class BenchLink:
         self._channels = Channels(self.context, task)
         self._connection, theirs = self.context.Pipe()
         self._process = self.context.Process(
-            target=serve, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=False
+            target=main, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=False
         )
         self._process.start()
         theirs.close()
@@ -83,7 +83,7 @@ class BenchLink:
         except OSError:
             return  # It is gone; ``hear`` will say so.
 
-    def put(self, reading: Reading, pull: Pull | None = None) -> float:
+    def put(self, reading: TeleopInput, pull: DragTarget | None = None) -> float:
         """What the hands do now; returns the stamp."""
         return 0.0 if self._channels is None else self._channels.mailbox.put(reading, pull)
 

@@ -15,38 +15,38 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from layflat.app.support.errors import describe
-from layflat.app.workstation.session.frame_channel import MomentBuffer
-from layflat.app.workstation.session.input_channel import Letter, Mailbox
-from layflat.app.workstation.session.latest_value import NewestValue
-from layflat.data.types import Task
+from layflat.app.support.errors import format_error
+from layflat.app.workstation.session.frame_channel import FrameChannel
+from layflat.app.workstation.session.input_channel import InputChannel, InputSample
+from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.data.types import RobotName
 
 IDLE_S = 0.005
 STATUS_S = 0.1
 """A status that nothing happens to is told so often, for its numbers."""
 _STATUS_BYTES = 32_000
 
-Order: TypeAlias = Mapping[str, Any]
+Request: TypeAlias = Mapping[str, Any]
 """What is to be done, or asked in between: JSON values by name."""
 
 
 class Channels:
     """Everything between the window and one bench process. Bytes on the way are JSON or arrays, never code."""
 
-    def __init__(self, context: BaseContext, task: Task) -> None:
-        self.moments = MomentBuffer(context)
-        self.mailbox = Mailbox(context, task)
-        self.status = NewestValue(context, np.dtype([("text", f"S{_STATUS_BYTES}")]))
+    def __init__(self, context: BaseContext, task: RobotName) -> None:
+        self.moments = FrameChannel(context)
+        self.mailbox = InputChannel(context, task)
+        self.status = LatestValue(context, np.dtype([("text", f"S{_STATUS_BYTES}")]))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Desk:
+class Endpoint:
     """A bench process's end of the channels."""
 
     channels: Channels
     connection: Connection
 
-    def letter(self) -> Letter | None:
+    def letter(self) -> InputSample | None:
         return self.channels.mailbox.look()
 
     def tell(self, kind: str, **values: Any) -> None:
@@ -54,14 +54,14 @@ class Desk:
         send(self.connection, {"kind": kind, **values})
 
 
-class Work(Protocol):
+class BenchTask(Protocol):
     """What a bench process does for one order."""
 
     @property
     def over(self) -> bool:
         """Nothing more will be done."""
 
-    def obey(self, order: Order) -> None:
+    def obey(self, order: Request) -> None:
         """Something that the window asks in between."""
 
     def advance(self) -> float:
@@ -74,10 +74,10 @@ class Work(Protocol):
         """End it now, with everything that is to be kept on disk. May be called twice."""
 
 
-MakeWork: TypeAlias = Callable[[Order, Desk], Work]
+TaskFactory: TypeAlias = Callable[[Request, Endpoint], BenchTask]
 
 
-def send(connection: Connection, message: Order) -> None:
+def send(connection: Connection, message: Request) -> None:
     connection.send_bytes(json.dumps(message).encode())
 
 
@@ -87,18 +87,18 @@ def receive(connection: Connection) -> dict[str, Any]:
     return message
 
 
-def serve(make: MakeWork, order: Order, channels: Channels, connection: Connection) -> None:
+def main(make: TaskFactory, order: Request, channels: Channels, connection: Connection) -> None:
     """The life of a bench process."""
-    _settle_in()
-    desk = Desk(channels=channels, connection=connection)
-    work: Work | None = None
+    configure_process()
+    desk = Endpoint(channels=channels, connection=connection)
+    work: BenchTask | None = None
     try:
         work = make(order, desk)
         _serve(work, desk)
-    except (EOFError, BrokenPipeError, _Ended):
+    except (EOFError, BrokenPipeError, Terminated):
         pass  # The window is gone, or wants this process gone.
     except Exception as error:
-        sentence, _ = describe(error)
+        sentence, _ = format_error(error)
         _try(lambda: desk.tell("failed", sentence=sentence))
     finally:
         if work is not None:
@@ -106,7 +106,7 @@ def serve(make: MakeWork, order: Order, channels: Channels, connection: Connecti
         connection.close()
 
 
-def _serve(work: Work, desk: Desk) -> None:
+def _serve(work: BenchTask, desk: Endpoint) -> None:
     told_s, told = 0.0, ""
     while not work.over:
         while desk.connection.poll():
@@ -126,12 +126,12 @@ def _serve(work: Work, desk: Desk) -> None:
             desk.connection.poll(min(pause_s, IDLE_S))
 
 
-def _close(work: Work, desk: Desk) -> None:
+def _close(work: BenchTask, desk: Endpoint) -> None:
     """Whatever is to be kept goes to the disk; what cannot be is said."""
     try:
         work.close()
     except Exception as error:
-        sentence, _ = describe(error)
+        sentence, _ = format_error(error)
         _try(lambda: desk.tell("failed", sentence=sentence))
     text = json.dumps(work.status())
     desk.channels.status.write(text=text.encode()[:_STATUS_BYTES])
@@ -146,17 +146,17 @@ def _try(act: Callable[[], None]) -> None:
         return
 
 
-class _Ended(BaseException):
+class Terminated(BaseException):
     """SIGTERM."""
 
 
-def _settle_in() -> None:
+def configure_process() -> None:
     """Ctrl-C is the window's to deal with, which then ends this process; SIGTERM ends it with everything kept."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def ended(_: int, __: object) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise _Ended
+        raise Terminated
 
     signal.signal(signal.SIGTERM, ended)
     # What a library prints has no place in the terminal that the window was opened from.

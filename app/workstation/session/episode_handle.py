@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.teleop_input import Reading
-from layflat.data.session.recorder import KeptEpisode
-from layflat.data.types import Outcome, Pull, StoppedBy
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
+from layflat.data.session.recorder import SavedEpisode
+from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 
 @dataclass(frozen=True, kw_only=True)
-class Glance:
+class EpisodeStatus:
     """How an episode stands after a tick; what a status line or a window tells of it."""
 
     ticks: int = 0
@@ -30,19 +30,19 @@ class Glance:
     """The person has the lead over a policy."""
 
 
-class Take(Protocol):
+class EpisodeHandle(Protocol):
     """One episode that a person makes. Made with a seed; its bench may still be getting ready."""
 
     seed: int
 
     def ready(self) -> bool:
-        """Whether the cloth hangs and ``glance`` and ``tick`` may be called; never waits. TakeLost if it died."""
+        """Whether the cloth hangs and ``glance`` and ``tick`` may be called; never waits. EpisodeLost if it died."""
 
-    def glance(self) -> Glance:
+    def glance(self) -> EpisodeStatus:
         """How it stands."""
 
-    def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
-        """One tick of what the reading says; returns when it is over. TakeLost if the simulation died."""
+    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
+        """One tick of what the reading says; returns when it is over. EpisodeLost if the simulation died."""
 
     def disturb(self, name: str) -> None:
         """Begin a named disturbance with the next tick."""
@@ -50,16 +50,16 @@ class Take(Protocol):
     def hand_back(self) -> None:
         """The person has done, and the policy that they corrected leads with the next tick."""
 
-    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
+    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
         """End it and keep it, durable on return; None where not even one tick was over."""
 
     def discard(self) -> None:
         """End it, and nobody wants it. May be called twice."""
 
 
-class TakeLost(LayflatError):
+class EpisodeLost(LayflatError):
     """The simulation of a take ended by itself; says why. What there is of it can still be kept."""
 
 
-Begin: TypeAlias = Callable[[int], Take]
+HandleFactory: TypeAlias = Callable[[int], EpisodeHandle]
 """Makes the take of a seed; returns at once."""

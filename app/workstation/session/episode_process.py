@@ -18,47 +18,49 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from typing import Any, TypeAlias
 
-from layflat.app.workers.runner import Run
-from layflat.app.workstation.session.episode_handle import Begin, Glance, Take, TakeLost
-from layflat.app.workstation.teleop.teleop_input import Reading, at_rest
-from layflat.app.workstation.teleop.teleop_policy import PersonPolicy
-from layflat.data.session.journal import JournalTicket, JournalWriter
-from layflat.data.session.recorder import KeptEpisode, SessionRecorder
-from layflat.data.types import DataError, Episode, Outcome, Pull, StoppedBy
+from layflat.app.workers.runner import EpisodeRunner
+from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
+from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
+from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
+from layflat.data.session.journal import JournalHandle, JournalWriter
+from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.types import DataError, DragTarget, Episode, Outcome, StoppedBy
 from layflat.policy import registry
 from layflat.policy.base import Policy, PolicyError
-from layflat.policy.trained_model import Learned
-from layflat.policy.wrappers.takeover import Grip, Takeover
-from layflat.sim.config import BenchSettings
+from layflat.policy.trained_model import TrainedModel
+from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
+from layflat.sim.config import SimConfig
 from layflat.sim.physics.bullet.world import SimError
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 ANSWER_S = 60.0
 """A tick that takes longer will never end."""
 GONE_S = 5.0
 """A process that is asked to end has so long."""
 
-Attend: TypeAlias = Callable[[Run, Reading], None]
+OnStep: TypeAlias = Callable[[EpisodeRunner, TeleopInput], None]
 """Called in the take's process when its cloth hangs and after each tick, with what was read for it. Picklable."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TakeJob:
+class InteractiveEpisodeConfig:
     """Everything that determines a take, but for what the person does."""
 
-    settings: BenchSettings
+    settings: SimConfig
     seed: int
     source: str
-    ticket: JournalTicket
-    attend: Attend | None = None
-    model: Learned | None = None
+    ticket: JournalHandle
+    attend: OnStep | None = None
+    model: TrainedModel | None = None
     """Who places; the person takes over when their hands move, and hands back when they rest."""
 
 
-class TakeProcess:
+class EpisodeProcess:
     """The parent's end."""
 
-    def __init__(self, job: TakeJob, recorder: SessionRecorder, context: BaseContext | None = None) -> None:
+    def __init__(
+        self, job: InteractiveEpisodeConfig, recorder: SessionRecorder, context: BaseContext | None = None
+    ) -> None:
         """Returns at once; the cloth is hung meanwhile.
 
         ``context``: how processes are made, where the parent knows better: one that has neither windows nor threads,
@@ -74,17 +76,17 @@ class TakeProcess:
         )
         self._process.start()
         theirs.close()
-        self._glance: Glance | None = None
+        self._glance: EpisodeStatus | None = None
 
     def ready(self) -> bool:
         if self._glance is None and self._pipe.poll():
             self._glance = self._answer()
         return self._glance is not None
 
-    def glance(self) -> Glance:
-        return self._glance or Glance()
+    def glance(self) -> EpisodeStatus:
+        return self._glance or EpisodeStatus()
 
-    def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
+    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
         self._ask("tick", reading.heard(), pull)
         self._glance = self._answer()
         return self._glance
@@ -97,8 +99,8 @@ class TakeProcess:
         self._ask("hand back")
         self._glance = self._answer()
 
-    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
-        with contextlib.suppress(TakeLost):  # Then the journal has what there is, as partial.
+    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
+        with contextlib.suppress(EpisodeLost):  # Then the journal has what there is, as partial.
             self._ask("end", outcome, stopped_by)
             while self._receive() != "ended":
                 pass
@@ -115,23 +117,23 @@ class TakeProcess:
         except OSError as error:
             raise self._lost() from error
 
-    def _answer(self) -> Glance:
+    def _answer(self) -> EpisodeStatus:
         answer = self._receive()
-        if isinstance(answer, Glance):
+        if isinstance(answer, EpisodeStatus):
             return answer
-        raise TakeLost(str(answer))
+        raise EpisodeLost(str(answer))
 
     def _receive(self) -> Any:
         try:
             if not self._pipe.poll(ANSWER_S):
-                raise TakeLost(f"the simulation of seed {self.seed} has not answered for {ANSWER_S:.0f} s")
+                raise EpisodeLost(f"the simulation of seed {self.seed} has not answered for {ANSWER_S:.0f} s")
             return self._pipe.recv()
         except (EOFError, OSError) as error:
             raise self._lost() from error
 
-    def _lost(self) -> TakeLost:
+    def _lost(self) -> EpisodeLost:
         self._process.join(GONE_S)
-        return TakeLost(f"the simulation of seed {self.seed} ended by itself with status {self._process.exitcode}")
+        return EpisodeLost(f"the simulation of seed {self.seed} ended by itself with status {self._process.exitcode}")
 
     def _end(self, patience_s: float) -> None:
         self._process.join(patience_s)
@@ -141,20 +143,22 @@ class TakeProcess:
         self._pipe.close()
 
 
-def begin_takes(
+def make_handle_factory(
     recorder: SessionRecorder,
-    settings: BenchSettings,
+    settings: SimConfig,
     source: str,
     *,
-    attend: Attend | None = None,
+    attend: OnStep | None = None,
     context: BaseContext | None = None,
-    model: Learned | None = None,
-) -> Begin:
+    model: TrainedModel | None = None,
+) -> HandleFactory:
     """Makes the takes of a recording."""
 
-    def begin(seed: int) -> Take:
-        job = TakeJob(settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend, model=model)
-        return TakeProcess(job, recorder, context)
+    def begin(seed: int) -> EpisodeHandle:
+        job = InteractiveEpisodeConfig(
+            settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend, model=model
+        )
+        return EpisodeProcess(job, recorder, context)
 
     return begin
 
@@ -165,16 +169,16 @@ def _forkserver() -> BaseContext:
     return context
 
 
-class LiveTake:
+class EpisodeWorker:
     """A take in this process, as far as its journal: the child's end."""
 
-    def __init__(self, job: TakeJob) -> None:
+    def __init__(self, job: InteractiveEpisodeConfig) -> None:
         self._journal: JournalWriter | None = None
-        self._reading = at_rest(job.settings.task)
-        self._bench = Placing(job.settings)
+        self._reading = zero_input(job.settings.task)
+        self._bench = ClothSimulation(job.settings)
         self._bench.reset(job.seed)
-        policy: Policy = PersonPolicy(job.settings.task, job.source, lambda: self._reading)
-        self._grip = Grip(lambda: self._reading.moving)
+        policy: Policy = TeleopPolicy(job.settings.task, job.source, lambda: self._reading)
+        self._grip = MotionTakeoverTrigger(lambda: self._reading.moving)
         if job.model is not None:
             policy = Takeover(registry.from_model(job.model), policy, self._grip)
 
@@ -183,7 +187,7 @@ class LiveTake:
             return self._journal
 
         images = job.ticket.keep_images
-        self._run = Run(self._bench, policy, seed=job.seed, images=images, begin=journal)
+        self._run = EpisodeRunner(self._bench, policy, seed=job.seed, images=images, begin=journal)
         self._attend = job.attend
         self._show()
 
@@ -191,9 +195,9 @@ class LiveTake:
         if self._attend is not None:
             self._attend(self._run, self._reading)
 
-    def glance(self, stopped_by: StoppedBy | None = None) -> Glance:
+    def glance(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
         seen, run = self._run.seen, self._run
-        return Glance(
+        return EpisodeStatus(
             ticks=run.ticks,
             time_s=seen.time_s,
             contact_portion=seen.contact_portion,
@@ -215,17 +219,17 @@ class LiveTake:
         }
         return commands[command](*details)
 
-    def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
+    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
         self._reading = reading
         stopped_by = self._run.tick("place", pull=pull)
         self._show()
         return self.glance(stopped_by)
 
-    def disturb(self, name: str) -> Glance:
+    def disturb(self, name: str) -> EpisodeStatus:
         self._run.disturb(name)
         return self.glance()
 
-    def hand_back(self) -> Glance:
+    def hand_back(self) -> EpisodeStatus:
         self._grip.let_go()
         return self.glance()
 
@@ -241,12 +245,12 @@ class LiveTake:
         self._bench.close()
 
 
-def serve(job: TakeJob, pipe: Connection) -> None:
+def serve(job: InteractiveEpisodeConfig, pipe: Connection) -> None:
     """The life of a take's process."""
     _settle_in()
-    take: LiveTake | None = None
+    take: EpisodeWorker | None = None
     try:
-        take = LiveTake(job)
+        take = EpisodeWorker(job)
         pipe.send(take.glance())
         answer: object = None
         while answer != "ended":

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.workstation.session.latest_value import NewestValue
-from layflat.data.types import FloatArray, Observation, Truth
+from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.data.types import FloatArray, GroundTruth, Observation
 from layflat.perception.camera.rectified_view import TableGrid
-from layflat.perception.cloth.pipeline import Percept
+from layflat.perception.cloth.pipeline import ClothState
 from layflat.sim.camera.camera import default_pinhole
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 NODES_MAX = 400
 HANDS_MAX = 16
@@ -37,7 +37,7 @@ _DTYPE = np.dtype(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moment:
+class BenchFrame:
     """The bench at the end of a tick; world frame, m, N, s."""
 
     episode: int
@@ -75,23 +75,23 @@ class Moment:
     flat_area: float
     rgb: NDArray[np.uint8] | None
     """(H, W, 3) of the bench's camera."""
-    percept: Percept | None
+    percept: ClothState | None
     """What perception made of it."""
     led: bool = False
     """A person had the lead over a policy in the tick that led here."""
 
 
-class MomentBuffer:
+class FrameChannel:
     """The bench's newest moment, for the window."""
 
     def __init__(self, context: BaseContext) -> None:
-        self._value = NewestValue(context, _DTYPE)
+        self._value = LatestValue(context, _DTYPE)
 
     def tell(
         self,
-        bench: Placing,
+        bench: ClothSimulation,
         seen: Observation,
-        truth: Truth,
+        truth: GroundTruth,
         *,
         episode: int,
         tick: int,
@@ -128,13 +128,13 @@ class MomentBuffer:
             **fields,
         )
 
-    def read(self, after: int = 0) -> tuple[int, Moment] | None:
+    def read(self, after: int = 0) -> tuple[int, BenchFrame] | None:
         """The newest moment and its number; None where there is none newer than number ``after``."""
         found = self._value.read(after)
         return None if found is None else (found[0], _moment(found[1]))
 
 
-def _holding(bench: Placing) -> dict[str, Any]:
+def _holding(bench: ClothSimulation) -> dict[str, Any]:
     """Joints, hands and pull."""
     joints, hands = np.zeros(JOINTS_MAX), np.zeros((HANDS_MAX, 3))
     angles = bench.holder.joint_angles()
@@ -152,7 +152,7 @@ def _holding(bench: Placing) -> dict[str, Any]:
     }
 
 
-def _seeing(bench: Placing, seen: Observation) -> dict[str, Any]:
+def _seeing(bench: ClothSimulation, seen: Observation) -> dict[str, Any]:
     """The camera's image and what perception made of it."""
     percept = bench.percept
     if seen.rgb is None or percept is None or percept.cloth_mask.shape != (_GRID.height, _GRID.width):
@@ -167,8 +167,8 @@ def _seeing(bench: Placing, seen: Observation) -> dict[str, Any]:
     }
 
 
-def _moment(value: np.void) -> Moment:
-    return Moment(
+def _moment(value: np.void) -> BenchFrame:
+    return BenchFrame(
         episode=int(value["episode"]),
         tick=int(value["tick"]),
         phase=str(value["phase"]),
@@ -196,8 +196,8 @@ def _moment(value: np.void) -> Moment:
     )
 
 
-def _percept(value: np.void) -> Percept:
-    return Percept(
+def _percept(value: np.void) -> ClothState:
+    return ClothState(
         grid=_GRID,
         cloth_mask=value["cloth_mask"],
         contact_mask=value["contact_mask"],

@@ -5,18 +5,18 @@ from __future__ import annotations
 import os
 import time
 
-from layflat.app.workers.runner import Run
-from layflat.app.workstation.session.frame_channel import MomentBuffer
-from layflat.app.workstation.teleop.teleop_input import Reading
+from layflat.app.workers.runner import EpisodeRunner
+from layflat.app.workstation.session.frame_channel import FrameChannel
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
 
 
-class Telling:
+class FramePublisher:
     """What a take is attended by (``take_process.Attend``)."""
 
-    def __init__(self, moments: MomentBuffer) -> None:
+    def __init__(self, moments: FrameChannel) -> None:
         self._moments = moments
 
-    def __call__(self, run: Run, reading: Reading) -> None:
+    def __call__(self, run: EpisodeRunner, reading: TeleopInput) -> None:
         now = time.monotonic()
         self._moments.tell(
             run.bench,

@@ -11,9 +11,9 @@ from multiprocessing.context import BaseContext
 
 import numpy as np
 
-from layflat.app.workstation.session.latest_value import NewestValue
-from layflat.app.workstation.teleop import Reading
-from layflat.data.types import Pull, Task, action_size
+from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.app.workstation.teleop import TeleopInput
+from layflat.data.types import DragTarget, RobotName, action_size
 
 _DTYPE = np.dtype(
     [
@@ -24,24 +24,24 @@ _DTYPE = np.dtype(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Letter:
+class InputSample:
     """One value of the mailbox."""
 
     stamp_s: float
     """When it was put in, by the system's monotonic clock, which all processes share."""
-    reading: Reading
-    pull: Pull | None = None
+    reading: TeleopInput
+    pull: DragTarget | None = None
     number: int = field(default=0, compare=False)
 
 
-class Mailbox:
+class InputChannel:
     """The window puts in, the bench looks."""
 
-    def __init__(self, context: BaseContext, task: Task) -> None:
-        self._value = NewestValue(context, _DTYPE)
-        self._task: Task = task
+    def __init__(self, context: BaseContext, task: RobotName) -> None:
+        self._value = LatestValue(context, _DTYPE)
+        self._task: RobotName = task
 
-    def put(self, reading: Reading, pull: Pull | None = None) -> float:
+    def put(self, reading: TeleopInput, pull: DragTarget | None = None) -> float:
         """Replace what was there; returns the stamp."""
         stamp_s = time.monotonic()
         motion = np.zeros(6)
@@ -64,7 +64,7 @@ class Mailbox:
         )
         return stamp_s
 
-    def look(self) -> Letter | None:
+    def look(self) -> InputSample | None:
         """What is in it now; None before anything was put in."""
         found = self._value.read()
         if found is None:
@@ -72,7 +72,7 @@ class Mailbox:
         number, value = found
         hands = int(value["hands"])
         hand = None if hands == 0 else value["hand"][0] if hands == 1 else value["hand"]
-        reading = Reading(
+        reading = TeleopInput(
             motion=value["motion"][: action_size(self._task)],
             speed=float(value["speed"]),
             connected=bool(value["connected"]),
@@ -82,5 +82,5 @@ class Mailbox:
             hand=hand,
         )
         node = int(value["node"])
-        pull = None if node < 0 else Pull(node=node, target_m=value["target"].copy())
-        return Letter(stamp_s=float(value["stamp_s"]), reading=reading, pull=pull, number=number)
+        pull = None if node < 0 else DragTarget(node=node, target_m=value["target"].copy())
+        return InputSample(stamp_s=float(value["stamp_s"]), reading=reading, pull=pull, number=number)

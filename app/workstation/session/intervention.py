@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-from layflat.app.workstation.teleop.teleop_input import Reading, at_rest
-from layflat.app.workstation.teleop.teleop_policy import PersonPolicy
+from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
+from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
 from layflat.policy.base import Policy
-from layflat.policy.wrappers.takeover import Grip, Takeover, Wish
+from layflat.policy.wrappers.takeover import ControlRequest, MotionTakeoverTrigger, Takeover
 
 Change: TypeAlias = Literal["gone", "back"]
 """Of the device."""
@@ -15,16 +15,16 @@ YOU = "you"
 """Who leads, in a status: the person, or a policy by its name."""
 
 
-class Corrector:
+class InterventionController:
     """Who leads, by what the hands do. A device that is gone leads nobody."""
 
     def __init__(self, policy: Policy, source: str) -> None:
         """``policy`` has the lead at first; ``source`` names the device, as records have it."""
-        self.reading = at_rest(policy.task)
+        self.reading = zero_input(policy.task)
         """The newest of the device."""
         self.helped = policy.name
-        self._grip = Grip(lambda: self.reading.moving)
-        self.policy = Takeover(policy, PersonPolicy(policy.task, source, lambda: self.reading), self._wish)
+        self._grip = MotionTakeoverTrigger(lambda: self.reading.moving)
+        self.policy = Takeover(policy, TeleopPolicy(policy.task, source, lambda: self.reading), self._wish)
         """What decides."""
 
     @property
@@ -32,7 +32,7 @@ class Corrector:
         """Whether the person does."""
         return self.policy.led
 
-    def hear(self, reading: Reading) -> Change | None:
+    def hear(self, reading: TeleopInput) -> Change | None:
         """Take note of a reading; says whether the device has gone with it, or come."""
         before, self.reading = self.reading.connected, reading
         if before == reading.connected:
@@ -47,7 +47,7 @@ class Corrector:
         """Who leads, in a sentence."""
         return led_sentence(self.leads, self.helped)
 
-    def _wish(self) -> Wish | None:
+    def _wish(self) -> ControlRequest | None:
         return self._grip() if self.reading.connected else "hand back"
 
 

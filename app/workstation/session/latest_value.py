@@ -12,7 +12,7 @@ _TRIES = 50
 _HEADER = np.dtype([("begun", "i8"), ("done", "i8")])
 
 
-class NewestValue:
+class LatestValue:
     """Two slots of one structured dtype: one is written while the other is read.
 
     One writer at a time. The memory is anonymous: given to a child process as an argument, gone with the last process,

@@ -1,4 +1,4 @@
-"""Placing as the bench process does it: a policy places the cloth, and whoever watches may disturb it at any time."""
+"""ClothSimulation as the bench process does it: a policy places the cloth, and whoever watches may disturb it at any time."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import time
 from typing import Any, Literal, TypeAlias
 
 from layflat.app.commands.record import kept_line
-from layflat.app.workers.episode_pool import EpisodeJob, policy_of
+from layflat.app.workers.episode_pool import EpisodeConfig, policy_of
 from layflat.app.workers.make_policy import SCRIPTED
-from layflat.app.workers.runner import Run
-from layflat.app.workstation.session.bench_process import IDLE_S, Desk, Order
+from layflat.app.workers.runner import EpisodeRunner
+from layflat.app.workstation.session.bench_process import IDLE_S, Endpoint, Request
 from layflat.app.workstation.session.control_actions import OUTCOMES
-from layflat.app.workstation.session.input_channel import Letter
-from layflat.app.workstation.session.intervention import YOU, Corrector
-from layflat.app.workstation.session.rate_limiter import Cadence
+from layflat.app.workstation.session.input_channel import InputSample
+from layflat.app.workstation.session.intervention import YOU, InterventionController
+from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.app.workstation.session.recording_session import JUDGED
 from layflat.app.workstation.session.requests import model_of, recorder_of, settings_of
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
-from layflat.data.session.episode_writer import Running
-from layflat.data.types import Episode, Outcome, Phase, Pull, StoppedBy
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
+from layflat.data.session.episode_writer import EpisodeWriter
+from layflat.data.types import DragTarget, Episode, Outcome, Phase, StoppedBy
 from layflat.policy.base import extra_ticks
-from layflat.sim.simulation import Placing
+from layflat.sim.simulation import ClothSimulation
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
 PHASES: dict[State, Phase] = {"placing": "place", "disturbing": "disturb", "repairing": "repair"}
@@ -33,7 +33,7 @@ DISTURBANCE = "push"
 NOT_RECORDED = "nothing is recorded: give a session file before placing"
 
 
-class PlacingWork:
+class PlaceTask:
     """One episode of a policy.
 
     The order: ``task, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
@@ -42,7 +42,7 @@ class PlacingWork:
     person who may take over, or empty).
     """
 
-    def __init__(self, order: Order, desk: Desk) -> None:
+    def __init__(self, order: Request, desk: Endpoint) -> None:
         self._order = order
         self._desk = desk
         model = model_of(str(order["policy"]))
@@ -53,27 +53,27 @@ class PlacingWork:
         self.paused = False
         self.message = ""
         self._stopped_by: StoppedBy = "interrupted"
-        self._running: Running | None = None
+        self._running: EpisodeWriter | None = None
         self._settle = 0
         self._phase_ticks = 0
         self._repeats = 0
         self._pulled = 0
         self._last = {"input_s": 0.0, "work_s": 0.0}
         self._cadence = self._paced()
-        self.bench = Placing(settings)
+        self.bench = ClothSimulation(settings)
         self.bench.reset(int(order["seed"]))
         made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
-        job = EpisodeJob(
+        job = EpisodeConfig(
             task=settings.task, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made,
             decorators=tuple(order.get("with", ())),
         )  # fmt: skip
         begin = None if self._recorder is None else self._begin
         policy, source = policy_of(job, self.bench), str(order.get("source", ""))
-        self._person = Corrector(policy, source) if source else None
+        self._person = InterventionController(policy, source) if source else None
         self._name, self._extra_ticks = policy.name, extra_ticks(policy)
         self._decides: State = "placing"
         self._without_device = False
-        self.run = Run(
+        self.run = EpisodeRunner(
             self.bench,
             policy if self._person is None else self._person.policy,
             seed=job.seed,
@@ -82,12 +82,12 @@ class PlacingWork:
         )
         self._tell()
 
-    def _begin(self, beginning: Episode) -> Running:
+    def _begin(self, beginning: Episode) -> EpisodeWriter:
         assert self._recorder is not None
         self._running = self._recorder.begin(beginning)
         return self._running
 
-    def obey(self, order: Order) -> None:
+    def obey(self, order: Request) -> None:
         """``start``, ``pause``, ``disturb`` (with a ``name``), ``keep``, ``discard``, ``control`` (by its ``name``)."""
         do = order["do"]
         if do == "start" and self.state == "ready":
@@ -103,41 +103,41 @@ class PlacingWork:
         elif do == "discard":
             self._discard()
         elif do == "control":
-            self._press(Control[str(order["name"])])
+            self._press(Command[str(order["name"])])
 
-    def _press(self, control: Control) -> None:
+    def _press(self, control: Command) -> None:
         """A button of the person's device."""
         if self.does(control) is None:
-            unrecorded = self._recorder is None and control in (*OUTCOMES, Control.DISCARD)
+            unrecorded = self._recorder is None and control in (*OUTCOMES, Command.DISCARD)
             self.message = NOT_RECORDED if unrecorded else f"there is nothing to {control.value} now"
-        elif control is Control.START and not self.paused and self._person is not None:
+        elif control is Command.START and not self.paused and self._person is not None:
             self._person.hand_back()
-        elif control in (Control.START, Control.PAUSE):
+        elif control in (Command.START, Command.PAUSE):
             self.obey({"do": "pause"})
         elif control in OUTCOMES:
             self._keep(OUTCOMES[control])
-        elif control is Control.DISCARD:
+        elif control is Command.DISCARD:
             self._discard()
-        elif control is Control.DISTURB:
+        elif control is Command.DISTURB:
             self._disturb(DISTURBANCE)
         else:
             self.over = True
 
-    def does(self, control: Control) -> str | None:
+    def does(self, control: Command) -> str | None:
         """What a button of the person's device would do now, for a person; None where it would do nothing."""
-        if control is Control.QUIT:
+        if control is Command.QUIT:
             return "end, to the menu"
-        if control is Control.START:
+        if control is Command.START:
             return "go on" if self.paused else f"hand back to {self._name}" if self._leads() == YOU else None
-        if control is Control.PAUSE:
+        if control is Command.PAUSE:
             return "go on" if self.paused else "pause"
-        if control is Control.DISTURB:
+        if control is Command.DISTURB:
             return None if self.state in ("ready", "over") else f"disturb the cloth ({DISTURBANCE})"
-        if control is Control.REDO or self._running is None or not self.run.ticks:
+        if control is Command.REDO or self._running is None or not self.run.ticks:
             return None
-        if control is Control.DISCARD:
+        if control is Command.DISCARD:
             return "forget this one"
-        unstable = self._stopped_by == "unstable" and control is Control.KEEP_SUCCESS
+        unstable = self._stopped_by == "unstable" and control is Command.KEEP_SUCCESS
         return None if unstable else f"keep as {OUTCOMES[control]}"
 
     def _leads(self) -> str:
@@ -146,14 +146,14 @@ class PlacingWork:
             return ""
         return YOU if self._person.leads else self._name
 
-    def _look(self) -> Letter | None:
+    def _look(self) -> InputSample | None:
         """What the window put in last."""
         letter = self._desk.letter()
         if letter is not None and self._person is not None:
             self._hear(self._person, letter.reading)
         return letter
 
-    def _hear(self, person: Corrector, reading: Reading) -> None:
+    def _hear(self, person: InterventionController, reading: TeleopInput) -> None:
         """Without its device time stands, as in a recording; it goes on with the device, or when one says so."""
         change = person.hear(reading)
         if change == "gone" and not self.paused:
@@ -163,7 +163,7 @@ class PlacingWork:
             self.paused = self._without_device = False
             self.message = f"{reading.device} is back; {self._name} goes on, move to take over"
 
-    def _wake(self, pull: Pull | None) -> None:
+    def _wake(self, pull: DragTarget | None) -> None:
         """What lies is moved again: by hands that take the lead, or by a pull at the cloth."""
         if self._person is not None and self._person.reading.moving and self.state in ("placed", "disturbing"):
             self._stopped_by = "interrupted"
@@ -196,7 +196,7 @@ class PlacingWork:
         self._follow(stop, pull)
         return 0.0
 
-    def _tick(self, pull: Pull | None) -> StoppedBy | None:
+    def _tick(self, pull: DragTarget | None) -> StoppedBy | None:
         self._phase_ticks += 1
         self._pulled += pull is not None
         limit = LIMIT_TICKS[self.state] + (0 if self.state == "disturbing" else self._extra_ticks)
@@ -204,7 +204,7 @@ class PlacingWork:
             return "tick_limit"
         return self.run.tick(PHASES[self.state], pull=pull)
 
-    def _follow(self, stop: StoppedBy | None, pull: Pull | None) -> None:
+    def _follow(self, stop: StoppedBy | None, pull: DragTarget | None) -> None:
         """What comes after a tick."""
         if stop == "unstable":
             self._stopped_by, self.message = stop, "the cloth became unstable, which ends this episode"
@@ -233,9 +233,9 @@ class PlacingWork:
             self._order = {**self._order, "hurry": False}
             self._cadence = self._paced()
 
-    def _paced(self) -> Cadence:
+    def _paced(self) -> RateLimiter:
         speed = 0.0 if self._order.get("hurry") else float(self._order["speed"])
-        return Cadence(float(self._order["tick_s"]), speed)
+        return RateLimiter(float(self._order["tick_s"]), speed)
 
     def _disturb(self, name: str) -> None:
         self.run.disturb(name, self._repeats)
@@ -285,7 +285,7 @@ class PlacingWork:
             "policy": self.run.policy.name,
             "leads": self._leads(),
             "led_ticks": sum(step.intervention for step in self.run.steps),
-            "does": {control.name: self.does(control) for control in Control} if self._person else {},
+            "does": {control.name: self.does(control) for control in Command} if self._person else {},
             "contact": self.run.seen.contact_portion,
             "seed": self.run.seed,
             "ticks": self.run.ticks,

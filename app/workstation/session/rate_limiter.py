@@ -14,7 +14,7 @@ MEMORY = 200
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rhythm:
+class LoopTiming:
     """How the last ticks went, in wall time."""
 
     ticks: int = 0
@@ -40,7 +40,7 @@ class Rhythm:
         )
 
 
-class Cadence:
+class RateLimiter:
     """Paces ticks of ``tick_s`` of simulated time at ``speed`` times real time; 0 is as fast as it goes.
 
     A machine that does not keep up slows the motion: what is late is never made up for by hurrying. ``memory`` is how
@@ -90,12 +90,12 @@ class Cadence:
         """No ticks for a while, which is nobody's fault."""
         self._due = self._last = None
 
-    def rhythm(self) -> Rhythm:
+    def rhythm(self) -> LoopTiming:
         if not self._began:
-            return Rhythm()
+            return LoopTiming()
         lengths = [length for length, _ in self._began]
         late = [behind for _, behind in self._began if behind > LATE_SHARE * self._pitch_s]
-        return Rhythm(
+        return LoopTiming(
             ticks=len(lengths),
             mean_s=sum(lengths) / len(lengths),
             worst_s=max(lengths),

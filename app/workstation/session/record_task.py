@@ -7,24 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from layflat.app.workstation.session.bench_process import IDLE_S, Desk, Order
-from layflat.app.workstation.session.episode_process import begin_takes
-from layflat.app.workstation.session.frame_publisher import Telling
+from layflat.app.workstation.session.bench_process import IDLE_S, Endpoint, Request
+from layflat.app.workstation.session.episode_process import make_handle_factory
+from layflat.app.workstation.session.frame_publisher import FramePublisher
 from layflat.app.workstation.session.intervention import YOU
-from layflat.app.workstation.session.rate_limiter import Cadence
-from layflat.app.workstation.session.recording_session import Recording
+from layflat.app.workstation.session.rate_limiter import RateLimiter
+from layflat.app.workstation.session.recording_session import RecordingSession
 from layflat.app.workstation.session.requests import recorder_of, settings_of
 from layflat.app.workstation.session.session_queries import recorded_seeds
-from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.policy import model_io as model_files
 
 
-class DemonstratingWork:
+class RecordTask:
     """The order: ``task, cloth, descriptor, noise, tick_s, speed, images, source, record, seed, countdown_s``,
     ``episodes`` (None: until told to end), ``disturbance`` and ``correct`` (the path of a model that places, and that
     the person takes over from; or empty)."""
 
-    def __init__(self, order: Order, desk: Desk) -> None:
+    def __init__(self, order: Request, desk: Endpoint) -> None:
         self._desk = desk
         self._tick_s = float(order["tick_s"])
         settings, source = settings_of(order, descriptor=None), str(order["source"])
@@ -35,19 +35,19 @@ class DemonstratingWork:
         if recorder is None:
             raise ValueError("a recording needs a session file")
         self._recorder = recorder
-        self._cadence = Cadence(self._tick_s, float(order["speed"]))
-        self._controls: list[Control] = []
+        self._cadence = RateLimiter(self._tick_s, float(order["speed"]))
+        self._controls: list[Command] = []
         self._path = Path(str(order["record"]))
         # This process never steps a simulation, and has no threads: its takes are forked.
-        takes = begin_takes(
+        takes = make_handle_factory(
             recorder,
             settings,
             source,
-            attend=Telling(desk.channels.moments),
+            attend=FramePublisher(desk.channels.moments),
             context=multiprocessing.get_context("fork"),
             model=model,
         )
-        self._recording = Recording(
+        self._recording = RecordingSession(
             recorder,
             takes,
             seed=int(order["seed"]),
@@ -63,10 +63,10 @@ class DemonstratingWork:
     def over(self) -> bool:
         return self._recording.state == "over"
 
-    def obey(self, order: Order) -> None:
+    def obey(self, order: Request) -> None:
         """``control``: its ``name``."""
         if order["do"] == "control":
-            self._controls.append(Control[str(order["name"])])
+            self._controls.append(Command[str(order["name"])])
 
     def advance(self) -> float:
         letter = self._desk.letter()
@@ -110,7 +110,7 @@ class DemonstratingWork:
             "counts": recording.counts,
             "stored": recording.stored,
             "message": recording.message,
-            "does": {control.name: recording.does(control) for control in Control},
+            "does": {control.name: recording.does(control) for control in Command},
             "rhythm": rhythm.told(),
             "factor": rhythm.factor(self._tick_s),
         }

@@ -1,6 +1,6 @@
 """Recording as a state machine: what the controls do, whoever has them, and what is said about it.
 
-It knows no device, no window and no simulator: readings come in by ``hear``, episodes run behind the seam ``Take``.
+It knows no device, no window and no simulator: readings come in by ``hear``, episodes run behind the seam ``EpisodeHandle``.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ import time
 from collections.abc import Callable, Collection
 
 from layflat.app.commands.record import kept_line
-from layflat.app.workstation.session.control_actions import ACTIVE, OUTCOMES, VERBS, State, deed
-from layflat.app.workstation.session.episode_handle import Begin, Glance, Take, TakeLost
+from layflat.app.workstation.session.control_actions import ACTIVE, OUTCOMES, VERBS, SessionState, control_action
+from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
 from layflat.app.workstation.session.intervention import led_sentence
 from layflat.app.workstation.session.session_queries import discarded_line, stored
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
-from layflat.data.session.recorder import KeptEpisode, SessionRecorder
-from layflat.data.types import Outcome, Pull, StoppedBy
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
+from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 COUNTDOWN_S = 3.0
 TICKS_MAX = 600
@@ -24,7 +24,7 @@ JUDGED: StoppedBy = "converged"
 """What an episode says when the person said that it was over."""
 
 
-class Recording:
+class RecordingSession:
     """Demonstrations of consecutive seeds into one session.
 
     >>> while recording.state != "over":
@@ -36,7 +36,7 @@ class Recording:
     def __init__(
         self,
         recorder: SessionRecorder,
-        begin: Begin,
+        begin: HandleFactory,
         *,
         seed: int = 0,
         skip: Collection[int] = (),
@@ -67,8 +67,8 @@ class Recording:
         self._path = recorder.path
         self.stored = stored(recorder.path)
         """Episodes in the session."""
-        self._reading: Reading | None = None
-        self._interrupted_by_device: State | None = None
+        self._reading: TeleopInput | None = None
+        self._interrupted_by_device: SessionState | None = None
         self._still = True
         self._from_s = 0.0
         self.counts: dict[str, int] = {"success": 0, "failure": 0, "partial": 0, "discarded": 0}
@@ -77,10 +77,10 @@ class Recording:
         """The last thing that was said, one sentence for a person."""
         self.seed = seed
         """Of the demonstration that waits or runs."""
-        self.state: State = "waiting"
-        self.glance = Glance()
+        self.state: SessionState = "waiting"
+        self.glance = EpisodeStatus()
         """How it stands."""
-        self._take: Take | None = None
+        self._take: EpisodeHandle | None = None
         for kept in recorder.recovered:
             self._tell(kept_line(kept))
             self.message = f"an earlier recording was cut off; what there was of it is {kept.name}, {kept.outcome}"
@@ -91,7 +91,7 @@ class Recording:
         """Whether the cloth hangs."""
         return self._take is not None and self._take.ready()
 
-    def hear(self, reading: Reading) -> None:
+    def hear(self, reading: TeleopInput) -> None:
         """Take note of a reading: obey its controls, pause where the device has gone, go on when it is back."""
         self._reading = reading.heard()
         if not reading.connected:
@@ -101,20 +101,20 @@ class Recording:
         for control in reading.controls:
             self.handle(control)
 
-    def handle(self, control: Control) -> None:
+    def handle(self, control: Command) -> None:
         """Obey one control; one that makes no sense now does nothing but say so."""
         if self.does(control) is None:
             self.message = f"there is nothing to {VERBS[control]} now"
             return
-        if control is Control.QUIT:
+        if control is Command.QUIT:
             self.close()
         elif control in OUTCOMES:
             self._keep(OUTCOMES[control])
-        elif control is Control.DISTURB:
+        elif control is Command.DISTURB:
             self._disturb()
-        elif control in (Control.DISCARD, Control.REDO):
+        elif control in (Command.DISCARD, Command.REDO):
             self._discard()
-            again = control is Control.REDO
+            again = control is Command.REDO
             self._prepare(self.seed if again else self.seed + 1)
             if again:
                 self._count_down()
@@ -122,21 +122,21 @@ class Recording:
             self._count_down()
         elif self.state == "countdown":
             self._wait()
-        elif control is Control.START and self.state == "running":
+        elif control is Command.START and self.state == "running":
             self._hand_back()
         elif self.state == "running":
             self._pause("paused")
         else:
             self._run()
 
-    def does(self, control: Control) -> str | None:
+    def does(self, control: Command) -> str | None:
         """What the control would do now, for a person; None where it would do nothing."""
-        return deed(control, self.state, self.glance, seed=self.seed, disturbance=self._disturbance)
+        return control_action(control, self.state, self.glance, seed=self.seed, disturbance=self._disturbance)
 
-    def tick(self, pull: Pull | None = None) -> bool:
+    def tick(self, pull: DragTarget | None = None) -> bool:
         """One step of what the state asks; True where a tick was simulated. Waits for nothing but the simulation.
 
-        ``pull`` is what the mouse draws the cloth by. TakeLost where no cloth can be hung at all.
+        ``pull`` is what the mouse draws the cloth by. EpisodeLost where no cloth can be hung at all.
         """
         if self.state == "waiting" or self.state == "countdown":
             if self.ready and self._take is not None:
@@ -153,7 +153,7 @@ class Recording:
         self._still, led = False, self.glance.led
         try:
             self.glance = self._take.tick(self._reading, pull)
-        except TakeLost as lost:
+        except EpisodeLost as lost:
             self._lose(lost)
             return False
         if self.glance.led != led:
@@ -196,7 +196,7 @@ class Recording:
         while seed in self._skip:
             seed += 1
         self.seed = seed
-        self.glance = Glance()
+        self.glance = EpisodeStatus()
         self._interrupted_by_device = None
         self._take = self._begin(seed)
         self.state = "waiting"
@@ -219,7 +219,7 @@ class Recording:
         self.state = "paused"
         self.message = why
 
-    def _without_device(self, reading: Reading) -> None:
+    def _without_device(self, reading: TeleopInput) -> None:
         if self.state in ("running", "countdown"):
             self._interrupted_by_device = self.state
             self._pause(f"paused: {reading.problem}")
@@ -244,7 +244,7 @@ class Recording:
             self._take.disturb(self._disturbance)
             self.glance = self._take.glance()
             self.message = f"disturbing: {self._disturbance}"
-        except TakeLost as lost:
+        except EpisodeLost as lost:
             self._lose(lost)
 
     def _hand_back(self) -> None:
@@ -252,7 +252,7 @@ class Recording:
             return
         try:
             self._take.hand_back()
-        except TakeLost as lost:
+        except EpisodeLost as lost:
             self._lose(lost)
 
     def _look_for_the_end(self) -> None:
@@ -291,7 +291,7 @@ class Recording:
             self._tell(discarded_line(self.seed, glance.ticks, glance.contact_portion, self._path))
         self.message = f"discarded seed {self.seed}; {self._so_far()}"
 
-    def _lose(self, lost: TakeLost) -> None:
+    def _lose(self, lost: EpisodeLost) -> None:
         """The simulation died: what there is of it is kept, and the same seed comes again."""
         take, self._take = self._take, None
         kept = take.keep("partial", "crashed") if take is not None else None
@@ -300,7 +300,7 @@ class Recording:
         self._prepare(self.seed)
         self.message = f"{lost}; " + ("what there was is kept as partial" if kept else "nothing of it was left")
 
-    def _say_kept(self, kept: KeptEpisode) -> None:
+    def _say_kept(self, kept: SavedEpisode) -> None:
         self.counts[kept.outcome] += 1
         self.stored += 1
         self._tell(kept_line(kept))

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from layflat.app.workstation.session.bench_process import Order
+from layflat.app.workstation.session.bench_process import Request
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io as model_files
-from layflat.policy.trained_model import Learned
-from layflat.sim.config import BenchSettings
+from layflat.policy.trained_model import TrainedModel
+from layflat.sim.config import SimConfig
 
 
-def model_of(policy: str) -> Learned | None:
+def model_of(policy: str) -> TrainedModel | None:
     """The model of a path; None for a policy that has none."""
     return model_files.load(Path(policy)) if policy.endswith(".npz") else None
 
 
-def settings_of(order: Order, *, descriptor: str | None) -> BenchSettings:
-    return BenchSettings(
+def settings_of(order: Request, *, descriptor: str | None) -> SimConfig:
+    return SimConfig(
         task=order["task"],
         cloth=str(order["cloth"]),
         descriptor=descriptor or str(order["descriptor"]),
@@ -26,7 +26,7 @@ def settings_of(order: Order, *, descriptor: str | None) -> BenchSettings:
     )
 
 
-def recorder_of(order: Order, settings: BenchSettings) -> SessionRecorder | None:
+def recorder_of(order: Request, settings: SimConfig) -> SessionRecorder | None:
     """Where the order records; DataError where that session holds something else."""
     path = str(order.get("record") or "")
     if not path:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from layflat.app.support.errors import WrongCall
-from layflat.app.workstation.session.bench_process import Desk, MakeWork, Order, Work
-from layflat.app.workstation.session.place_task import PlacingWork
-from layflat.app.workstation.session.record_task import DemonstratingWork
+from layflat.app.support.errors import UsageError
+from layflat.app.workstation.session.bench_process import BenchTask, Endpoint, Request, TaskFactory
+from layflat.app.workstation.session.place_task import PlaceTask
+from layflat.app.workstation.session.record_task import RecordTask
 
-WORKS: Mapping[str, MakeWork] = {"place": PlacingWork, "record": DemonstratingWork}
+TASKS: Mapping[str, TaskFactory] = {"place": PlaceTask, "record": RecordTask}
 
 
-def make_work(order: Order, desk: Desk) -> Work:
+def make_task(order: Request, desk: Endpoint) -> BenchTask:
     """The work of an order, by its ``work``."""
     name = str(order.get("work"))
-    if name not in WORKS:
-        raise WrongCall(f"the bench knows no work {name!r}; it must be one of {', '.join(WORKS)}")
-    return WORKS[name](order, desk)
+    if name not in TASKS:
+        raise UsageError(f"the bench knows no work {name!r}; it must be one of {', '.join(TASKS)}")
+    return TASKS[name](order, desk)

@@ -7,30 +7,36 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
-from layflat.app.commands.record_config import Wish
+from layflat.app.commands.record_config import RecordConfig
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, WrongCall
-from layflat.app.workstation.session.episode_process import begin_takes
-from layflat.app.workstation.session.recording_session import COUNTDOWN_S, Recording
+from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.workstation.session.episode_process import make_handle_factory
+from layflat.app.workstation.session.recording_session import COUNTDOWN_S, RecordingSession
 from layflat.app.workstation.session.session_queries import recorded_seeds
-from layflat.app.workstation.teleop.registry import SOURCES, terminal_source
-from layflat.app.workstation.terminal.display import Screen, introduce, run_recording, stops_on_signals, to_stdout
+from layflat.app.workstation.teleop.registry import TELEOPERATORS, terminal_source
+from layflat.app.workstation.terminal.display import (
+    TerminalDisplay,
+    introduce,
+    run_recording,
+    stops_on_signals,
+    to_stdout,
+)
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Task
+from layflat.data.types import RobotName
 from layflat.policy import model_io as model_files
-from layflat.policy.trained_model import Learned
-from layflat.sim.config import BenchSettings
+from layflat.policy.trained_model import TrainedModel
+from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 
-def record_by_hand(wish: Wish) -> None:
+def record_teleoperated(wish: RecordConfig) -> None:
     """Record until ``wish.episodes`` are kept or the person quits; one line on stdout for each kept or discarded."""
-    validators.known_name("disturbance", wish.disturb, DISTURBANCES)
+    validators.one_of("disturbance", wish.disturb, DISTURBANCES)
     if wish.mapping is not None:
         validators.readable_file(wish.mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
-    model = None if wish.correct is None else model_to_correct(wish.correct, wish.task, wish.descriptor)
+    model = None if wish.correct is None else load_policy_to_correct(wish.correct, wish.task, wish.descriptor)
     in_window = wish.window and has_display()
-    if not in_window and not SOURCES[wish.source].terminal:
+    if not in_window and not TELEOPERATORS[wish.source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
         raise LayflatError(
             f"--source {wish.source} needs the window, and {missing}; in a terminal --source keyboard and gamepad work,"
@@ -44,10 +50,10 @@ def record_by_hand(wish: Wish) -> None:
         record_in_terminal(wish, model)
 
 
-def record_in_terminal(wish: Wish, model: Learned | None) -> None:
+def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
     """Without a window. KeyboardInterrupt after Ctrl-C or SIGTERM, with everything kept by then."""
-    settings = BenchSettings(task=wish.task, cloth=wish.cloth, descriptor=wish.descriptor)
-    screen = Screen(sys.stderr)
+    settings = SimConfig(task=wish.task, cloth=wish.cloth, descriptor=wish.descriptor)
+    screen = TerminalDisplay(sys.stderr)
     with ExitStack() as stack:
         stopped = stack.enter_context(stops_on_signals())
         hands = terminal_source(wish.source, wish.task, mapping=wish.mapping)
@@ -57,9 +63,9 @@ def record_in_terminal(wish: Wish, model: Learned | None) -> None:
                 wish.path, task=wish.task, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
             )
         )
-        recording = Recording(
+        recording = RecordingSession(
             recorder,
-            begin_takes(recorder, settings, wish.source, model=model),
+            make_handle_factory(recorder, settings, wish.source, model=model),
             seed=wish.seed,
             skip=recorded_seeds(wish.path, wish.source if model is None else f"{model.policy}+{wish.source}"),
             led=model is not None,
@@ -79,13 +85,13 @@ def record_in_terminal(wish: Wish, model: Learned | None) -> None:
         raise KeyboardInterrupt
 
 
-def model_to_correct(path: Path, task: Task, descriptor: str) -> Learned:
-    """WrongCall where the model was taught something else than what is to be recorded."""
+def load_policy_to_correct(path: Path, task: RobotName, descriptor: str) -> TrainedModel:
+    """UsageError where the model was taught something else than what is to be recorded."""
     validators.readable_file(path, "a model that `layflat train` wrote")
     model = model_files.load(path)
     for name, taught, asked in (("task", model.layout.task, task), ("descriptor", model.descriptor, descriptor)):
         if taught != asked:
-            raise WrongCall(f"{path} was taught with {name} {taught}, not {asked}; give --{name} {taught}")
+            raise UsageError(f"{path} was taught with {name} {taught}, not {asked}; give --{name} {taught}")
     return model
 
 

@@ -1,7 +1,7 @@
-"""What a person moves the cloth with: pads, keyboards, mice, each a `Source` of `Reading`s."""
+"""What a person moves the cloth with: pads, keyboards, mice, each a `Teleoperator` of `TeleopInput`s."""
 
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
-from layflat.app.workstation.teleop.teleop_policy import PersonPolicy
-from layflat.app.workstation.teleop.teleoperator import Button, Source, WindowSource
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
+from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
+from layflat.app.workstation.teleop.teleoperator import Button, Teleoperator, WindowTeleoperator
 
-__all__ = ["Button", "Control", "PersonPolicy", "Reading", "Source", "WindowSource"]
+__all__ = ["Button", "Command", "TeleopInput", "TeleopPolicy", "Teleoperator", "WindowTeleoperator"]

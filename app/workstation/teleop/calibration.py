@@ -7,7 +7,14 @@ from dataclasses import dataclass, field
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, label
-from layflat.app.workstation.teleop.layouts import REQUIRED, Binding, Counts, Layout, RawPad, TriggerAxis
+from layflat.app.workstation.teleop.layouts import (
+    REQUIRED,
+    Binding,
+    DeviceCapabilities,
+    GamepadLayout,
+    RawGamepadState,
+    TriggerAxis,
+)
 
 MOVED = 0.6
 """An axis this far from where it rests has been moved on purpose."""
@@ -36,7 +43,7 @@ _DPAD = BUTTONS[-4:]
 
 
 @dataclass(frozen=True)
-class Raw:
+class RawState:
     """One moment of an unmapped pad."""
 
     axes: tuple[float, ...]
@@ -44,8 +51,8 @@ class Raw:
     """Buttons and hat directions, as Binding writes them."""
 
     @classmethod
-    def of(cls, pad: RawPad) -> Raw:
-        counts = Counts.of(pad)
+    def of(cls, pad: RawGamepadState) -> RawState:
+        counts = DeviceCapabilities.of(pad)
         texts = [f"b{k}" for k in range(counts.buttons)]
         texts += [f"h{k}.{axis}{sign}" for k in range(counts.hats) for axis in "xy" for sign in "+-"]
         axes = tuple(pad.get_axis(k) for k in range(counts.axes))
@@ -71,7 +78,7 @@ class Calibration:
     go of. Buttons that a pad may lack are left out when nothing comes for a few seconds.
     """
 
-    def __init__(self, counts: Counts, ask: Callable[[str], None], clock: Callable[[], float]) -> None:
+    def __init__(self, counts: DeviceCapabilities, ask: Callable[[str], None], clock: Callable[[], float]) -> None:
         """``ask`` is told each time what the person is to do."""
         if counts.axes < len(STICKS):
             raise LayflatError(
@@ -81,21 +88,21 @@ class Calibration:
         self._ask = ask
         self._clock = clock
         self._found = _Found()
-        self._raw = Raw((), frozenset())
+        self._raw = RawState((), frozenset())
         self._rest: list[float] = []
         self.done = False
         self._steps = self._all_steps()
 
-    def see(self, pad: RawPad) -> None:
+    def see(self, pad: RawGamepadState) -> None:
         """Look at the pad. LayflatError where nothing has come for too long."""
-        self._raw = Raw.of(pad)
+        self._raw = RawState.of(pad)
         if not self.done:
             self.done = next(self._steps, "done") == "done"
 
-    def layout(self) -> Layout:
+    def layout(self) -> GamepadLayout:
         """What was found, checked."""
         found = self._found
-        layout = Layout(name="calibrated", sticks=found.sticks, triggers=found.triggers, buttons=found.buttons)
+        layout = GamepadLayout(name="calibrated", sticks=found.sticks, triggers=found.triggers, buttons=found.buttons)
         return layout.check(self._counts)
 
     def _all_steps(self) -> Iterator[None]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from layflat.app.workstation.teleop.teleop_input import Reading
-from layflat.app.workstation.teleop.teleoperator import Button, Source
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
+from layflat.app.workstation.teleop.teleoperator import Button, Teleoperator
 
 
-class WithKeys:
+class CombinedInput:
     """The device moves; both control."""
 
-    def __init__(self, device: Source, keyboard: Source) -> None:
+    def __init__(self, device: Teleoperator, keyboard: Teleoperator) -> None:
         self.name = device.name
         self._device = device
         self._keyboard = keyboard
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         reading = self._device.poll()
         return replace(reading, controls=(*reading.controls, *self._keyboard.poll().controls))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from layflat.app.workstation.teleop.teleoperator import Source
+from layflat.app.workstation.teleop.teleoperator import Teleoperator
 
 TOUCHES = 0.02
 """Contact portion from which on the cloth touches; the camera counts up to 0.01 of a cloth that hangs."""
@@ -10,10 +10,10 @@ RUMBLE = 0.6
 RUMBLE_S = 0.15
 
 
-class Touch:
+class ContactRumble:
     """Rumbles once each time contact begins."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Teleoperator) -> None:
         self._source = source
         self._touching = True
 

@@ -1,4 +1,4 @@
-"""Pads that are plugged in: SDL's controllers first, then what was calibrated, then the known raw layouts."""
+"""GamepadRegistry that are plugged in: SDL's controllers first, then what was calibrated, then the known raw layouts."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, PadState, state_of
-from layflat.app.workstation.teleop.layouts import Binding, Counts, Layout, raw_layout
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState, state_of
+from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, raw_layout
 from layflat.app.workstation.teleop.mapping import read_mapping, saved_mapping
 
 FULL = 32767
@@ -28,7 +28,7 @@ class Device(Protocol):
     instance: int
     """SDL's number for it while it is plugged in."""
 
-    def state(self) -> PadState: ...
+    def state(self) -> GamepadState: ...
 
     def press(self, event: Any) -> str | None:
         """The button whose press this event of the pad is, if it is one."""
@@ -66,7 +66,7 @@ class ControllerDevice:
         self.instance = int(self._joystick.get_instance_id())
         self._triggers = _FirstMoves()
 
-    def state(self) -> PadState:
+    def state(self) -> GamepadState:
         raw = [self._controller.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
         sticks = {name: max(raw[axis] / FULL, -1.0) for axis, name in enumerate(STICKS)}
         triggers = {
@@ -88,10 +88,10 @@ class ControllerDevice:
             self._controller.quit()
 
 
-class RawDevice:
+class RawGamepad:
     """A pad whose buttons a layout knows."""
 
-    def __init__(self, pygame: Any, joystick: Any, layout: Layout, how: str) -> None:
+    def __init__(self, pygame: Any, joystick: Any, layout: GamepadLayout, how: str) -> None:
         self._pygame = pygame
         self._joystick = joystick
         self._layout = layout
@@ -100,7 +100,7 @@ class RawDevice:
         self.instance = int(joystick.get_instance_id())
         self._triggers = _FirstMoves()
 
-    def state(self) -> PadState:
+    def state(self) -> GamepadState:
         sticks = {name: sign * self._joystick.get_axis(axis) for name, (axis, sign) in self._layout.sticks.items()}
         triggers = {name: self._trigger(name) for name in self._layout.triggers}
         return state_of(sticks, triggers, [n for n, way in self._layout.buttons.items() if way.pressed(self._joystick)])
@@ -132,7 +132,7 @@ class RawDevice:
             self._joystick.quit()
 
 
-class Pads:
+class GamepadRegistry:
     """All pads that are plugged in, by SDL's instance numbers; ``refresh`` notices plugging and unplugging."""
 
     def __init__(self, pygame: Any, controller: Any, *, mapping: Path | None = None) -> None:
@@ -144,7 +144,7 @@ class Pads:
         """Usable ones, in the order in which they came."""
         self._open: dict[int, tuple[int, Any]] = {}
         self.unknown: dict[int, str] = {}
-        """Pads whose buttons nobody knows, and why: one sentence each."""
+        """GamepadRegistry whose buttons nobody knows, and why: one sentence each."""
 
     def refresh(self) -> None:
         joysticks = self._joysticks()
@@ -173,7 +173,7 @@ class Pads:
             self.unknown[instance] = str(error)
             return
         if device is None:
-            counts = Counts.of(joystick)
+            counts = DeviceCapabilities.of(joystick)
             self.unknown[instance] = (
                 f"{joystick.get_name()} ({counts.axes} axes, {counts.buttons} buttons) is a pad that SDL does not know;"
                 " `layflat gamepad calibrate` maps it"
@@ -182,17 +182,17 @@ class Pads:
             self.devices[instance] = device
 
     def _device(self, index: int, joystick: Any) -> Device | None:
-        counts = Counts.of(joystick)
+        counts = DeviceCapabilities.of(joystick)
         guid = joystick.get_guid()
         calibrated = read_mapping(self._mapping, counts) if self._mapping else saved_mapping(guid, counts)
         if calibrated is not None:
-            return RawDevice(self._pygame, joystick, calibrated, "calibrated")
+            return RawGamepad(self._pygame, joystick, calibrated, "calibrated")
         if self._controller.is_controller(index):
             controller = self._controller.Controller(index)
             if _fits(controller.get_mapping(), counts):
                 return ControllerDevice(self._pygame, controller)
         layout = raw_layout(joystick)
-        return None if layout is None else RawDevice(self._pygame, joystick, layout, f"raw layout {layout.name}")
+        return None if layout is None else RawGamepad(self._pygame, joystick, layout, f"raw layout {layout.name}")
 
     def close(self) -> None:
         for device in self.devices.values():
@@ -200,7 +200,7 @@ class Pads:
         self.devices.clear()
 
 
-def _fits(mapping: Mapping[str, str], counts: Counts) -> bool:
+def _fits(mapping: Mapping[str, str], counts: DeviceCapabilities) -> bool:
     """Whether SDL's mapping names only what the pad has: one that was guessed may not."""
     limits = {"b": counts.buttons, "a": counts.axes, "h": counts.hats}
     places = [re.fullmatch(r"[+-]?([bah])(\d+)(?:\.\d+)?[~+-]?", str(place)) for place in mapping.values()]

@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.teleop.devices import Device, Pads, pad_events
-from layflat.app.workstation.teleop.gamepad_state import PadState, label
-from layflat.app.workstation.teleop.teleop_input import Control, Reading, at_rest
+from layflat.app.workstation.teleop.devices import Device, GamepadRegistry, pad_events
+from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 
 CONTROLS = {
-    "cross": Control.START,
-    "options": Control.PAUSE,
-    "triangle": Control.KEEP_SUCCESS,
-    "square": Control.KEEP_FAILURE,
-    "circle": Control.DISCARD,
-    "share": Control.REDO,
-    "ps": Control.QUIT,
-    "up": Control.DISTURB,
+    "cross": Command.START,
+    "options": Command.PAUSE,
+    "triangle": Command.KEEP_SUCCESS,
+    "square": Command.KEEP_FAILURE,
+    "circle": Command.DISCARD,
+    "share": Command.REDO,
+    "ps": Command.QUIT,
+    "up": Command.DISTURB,
 }
 SPEED = 0.5
 """With both triggers let go: 10 mm a tick, about what the scripted demonstrator does."""
@@ -40,17 +40,17 @@ class Gamepad:
 
     name = "gamepad"
 
-    def __init__(self, task: Task, *, mapping: Path | None = None, own_events: bool = True, left: int = 2) -> None:
+    def __init__(self, task: RobotName, *, mapping: Path | None = None, own_events: bool = True, left: int = 2) -> None:
         """``own_events``: False where a window takes all events and passes them to ``on_event``.
 
         ``left``: the picker on the left as the person sees it; in the window's first view that is 2, at -y.
         """
-        self.task: Task = task
+        self.task: RobotName = task
         self._left = left
         self._own_events = own_events
         self._pygame, controller = sdl.start()
         self._events = pad_events(self._pygame)
-        self._pads = Pads(self._pygame, controller, mapping=mapping)
+        self._pads = GamepadRegistry(self._pygame, controller, mapping=mapping)
         self._used: Device | None = None
         self._lost = ""
         self._waiting: set[int] = set()
@@ -66,7 +66,7 @@ class Gamepad:
             self._presses.append((event.instance_id, event))
         return True
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         if self._own_events:
             for event in self._pygame.event.get(self._events):
                 self.on_event(event)
@@ -74,11 +74,11 @@ class Gamepad:
         self._choose()
         if self._used is None:
             self._presses.clear()
-            return at_rest(self.task, connected=False, problem=self._problem())
+            return zero_input(self.task, connected=False, problem=self._problem())
         state = self._used.state()
         controls = tuple(CONTROLS[button] for button in self._pressed(state) if button in CONTROLS)
         others = len(self._pads.devices) - 1
-        return Reading(
+        return TeleopInput(
             motion=motion(self.task, state, left=self._left),
             speed=speed(state),
             controls=controls,
@@ -117,7 +117,7 @@ class Gamepad:
         device = self._pads.devices.get(instance)
         return device is not None and device.press(event) is not None
 
-    def _pressed(self, state: PadState) -> list[str]:
+    def _pressed(self, state: GamepadState) -> list[str]:
         """Buttons that went down since the last poll: by their events, in order, and whatever no event told of."""
         pressed = []
         while self._presses:
@@ -142,7 +142,7 @@ class Gamepad:
         return next(iter(self._pads.devices.values())).name
 
 
-def motion(task: Task, state: PadState, *, left: int = 2) -> FloatArray:
+def motion(task: RobotName, state: GamepadState, *, left: int = 2) -> FloatArray:
     """(A,) in [-1, 1]: what the sticks ask for. To the right is +x, up is +z.
 
     Two pickers have a stick each. L1 held: to the side is y instead of x. R1 held: the left stick moves both pickers,
@@ -162,13 +162,13 @@ def motion(task: Task, state: PadState, *, left: int = 2) -> FloatArray:
     return np.array(ways[0] + ways[1] if left == 1 else ways[1] + ways[0])
 
 
-def speed(state: PadState) -> float:
+def speed(state: GamepadState) -> float:
     """0..1: R2 pulls it up to 1, L2 down to FINE_SPEED."""
     return min(max(SPEED + (1.0 - SPEED) * state.r2 - (SPEED - FINE_SPEED) * state.l2, FINE_SPEED), 1.0)
 
 
 _TRIGGERS = (Button("R2", "faster"), Button("L2", "finer"))
-_HELP: dict[Task, tuple[Button, ...]] = {
+_HELP: dict[RobotName, tuple[Button, ...]] = {
     "hanger": (Button("left stick", "moves the hanger forth and back, up and down"), *_TRIGGERS),
     "pickers": (
         Button("left, right stick", "moves the left, right picker forth and back, up and down"),

@@ -21,7 +21,7 @@ DEAD_ZONE = 0.12
 
 
 @dataclass(frozen=True, kw_only=True)
-class PadState:
+class GamepadState:
     """One moment of a pad."""
 
     left: tuple[float, float] = (0.0, 0.0)
@@ -51,9 +51,9 @@ def label(button: str) -> str:
     return LABELS.get(button, button.capitalize())
 
 
-def state_of(sticks: dict[str, float], triggers: dict[str, float], pressed: Iterable[str]) -> PadState:
+def state_of(sticks: dict[str, float], triggers: dict[str, float], pressed: Iterable[str]) -> GamepadState:
     """From raw sticks (-1..1, down is positive) and triggers (0..1)."""
-    return PadState(
+    return GamepadState(
         left=dead_zone(sticks["left_x"], -sticks["left_y"]),
         right=dead_zone(sticks["right_x"], -sticks["right_y"]),
         l2=min(max(triggers.get("l2", 0.0), 0.0), 1.0),

@@ -1,4 +1,4 @@
-"""Kinesthetic teaching in the window: the mouse takes hold of what holds the cloth and leads it, as the thesis's hand
+"""HandGuidingTeleoperator teaching in the window: the mouse takes hold of what holds the cloth and leads it, as the thesis's hand
 leads the robot's arm, which gives way (chapter 3-3)."""
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.teleop.teleop_input import Reading
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.data.types import FloatArray, Task, action_size
+from layflat.data.types import FloatArray, RobotName, action_size
 
 GRASP_M = 0.06
 """A press takes hold of what is this close to the line of sight."""
@@ -23,19 +23,19 @@ Ray: TypeAlias = Callable[[tuple[int, int]], tuple[FloatArray, FloatArray]]
 """Origin (3,) m and direction (3,), world, of the line of sight behind a pixel of the window."""
 
 
-class Kinesthetic:
-    """Gives ``Reading.hand`` while something is held: for the hanger (3,), its centre; for two pickers (2, 3)."""
+class HandGuidingTeleoperator:
+    """Gives ``TeleopInput.hand`` while something is held: for the hanger (3,), its centre; for two pickers (2, 3)."""
 
     name = "kinesthetic"
 
-    def __init__(self, task: Task, ray: Ray, corners: Callable[[], FloatArray]) -> None:
+    def __init__(self, task: RobotName, ray: Ray, corners: Callable[[], FloatArray]) -> None:
         """``corners`` gives the newest (2, 3) m of where the two held corners are."""
-        self.task: Task = task
+        self.task: RobotName = task
         self._pygame = sdl.load()
         self._keys = WindowKeyboard(task)
         self._ray = ray
         self._corners = corners
-        self._hold: _Hold | None = None
+        self._hold: Grab | None = None
 
     def on_event(self, event: Any) -> bool:
         pygame = self._pygame
@@ -52,11 +52,11 @@ class Kinesthetic:
             self._hold = None
         return self._keys.on_event(event)
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         keys = self._keys.poll()
         hand = None if self._hold is None else self._hold.hand
         rest = np.zeros(action_size(self.task))
-        return Reading(motion=rest, speed=keys.speed, controls=keys.controls, device="mouse", hand=hand)
+        return TeleopInput(motion=rest, speed=keys.speed, controls=keys.controls, device="mouse", hand=hand)
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Mice do not."""
@@ -70,7 +70,7 @@ class Kinesthetic:
         self._keys.close()
 
 
-class _Hold:
+class Grab:
     """Something taken hold of: the hand follows the mouse in a plane through the place of the grasp."""
 
     def __init__(self, places: FloatArray, which: int | None, at: FloatArray, normal: FloatArray) -> None:
@@ -98,7 +98,7 @@ class _Hold:
         self.hand = hand
 
 
-def take_hold(task: Task, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> _Hold | None:
+def take_hold(task: RobotName, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> Grab | None:
     """What a press on this line of sight takes hold of; None where nothing is close, or nothing is known of it yet."""
     if not np.isfinite(corners).all():
         return None
@@ -107,7 +107,7 @@ def take_hold(task: Task, corners: FloatArray, origin: FloatArray, direction: Fl
         along = np.linspace(0.0, 1.0, 41)[:, None]
         bar = corners[0] + along * (corners[1] - corners[0])
         at, gap = _nearest(bar, origin, direction)
-        return _Hold(corners.mean(axis=0), None, at, _plane(direction)) if gap <= GRASP_M else None
+        return Grab(corners.mean(axis=0), None, at, _plane(direction)) if gap <= GRASP_M else None
     at, gap = _nearest(corners, origin, direction)
     if gap > GRASP_M:
         return None
@@ -115,7 +115,7 @@ def take_hold(task: Task, corners: FloatArray, origin: FloatArray, direction: Fl
     # A picker is free: it follows in the upright plane that faces the eye.
     level = np.array([direction[0], direction[1], 0.0])
     facing = level / np.linalg.norm(level) if np.linalg.norm(level) > STEEP else np.array([0.0, 0.0, 1.0])
-    return _Hold(corners.copy(), which, at, facing)
+    return Grab(corners.copy(), which, at, facing)
 
 
 def _plane(direction: FloatArray) -> FloatArray:

@@ -7,19 +7,19 @@ from typing import TypeAlias
 
 import numpy as np
 
-from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 
-CONTROLS: Mapping[str, Control] = {
-    "enter": Control.START,
-    "space": Control.PAUSE,
-    "y": Control.KEEP_SUCCESS,
-    "n": Control.KEEP_FAILURE,
-    "x": Control.DISCARD,
-    "r": Control.REDO,
-    "b": Control.DISTURB,
-    "q": Control.QUIT,
+CONTROLS: Mapping[str, Command] = {
+    "enter": Command.START,
+    "space": Command.PAUSE,
+    "y": Command.KEEP_SUCCESS,
+    "n": Command.KEEP_FAILURE,
+    "x": Command.DISCARD,
+    "r": Command.REDO,
+    "b": Command.DISTURB,
+    "q": Command.QUIT,
 }
 LABELS = {"enter": "Enter", "space": "Space"}
 SPEED = 0.5
@@ -57,7 +57,7 @@ _RIGHT: Ways = {
 }
 
 
-def motions(task: Task, *, left: int = 2) -> dict[str, FloatArray]:
+def key_motions(task: RobotName, *, left: int = 2) -> dict[str, FloatArray]:
     """(A,) of each key that moves. ``left``: the picker on the left as the person sees it, as for pads."""
     if task == "hanger":
         return {key: np.array([x, z], dtype=float) for key, (x, y, z) in (_WAYS | _LEFT).items() if not y}
@@ -71,7 +71,7 @@ def motions(task: Task, *, left: int = 2) -> dict[str, FloatArray]:
     return found
 
 
-def summed(task: Task, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
+def sum_motions(task: RobotName, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
     """(A,) in [-1, 1] of several keys held together."""
     total = np.zeros(2 if task == "hanger" else 6)
     for key in held:
@@ -79,13 +79,13 @@ def summed(task: Task, moves: Mapping[str, FloatArray], held: Iterable[str]) -> 
     return np.clip(total, -1.0, 1.0)
 
 
-def help_of(task: Task) -> tuple[Button, ...]:
+def help_of(task: RobotName) -> tuple[Button, ...]:
     """What the keys do."""
     controls = (Button(LABELS.get(key, key), control.value, control) for key, control in CONTROLS.items())
     return (*_MOVES[task], Button("1..9 0", "speed, 5 at first, 0 is the fastest"), *controls)
 
 
-_MOVES: Mapping[Task, tuple[Button, ...]] = {
+_MOVES: Mapping[RobotName, tuple[Button, ...]] = {
     "hanger": (Button("arrows, w a s d", "up, back, down, forth"), Button("e c z", _DIAGONALS)),
     "pickers": (
         Button("w a s d", "left picker up, back, down, forth; A D to the left, to the right"),

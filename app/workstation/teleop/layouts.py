@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from layflat.app.support.errors import WrongCall
+from layflat.app.support.errors import UsageError
 from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS
 
 PRESSED_FROM = 0.5
@@ -17,7 +17,7 @@ REQUIRED = ("cross", "circle", "square", "triangle", "share", "options", "l1", "
 _FORM = re.compile(r"(?:b(?P<button>\d{1,3})|h(?P<hat>\d)\.(?P<way>[xy][+-])|a(?P<axis>\d{1,2})(?P<sign>[+-]))")
 
 
-class RawPad(Protocol):
+class RawGamepadState(Protocol):
     """As pygame.joystick.Joystick."""
 
     def get_numaxes(self) -> int: ...
@@ -36,9 +36,9 @@ class Binding:
 
     def __post_init__(self) -> None:
         if _FORM.fullmatch(self.text) is None:
-            raise WrongCall(f"{self.text!r} is no button of a pad; write b3, h0.y+ or a5-")
+            raise UsageError(f"{self.text!r} is no button of a pad; write b3, h0.y+ or a5-")
 
-    def pressed(self, pad: RawPad) -> bool:
+    def pressed(self, pad: RawGamepadState) -> bool:
         parts = _FORM.fullmatch(self.text)
         if parts is None:
             return False
@@ -48,7 +48,7 @@ class Binding:
             return pad.get_hat(int(parts["hat"]))["xy".index(parts["way"][0])] == _sign(parts["way"][1])
         return pad.get_axis(int(parts["axis"])) * _sign(parts["sign"]) > PRESSED_FROM
 
-    def fits(self, counts: Counts) -> bool:
+    def fits(self, counts: DeviceCapabilities) -> bool:
         """Whether a pad of these counts has it."""
         parts = _FORM.fullmatch(self.text)
         if parts is None:
@@ -58,7 +58,7 @@ class Binding:
 
 
 @dataclass(frozen=True)
-class Counts:
+class DeviceCapabilities:
     """What tells raw layouts apart."""
 
     axes: int
@@ -66,7 +66,7 @@ class Counts:
     hats: int
 
     @classmethod
-    def of(cls, pad: RawPad) -> Counts:
+    def of(cls, pad: RawGamepadState) -> DeviceCapabilities:
         return cls(pad.get_numaxes(), pad.get_numbuttons(), pad.get_numhats())
 
 
@@ -83,7 +83,7 @@ class TriggerAxis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class GamepadLayout:
     """One way in which a raw pad is laid out."""
 
     name: str
@@ -92,8 +92,8 @@ class Layout:
     triggers: Mapping[str, TriggerAxis | Binding] = field(default_factory=dict)
     buttons: Mapping[str, Binding] = field(default_factory=dict)
 
-    def check(self, counts: Counts) -> Layout:
-        """Itself, or WrongCall: all sticks there, nothing twice, nothing that the pad has not got."""
+    def check(self, counts: DeviceCapabilities) -> GamepadLayout:
+        """Itself, or UsageError: all sticks there, nothing twice, nothing that the pad has not got."""
         for what, there, known in (
             ("stick axes", self.sticks, STICKS),
             ("triggers", self.triggers, TRIGGERS),
@@ -101,15 +101,15 @@ class Layout:
         ):
             unknown = sorted(set(there) - set(known))
             if unknown:
-                raise WrongCall(f"the mapping has {what} called {', '.join(unknown)}; known are {', '.join(known)}")
+                raise UsageError(f"the mapping has {what} called {', '.join(unknown)}; known are {', '.join(known)}")
         missing = [name for name in STICKS if name not in self.sticks]
         missing += [name for name in REQUIRED if name not in self.buttons]
         if missing:
-            raise WrongCall(f"the mapping lacks {', '.join(missing)}; calibrate the pad again")
+            raise UsageError(f"the mapping lacks {', '.join(missing)}; calibrate the pad again")
         self._check_apart(counts)
         return self
 
-    def _check_apart(self, counts: Counts) -> None:
+    def _check_apart(self, counts: DeviceCapabilities) -> None:
         axes = {name: axis for name, (axis, _) in self.sticks.items()}
         axes |= {name: way.axis for name, way in self.triggers.items() if isinstance(way, TriggerAxis)}
         bindings = dict(self.buttons) | {n: way for n, way in self.triggers.items() if isinstance(way, Binding)}
@@ -118,9 +118,9 @@ class Layout:
         seen: dict[str, str] = {}
         for name, place, there in places:
             if not there:
-                raise WrongCall(f"the mapping has {name} at {place}, which the pad has not got; calibrate it again")
+                raise UsageError(f"the mapping has {name} at {place}, which the pad has not got; calibrate it again")
             if place in seen:
-                raise WrongCall(f"the mapping has {seen[place]} and {name} both at {place}; calibrate the pad again")
+                raise UsageError(f"the mapping has {seen[place]} and {name} both at {place}; calibrate the pad again")
             seen[place] = name
 
 
@@ -133,11 +133,11 @@ def _axes(*names: str) -> tuple[dict[str, tuple[int, int]], dict[str, TriggerAxi
     return {name: (where[name], 1) for name in STICKS}, {name: TriggerAxis(where[name]) for name in TRIGGERS}
 
 
-def _layout(name: str, axes: tuple[str, ...], buttons: tuple[str, ...], dpad: tuple[str, ...] = ()) -> Layout:
+def _layout(name: str, axes: tuple[str, ...], buttons: tuple[str, ...], dpad: tuple[str, ...] = ()) -> GamepadLayout:
     sticks, triggers = _axes(*axes)
     bindings = {button: Binding(f"b{index}") for index, button in enumerate(buttons) if button in BUTTONS}
     bindings |= {way: Binding(text) for way, text in zip(BUTTONS[-4:], dpad, strict=False)}
-    return Layout(name=name, sticks=sticks, triggers=triggers, buttons=bindings)
+    return GamepadLayout(name=name, sticks=sticks, triggers=triggers, buttons=bindings)
 
 
 _HAT = ("h0.y+", "h0.y-", "h0.x-", "h0.x+")
@@ -164,9 +164,9 @@ LAYOUT_C_WITHOUT_HAT = replace(
 LAYOUTS = (LAYOUT_A, LAYOUT_B, LAYOUT_C)
 
 
-def raw_layout(pad: RawPad) -> Layout | None:
+def raw_layout(pad: RawGamepadState) -> GamepadLayout | None:
     """The layout of an unmapped PS4 pad, by its counts; None for any other pad."""
-    counts = Counts.of(pad)
+    counts = DeviceCapabilities.of(pad)
     if counts.axes != 6 or counts.hats > 1:
         return None
     if (counts.buttons, counts.hats) == (16, 0):

@@ -9,9 +9,9 @@ from typing import Any
 
 import platformdirs
 
-from layflat.app.support.atomic_write import replacing
-from layflat.app.support.errors import WrongCall
-from layflat.app.workstation.teleop.layouts import Binding, Counts, Layout, TriggerAxis
+from layflat.app.support.atomic_write import atomic_write
+from layflat.app.support.errors import UsageError
+from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, TriggerAxis
 
 SCHEMA = 1
 LARGEST_BYTES = 100_000
@@ -22,13 +22,13 @@ def mapping_file(guid: str) -> Path:
     return Path(platformdirs.user_config_dir("layflat")) / "pads" / f"{re.sub('[^0-9a-zA-Z]', '', guid)}.json"
 
 
-def saved_mapping(guid: str, counts: Counts) -> Layout | None:
+def saved_mapping(guid: str, counts: DeviceCapabilities) -> GamepadLayout | None:
     """What the user has calibrated for this kind of pad, checked; None where nothing is there."""
     path = mapping_file(guid)
     return read_mapping(path, counts) if path.is_file() else None
 
 
-def write_mapping(path: Path, layout: Layout, *, guid: str, pad: str, counts: Counts) -> None:
+def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, pad: str, counts: DeviceCapabilities) -> None:
     """Write a checked layout, whole or not at all."""
     layout.check(counts)
     text = {
@@ -43,34 +43,34 @@ def write_mapping(path: Path, layout: Layout, *, guid: str, pad: str, counts: Co
         "pressed": {name: way.text for name, way in layout.buttons.items()},
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         part.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
-def read_mapping(path: Path, counts: Counts) -> Layout:
-    """The layout in a file, or WrongCall: not one of ours, damaged, or of a pad with other counts."""
+def read_mapping(path: Path, counts: DeviceCapabilities) -> GamepadLayout:
+    """The layout in a file, or UsageError: not one of ours, damaged, or of a pad with other counts."""
     try:
         if path.stat().st_size > LARGEST_BYTES:
-            raise WrongCall(f"{path} is too large for the mapping of a pad")
+            raise UsageError(f"{path} is too large for the mapping of a pad")
         content = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-            raise WrongCall(
+            raise UsageError(
                 f"{path} is no mapping of a pad in version {SCHEMA}; `layflat gamepad calibrate` writes one"
             )
-        had = Counts(content["axes"], content["buttons"], content["hats"])
+        had = DeviceCapabilities(content["axes"], content["buttons"], content["hats"])
         if had != counts:
-            raise WrongCall(
+            raise UsageError(
                 f"{path} is for a pad with {_said(had)}, and this one has {_said(counts)}; calibrate this one"
             )
         return _layout(content).check(counts)
     except OSError as error:
-        raise WrongCall(f"{path} cannot be read: {(error.strerror or str(error)).lower()}") from error
+        raise UsageError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}") from error
     except (UnicodeDecodeError, json.JSONDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
-        raise WrongCall(f"{path} is no mapping of a pad ({error}); `layflat gamepad calibrate` writes one") from error
+        raise UsageError(f"{path} is no mapping of a pad ({error}); `layflat gamepad calibrate` writes one") from error
 
 
-def _layout(content: dict[str, Any]) -> Layout:
-    return Layout(
+def _layout(content: dict[str, Any]) -> GamepadLayout:
+    return GamepadLayout(
         name="calibrated",
         sticks={name: (_index(way["axis"]), _direction(way["sign"])) for name, way in content["sticks"].items()},
         triggers={name: _trigger(way) for name, way in content["triggers"].items()},
@@ -103,5 +103,5 @@ def _direction(value: Any) -> int:
     return int(value)
 
 
-def _said(counts: Counts) -> str:
+def _said(counts: DeviceCapabilities) -> str:
     return f"{counts.axes} axes, {counts.buttons} buttons and {counts.hats} hats"

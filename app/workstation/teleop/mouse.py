@@ -8,10 +8,10 @@ import numpy as np
 
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import dead_zone
-from layflat.app.workstation.teleop.teleop_input import Reading
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 
 REACH_PX = 150.0
 """Dragged so far, it moves at the whole speed."""
@@ -25,8 +25,8 @@ class Mouse:
 
     name = "mouse"
 
-    def __init__(self, task: Task, *, left: int = 2) -> None:
-        self.task: Task = task
+    def __init__(self, task: RobotName, *, left: int = 2) -> None:
+        self.task: RobotName = task
         self._pygame = sdl.load()
         self._keys = WindowKeyboard(task, left=left)
         self._left = left
@@ -48,10 +48,10 @@ class Mouse:
             self._from = None
         return self._keys.on_event(event)
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         keys = self._keys.poll()
         motion = np.clip(keys.motion + self._dragged(), -1.0, 1.0)
-        return Reading(motion=motion, speed=keys.speed, controls=keys.controls, device="mouse")
+        return TeleopInput(motion=motion, speed=keys.speed, controls=keys.controls, device="mouse")
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Mice do not."""
@@ -85,7 +85,7 @@ class Mouse:
         return pair.ravel()
 
 
-_HELP: dict[Task, tuple[Button, ...]] = {
+_HELP: dict[RobotName, tuple[Button, ...]] = {
     "hanger": (Button("drag", "moves the hanger: the farther, the faster"),),
     "pickers": (
         Button("drag", "moves both pickers: the farther, the faster; with shift to the side"),

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.combined_input import WithKeys
+from layflat.app.workstation.teleop.combined_input import CombinedInput
 from layflat.app.workstation.teleop.gamepad import Gamepad
-from layflat.app.workstation.teleop.hand_guiding import Kinesthetic, Ray
+from layflat.app.workstation.teleop.hand_guiding import HandGuidingTeleoperator, Ray
 from layflat.app.workstation.teleop.mouse import Mouse
-from layflat.app.workstation.teleop.teleoperator import Source, WindowSource
+from layflat.app.workstation.teleop.teleoperator import Teleoperator, WindowTeleoperator
 from layflat.app.workstation.teleop.terminal_keyboard import TerminalKeyboard
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.data.types import FloatArray, Task
+from layflat.data.types import FloatArray, RobotName
 
 
 @dataclass(frozen=True)
-class SourceKind:
+class TeleoperatorSpec:
     """What there is to know of a source before it is made."""
 
     does: str
@@ -28,15 +28,15 @@ class SourceKind:
     """Whether it works without a window."""
 
 
-SOURCES: Mapping[str, SourceKind] = {
-    "gamepad": SourceKind("a PS4 pad, or any that SDL knows or that was calibrated", terminal=True),
-    "keyboard": SourceKind("keys, in the window or in a plain terminal", terminal=True),
-    "mouse": SourceKind("drag in the window: how far from where you began is how fast", terminal=False),
-    "kinesthetic": SourceKind("drag the hanger itself, with the arm compliant", terminal=False),
+TELEOPERATORS: Mapping[str, TeleoperatorSpec] = {
+    "gamepad": TeleoperatorSpec("a PS4 pad, or any that SDL knows or that was calibrated", terminal=True),
+    "keyboard": TeleoperatorSpec("keys, in the window or in a plain terminal", terminal=True),
+    "mouse": TeleoperatorSpec("drag in the window: how far from where you began is how fast", terminal=False),
+    "kinesthetic": TeleoperatorSpec("drag the hanger itself, with the arm compliant", terminal=False),
 }
 
 
-def terminal_source(name: str, task: Task, *, mapping: Path | None = None) -> Source:
+def terminal_source(name: str, task: RobotName, *, mapping: Path | None = None) -> Teleoperator:
     """A source that needs no window. LayflatError where its device is missing."""
     if name == "keyboard":
         return TerminalKeyboard(task)
@@ -45,20 +45,20 @@ def terminal_source(name: str, task: Task, *, mapping: Path | None = None) -> So
     if not reading.connected:
         pad.close()
         raise LayflatError(reading.problem)
-    return WithKeys(pad, TerminalKeyboard(task)) if sys.stdin and sys.stdin.isatty() else pad
+    return CombinedInput(pad, TerminalKeyboard(task)) if sys.stdin and sys.stdin.isatty() else pad
 
 
 def window_source(
-    name: str, task: Task, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
-) -> WindowSource:
+    name: str, task: RobotName, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
+) -> WindowTeleoperator:
     """A source that hears of the window's events; one whose device is missing says so in its readings.
 
-    ``ray`` and ``corners`` are for what is taken hold of with the mouse, see Kinesthetic.
+    ``ray`` and ``corners`` are for what is taken hold of with the mouse, see HandGuidingTeleoperator.
     """
-    made: Mapping[str, Callable[[], WindowSource]] = {
+    made: Mapping[str, Callable[[], WindowTeleoperator]] = {
         "gamepad": lambda: Gamepad(task, mapping=mapping, own_events=False),
         "keyboard": lambda: WindowKeyboard(task),
         "mouse": lambda: Mouse(task),
-        "kinesthetic": lambda: Kinesthetic(task, ray, corners),
+        "kinesthetic": lambda: HandGuidingTeleoperator(task, ray, corners),
     }
     return made[name]()

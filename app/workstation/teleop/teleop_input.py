@@ -7,10 +7,10 @@ from enum import Enum
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, DataError, FloatArray, Task, action_size, frozen_array, frozen_hand
+from layflat.data.types import ACTION_LIMIT_M, DataError, FloatArray, RobotName, action_size, frozen_array, frozen_hand
 
 
-class Control(Enum):
+class Command(Enum):
     """What a button can ask of a recording; what it does depends on the state, see ``Recording.does``."""
 
     START = "start"
@@ -30,14 +30,14 @@ class Control(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class TeleopInput:
     """The newest state of a source, and the controls since it was last asked."""
 
     motion: FloatArray
     """(A,) in [-1, 1], in the order of layflat.data.types.ACTION_NAMES: share of the speed along each axis."""
     speed: float = 1.0
     """0..1: share of ACTION_LIMIT_M that a full deflection moves in one tick."""
-    controls: tuple[Control, ...] = ()
+    controls: tuple[Command, ...] = ()
     """In the order in which they came."""
     connected: bool = True
     """False: there is no device; a recording pauses until there is one."""
@@ -70,15 +70,15 @@ class Reading:
         """Whether the hands ask for any motion."""
         return self.hand is not None or bool(np.any(self.motion) and self.speed > 0)
 
-    def after(self, earlier: Reading) -> Reading:
+    def after(self, earlier: TeleopInput) -> TeleopInput:
         """This reading where ``earlier`` was never looked at: the newest motion, the controls of both in order."""
         return replace(self, controls=(*earlier.controls, *self.controls))
 
-    def heard(self) -> Reading:
+    def heard(self) -> TeleopInput:
         """The same without its controls: each is obeyed once."""
         return replace(self, controls=())
 
 
-def at_rest(task: Task, *, connected: bool = True, device: str = "", problem: str = "") -> Reading:
+def zero_input(task: RobotName, *, connected: bool = True, device: str = "", problem: str = "") -> TeleopInput:
     """No motion, no controls."""
-    return Reading(motion=np.zeros(action_size(task)), connected=connected, device=device, problem=problem)
+    return TeleopInput(motion=np.zeros(action_size(task)), connected=connected, device=device, problem=problem)

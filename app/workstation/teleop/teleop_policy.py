@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from layflat.app.workstation.teleop.teleop_input import Reading
-from layflat.data.types import Observation, Task
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
+from layflat.data.types import Observation, RobotName
 from layflat.policy.base import Decision
 
 
-class PersonPolicy:
+class TeleopPolicy:
     """Decides what the newest reading says; a person stops an episode by a control, never by a decision.
 
     ``read`` gives the newest reading and does not wait; ``name`` is the source's, as records have it.
     """
 
-    def __init__(self, task: Task, name: str, read: Callable[[], Reading]) -> None:
-        self.task: Task = task
+    def __init__(self, task: RobotName, name: str, read: Callable[[], TeleopInput]) -> None:
+        self.task: RobotName = task
         self.name = name
         self._read = read
 

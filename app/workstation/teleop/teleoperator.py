@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 
 
 class Button(NamedTuple):
@@ -14,18 +14,18 @@ class Button(NamedTuple):
     """As the device calls it: "Cross", "left stick", "w s"."""
     does: str
     """What it does now, for a person."""
-    control: Control | None = None
+    control: Command | None = None
     """What it asks of the recording, whose ``does`` then knows what that means now; None: motion and the like."""
 
 
 @runtime_checkable
-class Source(Protocol):
+class Teleoperator(Protocol):
     """A device in a person's hands."""
 
     name: str
     """As records have it: gamepad, keyboard, mouse, kinesthetic."""
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         """The newest state, and the controls since the last poll; never waits."""
 
     def rumble(self, strength: float, seconds: float) -> None:
@@ -39,7 +39,7 @@ class Source(Protocol):
 
 
 @runtime_checkable
-class WindowSource(Source, Protocol):
+class WindowTeleoperator(Teleoperator, Protocol):
     """A source that hears what happens in the window."""
 
     def on_event(self, event: Any) -> bool:

@@ -12,10 +12,10 @@ from collections.abc import Callable
 import numpy as np
 
 from layflat.app.workstation.teleop import key_map
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.terminal_keys import TerminalKeys
-from layflat.data.types import Task
+from layflat.data.types import RobotName
 
 TAP_S = 0.3
 """A key that is pressed counts as held for so long: three ticks, 3 cm at the first speed."""
@@ -32,15 +32,15 @@ class TerminalKeyboard:
 
     def __init__(
         self,
-        task: Task,
+        task: RobotName,
         *,
         left: int = 2,
         pressed: Callable[[], list[str]] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """``pressed`` gives the names of keys since its last call, for tests; else the terminal does."""
-        self.task: Task = task
-        self._moves = key_map.motions(task, left=left)
+        self.task: RobotName = task
+        self._moves = key_map.key_motions(task, left=left)
         self._clock = clock
         self._terminal = TerminalKeys() if pressed is None else None
         self._pressed = self._terminal.pressed if self._terminal is not None else pressed
@@ -48,7 +48,7 @@ class TerminalKeyboard:
         self._heard: dict[str, float] = {}
         self._speed = key_map.SPEED
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         now = self._clock()
         controls = []
         for key in self._pressed() if self._pressed is not None else []:
@@ -59,10 +59,10 @@ class TerminalKeyboard:
             elif key in self._moves:
                 self._hear(key, now)
         if self._terminal is not None and self._terminal.gone:
-            controls.append(Control.QUIT)
+            controls.append(Command.QUIT)
         held = [key for key, until in self._held_until.items() if now < until]
-        return Reading(
-            motion=key_map.summed(self.task, self._moves, held),
+        return TeleopInput(
+            motion=key_map.sum_motions(self.task, self._moves, held),
             speed=self._speed,
             controls=tuple(controls),
             device="terminal",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from layflat.app.workstation.teleop import key_map, sdl
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.types import Task
+from layflat.data.types import RobotName
 
 _NAMED = ("left", "right", "up", "down")
 
@@ -17,13 +17,13 @@ class WindowKeyboard:
 
     name = "keyboard"
 
-    def __init__(self, task: Task, *, left: int = 2) -> None:
-        self.task: Task = task
+    def __init__(self, task: RobotName, *, left: int = 2) -> None:
+        self.task: RobotName = task
         self._pygame = sdl.load()
-        self._moves = key_map.motions(task, left=left)
+        self._moves = key_map.key_motions(task, left=left)
         self._held: dict[int, str] = {}
         """Name at the time of the press by pygame's code: letting go of shift first must not leave a key held."""
-        self._controls: list[Control] = []
+        self._controls: list[Command] = []
         self._speed = key_map.SPEED
 
     def on_event(self, event: Any) -> bool:
@@ -46,10 +46,10 @@ class WindowKeyboard:
             return False
         return True
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         controls, self._controls = tuple(self._controls), []
-        motion = key_map.summed(self.task, self._moves, self._held.values())
-        return Reading(motion=motion, speed=self._speed, controls=controls, device="keyboard")
+        motion = key_map.sum_motions(self.task, self._moves, self._held.values())
+        return TeleopInput(motion=motion, speed=self._speed, controls=controls, device="keyboard")
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Keyboards do not."""

@@ -12,18 +12,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from layflat.app.workstation.session.rate_limiter import Cadence
-from layflat.app.workstation.session.recording_session import Recording
-from layflat.app.workstation.teleop.contact_rumble import Touch
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
-from layflat.app.workstation.teleop.teleoperator import Source
+from layflat.app.workstation.session.rate_limiter import RateLimiter
+from layflat.app.workstation.session.recording_session import RecordingSession
+from layflat.app.workstation.teleop.contact_rumble import ContactRumble
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
+from layflat.app.workstation.teleop.teleoperator import Teleoperator
 
 POLL_S = 0.01
 """How often the source is asked between two ticks."""
 SHOW_S = 0.1
 
 
-class Screen:
+class TerminalDisplay:
     """A line that is drawn over on a terminal, and lines that stay; without a terminal only what is new is printed."""
 
     def __init__(self, stream: TextIO, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -39,7 +39,7 @@ class Screen:
         self.clear()
         print(text, file=self._stream, flush=True)
 
-    def show(self, recording: Recording, reading: Reading) -> None:
+    def show(self, recording: RecordingSession, reading: TeleopInput) -> None:
         """How it stands now."""
         self.note(recording.message)
         now = self._clock()
@@ -65,7 +65,7 @@ class Screen:
             self._drawn = False
 
 
-def status_line(recording: Recording, reading: Reading) -> str:
+def status_line(recording: RecordingSession, reading: TeleopInput) -> str:
     """State, numbers and what can be done, for one line."""
     glance, state = recording.glance, recording.state
     said = {
@@ -74,11 +74,11 @@ def status_line(recording: Recording, reading: Reading) -> str:
         "running": ("move to go on" if glance.ticks else "move to begin") if recording.awaits_motion else "RECORDING",
     }.get(state, state)
     numbers = f"{glance.ticks} ticks  contact {100 * glance.contact_portion:.0f} %  speed {100 * reading.speed:.0f} %"
-    doable = [(control, recording.does(control)) for control in Control]
+    doable = [(control, recording.does(control)) for control in Command]
     return f"[{said}]  {numbers}  " + ", ".join(control.value for control, does in doable if does)
 
 
-def introduce(recording: Recording, source: Source, say: Callable[[str], None]) -> None:
+def introduce(recording: RecordingSession, source: Teleoperator, say: Callable[[str], None]) -> None:
     """What the buttons do, before it begins."""
     width = max(len(button.name) for button in source.help())
     for button in source.help():
@@ -88,21 +88,21 @@ def introduce(recording: Recording, source: Source, say: Callable[[str], None]) 
 
 
 def run_recording(
-    recording: Recording,
-    source: Source,
-    screen: Screen,
+    recording: RecordingSession,
+    source: Teleoperator,
+    screen: TerminalDisplay,
     *,
     tick_s: float,
     stopped: Callable[[], bool],
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> Cadence:
+) -> RateLimiter:
     """Until it is over, or ``stopped`` says so. Returns how steadily the ticks came.
 
     The source is asked right before each tick: what the hands do then moves the cloth in this very tick.
     """
-    cadence = Cadence(tick_s, memory=None, clock=clock, sleep=sleep)
-    touch = Touch(source)
+    cadence = RateLimiter(tick_s, memory=None, clock=clock, sleep=sleep)
+    touch = ContactRumble(source)
     while recording.state != "over" and not stopped():
         reading = source.poll()
         recording.hear(reading)
@@ -142,7 +142,7 @@ def stops_on_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def to_stdout(screen: Screen) -> Callable[[str], None]:
+def to_stdout(screen: TerminalDisplay) -> Callable[[str], None]:
     """Prints the contract's lines there, without the status line in between."""
 
     def tell(line: str) -> None:

@@ -9,41 +9,41 @@ from typing import Any
 import numpy as np
 import pygame
 
-from layflat.app.support.errors import describe
-from layflat.app.workstation.teleop import Button, Source
-from layflat.app.workstation.teleop.contact_rumble import Touch
+from layflat.app.support.errors import format_error
+from layflat.app.workstation.teleop import Button, Teleoperator
+from layflat.app.workstation.teleop.contact_rumble import ContactRumble
 from layflat.app.workstation.teleop.registry import window_source
-from layflat.app.workstation.teleop.teleop_input import Control, Reading, at_rest
-from layflat.app.workstation.window.pages.page import Mode, Shop
-from layflat.app.workstation.window.viewport import BenchPane
-from layflat.data.types import FloatArray, Task
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
+from layflat.app.workstation.window.pages.page import Page, WindowContext
+from layflat.app.workstation.window.viewport import Viewport
+from layflat.data.types import FloatArray, RobotName
 
 
-class Hands:
+class InputManager:
     """The device that is in use, and the mouse in the view."""
 
-    def __init__(self, shop: Shop, pane: BenchPane) -> None:
+    def __init__(self, shop: WindowContext, pane: Viewport) -> None:
         self.mapping: Path | None = None
         """A pad's own mapping, for pads that SDL does not know."""
         self.problem = ""
         """Why there is no device, one sentence."""
-        self.reading: Reading | None = None
+        self.reading: TeleopInput | None = None
         """The newest."""
         self._shop = shop
         self._pane = pane
-        self._source: Source | None = None
-        self._touch: Touch | None = None
-        self._task: Task = "hanger"
+        self._source: Teleoperator | None = None
+        self._touch: ContactRumble | None = None
+        self._task: RobotName = "hanger"
 
-    def use(self, name: str, task: Task) -> bool:
+    def use(self, name: str, task: RobotName) -> bool:
         """Take a device into the hands; False, and a ``problem``, where that cannot be."""
         self.drop()
         try:
             self._source = window_source(name, task, ray=self._ray, corners=self._corners, mapping=self.mapping)
         except Exception as error:
-            self.problem, _ = describe(error)
+            self.problem, _ = format_error(error)
             return False
-        self._touch = Touch(self._source)
+        self._touch = ContactRumble(self._source)
         self._task = task
         return True
 
@@ -79,7 +79,7 @@ class Hands:
         on_event: Callable[[Any], bool] | None = getattr(self._source, "on_event", None)
         return on_event is not None and on_event(event)
 
-    def put(self, mode: Mode) -> None:
+    def put(self, mode: Page) -> None:
         """The newest of everything, for the bench."""
         link = self._shop.link
         if self._source is not None:
@@ -92,11 +92,11 @@ class Hands:
             return
         if not mode.pullable():
             self._pane.release_pull()
-        link.put(self.reading or at_rest(self._task), self._pane.pull)
+        link.put(self.reading or zero_input(self._task), self._pane.pull)
         if self._touch is not None:
             self._touch.see(float(link.status.get("contact", 0.0)), int(link.status.get("ticks", 0)))
 
-    def _press(self, control: Control) -> None:
+    def _press(self, control: Command) -> None:
         self._shop.link.ask("control", name=control.name)
 
     def told(self) -> str:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from layflat.app.commands.record_config import Wish
+from layflat.app.commands.record_config import RecordConfig
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.teleop_record import has_display
@@ -18,11 +18,11 @@ from layflat.app.workstation.teleop import sdl
 if TYPE_CHECKING:
     from layflat.app.workstation.window.window import Window
 
-INSTEAD = (
+ALTERNATIVES = (
     "without one `layflat record --source keyboard`, `gamepad` and `scripted`, `train`, `place`, `replay`, `data` and"
     " `demo` do the same in this terminal"
 )
-NO_DISPLAY = f"there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); {INSTEAD}"
+NO_DISPLAY = f"there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); {ALTERNATIVES}"
 UNSEEN = ("dummy", "offscreen")
 
 
@@ -42,35 +42,35 @@ def opened(folder: Path, **options: Any) -> Iterator[Window]:
     try:
         import pygame
 
-        from layflat.app.workstation.session.tasks import make_work
+        from layflat.app.workstation.session.tasks import make_task
         from layflat.app.workstation.window.window import Window
     except ImportError as error:
         raise LayflatError(f"the window needs pygame and pygame-menu ({error}); run `layflat doctor`") from None
     try:
         pygame.display.init()
     except pygame.error as error:
-        raise LayflatError(f"no window can be opened on this display ({error}); {INSTEAD}") from None
+        raise LayflatError(f"no window can be opened on this display ({error}); {ALTERNATIVES}") from None
     if pygame.display.get_driver() in UNSEEN:
         # SDL would rather draw where nobody sees it than say that a display does not answer.
-        raise LayflatError(f"the display {os.environ.get('DISPLAY', '')} does not answer; {INSTEAD}")
-    window = Window(folder, make_work, **options)
+        raise LayflatError(f"the display {os.environ.get('DISPLAY', '')} does not answer; {ALTERNATIVES}")
+    window = Window(folder, make_task, **options)
     try:
         yield window
     finally:
         window.close()
 
 
-def record_in_window(wish: Wish) -> None:
+def record_in_window(wish: RecordConfig) -> None:
     """Record in a window of its own, which closes when ``wish.episodes`` are kept or the person quits.
 
     One line on stdout for each that is kept or discarded. Nothing but the session is written.
     """
     from layflat.app.workstation.session.recording_session import COUNTDOWN_S
-    from layflat.app.workstation.window.pages.record import RecordMode
+    from layflat.app.workstation.window.pages.record import RecordPage
 
     with opened(wish.path.parent, remember=False) as window:
         mode = window.mode
-        if not isinstance(mode, RecordMode):
+        if not isinstance(mode, RecordPage):
             raise TypeError(f"the window opens with {mode.name}, not with its recording")
         window.shop.settings = replace(
             window.shop.settings,

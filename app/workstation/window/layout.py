@@ -13,7 +13,7 @@ TOP, STRIP, STATUS = 46, 74, 26
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class WindowLayout:
     """Rectangles in px; nothing overlaps but what lies inside ``view``."""
 
     window: pygame.Rect
@@ -33,7 +33,7 @@ class Layout:
     """What each button does now."""
 
 
-def layout(size: tuple[int, int]) -> Layout:
+def layout(size: tuple[int, int]) -> WindowLayout:
     """For a window of ``size`` px; a smaller one than LEAST is laid out as that and cut."""
     width, height = max(size[0], LEAST[0]), max(size[1], LEAST[1])
     top = pygame.Rect(0, 0, width, TOP)
@@ -47,7 +47,7 @@ def layout(size: tuple[int, int]) -> Layout:
     left_over = tall - camera.height - 2 * GAP
     contact = pygame.Rect(right.left, camera.bottom + GAP, right_width, left_over * 11 // 20)
     word_top = contact.bottom + GAP
-    return Layout(
+    return WindowLayout(
         window=pygame.Rect(0, 0, width, height),
         top=top,
         panel=panel,

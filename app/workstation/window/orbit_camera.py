@@ -23,7 +23,7 @@ REACH_M = (np.array([-0.4, -0.7, 0.0]), np.array([1.0, 0.7, 0.7]))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Orbit:
+class OrbitCamera:
     """Where one looks from. Angles in rad: azimuth 0 is from +x, counter-clockwise seen from above."""
 
     target: tuple[float, float, float] = (0.20, 0.09, 0.25)
@@ -31,18 +31,18 @@ class Orbit:
     elevation: float = math.radians(26)
     distance: float = 1.70
 
-    def turned(self, dx_px: float, dy_px: float) -> Orbit:
+    def turned(self, dx_px: float, dy_px: float) -> OrbitCamera:
         """After the mouse has dragged the scene by so much."""
         low, high = ELEVATION_RAD
         elevation = min(max(self.elevation + dy_px * TURN_RAD_PER_PX, low), high)
         return replace(self, azimuth=self.azimuth - dx_px * TURN_RAD_PER_PX, elevation=elevation)
 
-    def zoomed(self, steps: float) -> Orbit:
+    def zoomed(self, steps: float) -> OrbitCamera:
         """Nearer by so many clicks of the wheel."""
         low, high = DISTANCE_M
         return replace(self, distance=min(max(self.distance * ZOOM_PER_STEP**-steps, low), high))
 
-    def panned(self, dx_px: float, dy_px: float, height_px: int) -> Orbit:
+    def panned(self, dx_px: float, dy_px: float, height_px: int) -> OrbitCamera:
         """So that the point that is looked at follows the mouse."""
         right, up, _ = self.axes()
         metres = 2 * self.distance * math.tan(math.radians(FIELD_DEG) / 2) / height_px

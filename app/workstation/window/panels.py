@@ -9,7 +9,7 @@ import pygame
 
 from layflat.app.workstation.session.intervention import YOU
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.pages.page import Chip, Row
+from layflat.app.workstation.window.pages.page import FormRow, KeyHint
 
 if TYPE_CHECKING:
     from layflat.app.workstation.window.window import Window
@@ -92,11 +92,11 @@ def paint_strip(window: Window, surface: pygame.Surface) -> None:
         x = area.right + 20
 
 
-def _chip_width(chip: Chip) -> int:
+def _chip_width(chip: KeyHint) -> int:
     return max(style.text_width(chip.key, 13, style.BOLD) + 14, 24) + 7 + style.text_width(chip.does, 13)
 
 
-def paint_rows(surface: pygame.Surface, headline: tuple[str, style.Colour], rows: Sequence[Row]) -> None:
+def paint_rows(surface: pygame.Surface, headline: tuple[str, style.Colour], rows: Sequence[FormRow]) -> None:
     """A panel that says how it goes."""
     width = surface.get_width()
     title, colour = headline

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.media.episode_video import check_drawable
-from layflat.app.support.errors import WrongCall
-from layflat.app.workstation.session.frame_channel import Moment
-from layflat.app.workstation.window.time_series import History
+from layflat.app.support.errors import UsageError
+from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.window.time_series import TimeSeries
 from layflat.data.types import Episode, FloatArray, Observation
-from layflat.perception.cloth.pipeline import Perceiver, Percept, PerceptionConfig
+from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import descriptor
 from layflat.sim.camera.camera import default_pinhole
-from layflat.sim.camera.renderer import View
+from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.physics.bullet.world import SimError
@@ -30,22 +30,22 @@ class Playback:
     """Moments of one episode by number: 0 before its first tick, ``last`` after its last."""
 
     def __init__(self, name: str, episode: Episode) -> None:
-        """WrongCall where the recorded cloth is none that can be drawn."""
+        """UsageError where the recorded cloth is none that can be drawn."""
         check_drawable(episode)
         self.name = name
         self.episode = episode
         self.last = len(episode.steps)
         self.number = hash((name, episode.seed, self.last, episode.provenance.created_utc)) % 2**31
-        self.history = History.of(episode, self.number)
+        self.history = TimeSeries.of(episode, self.number)
         self._seen, self._truths = episode.observations(), episode.truths()
         self._meshes = MeshMaker(cloth_spec(episode.cloth))
         pinhole = default_pinhole()
-        self._perceiver = Perceiver(pinhole, PerceptionConfig(descriptor=descriptor(episode.descriptor)))
-        self._view = View(pinhole)
+        self._perceiver = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=descriptor(episode.descriptor)))
+        self._view = Renderer(pinhole)
         self._shape = (pinhole.height, pinhole.width)
         self._made = lru_cache(maxsize=MOMENTS_KEPT)(self._make)
 
-    def moment(self, number: int) -> Moment:
+    def moment(self, number: int) -> BenchFrame:
         return self._made(min(max(number, 0), self.last))
 
     def befalls(self, number: int) -> str:
@@ -61,12 +61,12 @@ class Playback:
         by_hand = ["pulled by hand"] if step.pull is not None else []
         return ", ".join([*names, *by_hand, *(["a person leads"] if step.intervention else [])])
 
-    def _make(self, number: int) -> Moment:
+    def _make(self, number: int) -> BenchFrame:
         seen, truth = self._seen[number], self._truths[number]
         # What acted in the tick that led here.
         step = self.episode.steps[number - 1] if number else None
         rgb, percept = self._sight(seen, truth.nodes)
-        return Moment(
+        return BenchFrame(
             episode=self.number,
             tick=number,
             phase=self.history.phase[number],
@@ -102,7 +102,7 @@ class Playback:
         except SimError:
             return np.zeros(0)  # A place that no arm reaches was imported from elsewhere.
 
-    def _sight(self, seen: Observation, nodes: FloatArray) -> tuple[NDArray[np.uint8], Percept]:
+    def _sight(self, seen: Observation, nodes: FloatArray) -> tuple[NDArray[np.uint8], ClothState]:
         """The recorded images, or the cloth alone as the camera would see it; with the recorded contact and WORD."""
         if seen.rgb is not None and seen.depth is not None and seen.rgb.shape[:2] == self._shape:
             rgb, depth = seen.rgb, seen.depth
@@ -138,5 +138,5 @@ def checked_playback(name: str, episode: Episode) -> Playback | str:
     """The playback, or why there is none."""
     try:
         return Playback(name, episode)
-    except (WrongCall, SimError) as error:
+    except (UsageError, SimError) as error:
         return str(error)

@@ -6,20 +6,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from layflat.app.workstation.session.frame_channel import Moment
-from layflat.data.types import Task
+from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.data.types import RobotName
 from layflat.sim.cloth.starts import home_corners
-from layflat.sim.config import BenchSettings
+from layflat.sim.config import SimConfig
 from layflat.sim.robots.panda import inverse_kinematics
 
 
 @lru_cache(maxsize=4)
-def preview(task: Task, cloth: str) -> Moment:
+def preview(task: RobotName, cloth: str) -> BenchFrame:
     """What one would see, without a simulator."""
-    settings = BenchSettings(task=task, cloth=cloth)
+    settings = SimConfig(task=task, cloth=cloth)
     home = home_corners(settings.spec)
     centre = home.mean(axis=0)
-    return Moment(
+    return BenchFrame(
         episode=-1,
         tick=0,
         phase="place",

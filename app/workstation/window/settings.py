@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from layflat.app.support.atomic_write import write_text
-from layflat.data.types import TASKS, TICK_S
+from layflat.data.types import ROBOTS, TICK_S
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
 
@@ -41,7 +41,7 @@ class Settings:
         """What a file of another version says wrong is as if it said nothing."""
         usual = {item.name: item.default for item in fields(self)}
         for name, known in (
-            ("task", TASKS), ("cloth", tuple(CLOTHS)), ("source", SOURCES), ("descriptor", tuple(DESCRIPTORS)),
+            ("task", ROBOTS), ("cloth", tuple(CLOTHS)), ("source", SOURCES), ("descriptor", tuple(DESCRIPTORS)),
             ("speed", tuple(SPEEDS)),
         ):  # fmt: skip
             if getattr(self, name) not in known:

@@ -27,7 +27,7 @@ ASK_AGAIN_S = 2.0
 _PROGRESS = re.compile(r"\[ *(\d+) %\] (.*)")
 
 
-class Job:
+class SubprocessCommand:
     """One running command."""
 
     def __init__(self, arguments: list[str], *, folder: Path | None = None) -> None:

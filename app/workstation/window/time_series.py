@@ -10,7 +10,7 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.window import style
 from layflat.data.types import Episode
 
@@ -24,7 +24,7 @@ _SHIFT = 4
 
 
 @dataclass
-class History:
+class TimeSeries:
     """What was, tick by tick, of one episode."""
 
     episode: int = -1
@@ -36,7 +36,7 @@ class History:
     led: list[bool] = field(default_factory=list)
     """Whether a person had the lead over a policy in the tick before."""
 
-    def add(self, moment: Moment) -> None:
+    def add(self, moment: BenchFrame) -> None:
         """Take note of a moment; another episode, or going back in time, begins anew."""
         if moment.episode != self.episode or (self.time_s and moment.sim_s < self.time_s[-1] - 1e-9):
             self.__init__(moment.episode)  # type: ignore[misc]
@@ -49,11 +49,11 @@ class History:
         self.led.append(moment.led)
 
     @staticmethod
-    def of(episode: Episode, number: int) -> History:
+    def of(episode: Episode, number: int) -> TimeSeries:
         """All of a recorded episode."""
         seen = episode.observations()
         phases = [step.phase for step in episode.steps]
-        return History(
+        return TimeSeries(
             episode=number,
             time_s=[one.time_s for one in seen],
             contact=[one.contact_portion for one in seen],
@@ -67,7 +67,7 @@ def _angle(word: NDArray[np.float64]) -> float:
     return math.degrees(math.atan2(word[1], word[0])) if np.any(word) else math.nan
 
 
-def draw_contact(surface: pygame.Surface, history: History, now_s: float | None = None) -> None:
+def draw_contact(surface: pygame.Surface, history: TimeSeries, now_s: float | None = None) -> None:
     """The contact portion on a card of its own; ``now_s`` marks a moment (replay)."""
     area = surface.get_rect()
     value = _value_at(history.time_s, history.contact, now_s)
@@ -90,7 +90,7 @@ def draw_contact(surface: pygame.Surface, history: History, now_s: float | None 
     _time_axis(surface, area, plot, history)
 
 
-def draw_word(surface: pygame.Surface, history: History, now_s: float | None = None, label: str = "WORD") -> None:
+def draw_word(surface: pygame.Surface, history: TimeSeries, now_s: float | None = None, label: str = "WORD") -> None:
     """WORD's angle to the robot's front."""
     area = surface.get_rect()
     angle = _value_at(history.time_s, history.angle_deg, now_s)
@@ -123,7 +123,7 @@ def _frame(surface: pygame.Surface, title: str, value: str, colour: style.Colour
     return pygame.Rect(42, 34, area.width - 42 - 14, max(area.height - 34 - 24, 10))
 
 
-def _canvas(plot: pygame.Rect, history: History) -> NDArray[np.uint8]:
+def _canvas(plot: pygame.Rect, history: TimeSeries) -> NDArray[np.uint8]:
     canvas = np.full((plot.height, plot.width, 3), style.CARD, np.uint8)
     x = _x(history, plot.width)
     for k, phase in enumerate(history.phase):
@@ -134,7 +134,7 @@ def _canvas(plot: pygame.Rect, history: History) -> NDArray[np.uint8]:
 
 
 def _finish(
-    surface: pygame.Surface, canvas: NDArray[np.uint8], plot: pygame.Rect, history: History, now_s: float | None
+    surface: pygame.Surface, canvas: NDArray[np.uint8], plot: pygame.Rect, history: TimeSeries, now_s: float | None
 ) -> None:
     places = _x(history, plot.width)
     for k, led in enumerate(history.led):
@@ -146,17 +146,17 @@ def _finish(
     surface.blit(style.picture(canvas), plot)
 
 
-def _time_axis(surface: pygame.Surface, area: pygame.Rect, plot: pygame.Rect, history: History) -> None:
+def _time_axis(surface: pygame.Surface, area: pygame.Rect, plot: pygame.Rect, history: TimeSeries) -> None:
     span = _span_s(history)
     style.write(surface, "0", (plot.left - 3, area.bottom - 21), 11, style.FAINT)
     style.write(surface, f"{span:.0f} s", (plot.right, area.bottom - 21), 11, style.FAINT, align="right")
 
 
-def _span_s(history: History) -> float:
+def _span_s(history: TimeSeries) -> float:
     return max(LEAST_S, 5.0 * math.ceil((history.time_s[-1] if history.time_s else 0.0) / 5.0))
 
 
-def _x(history: History, width: int) -> NDArray[np.float64]:
+def _x(history: TimeSeries, width: int) -> NDArray[np.float64]:
     return np.array(history.time_s) / _span_s(history) * (width - 1)
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.workstation.window.orbit_camera import NEAR_M, Orbit
+from layflat.app.workstation.window.orbit_camera import NEAR_M, OrbitCamera
 from layflat.data.types import FloatArray
 from layflat.sim.camera.renderer import LIGHT
 from layflat.sim.cloth.cloth import ClothSpec
@@ -66,9 +66,9 @@ class View3d:
         self._meshes = MeshMaker(cloth, subdivisions=2)
         self._grid = (cloth.rows, cloth.columns)
         self._arm = arm
-        self._ground: tuple[tuple[Orbit, tuple[int, int]], NDArray[np.uint8]] | None = None
+        self._ground: tuple[tuple[OrbitCamera, tuple[int, int]], NDArray[np.uint8]] | None = None
 
-    def draw(self, scene: Scene, orbit: Orbit, size: tuple[int, int]) -> NDArray[np.uint8]:
+    def draw(self, scene: Scene, orbit: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
         """(height, width, 3) uint8 of a picture of ``size`` (width, height) px."""
         big = (size[0] * FINE, size[1] * FINE)
         canvas = self._background(orbit, big).copy()
@@ -83,13 +83,13 @@ class View3d:
         _marks(canvas, scene, orbit, big)
         return np.ascontiguousarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA))
 
-    def _background(self, orbit: Orbit, size: tuple[int, int]) -> NDArray[np.uint8]:
+    def _background(self, orbit: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
         """Sky and table: the same picture until the camera moves."""
         if self._ground is None or self._ground[0] != (orbit, size):
             self._ground = ((orbit, size), _ground(orbit, size))
         return self._ground[1]
 
-    def _shadows(self, canvas: NDArray[np.uint8], scene: Scene, arm: FloatArray | None, orbit: Orbit) -> None:
+    def _shadows(self, canvas: NDArray[np.uint8], scene: Scene, arm: FloatArray | None, orbit: OrbitCamera) -> None:
         """Darken the table where cloth and arm keep the light away; soft, and at a quarter of the size."""
         quarter = (canvas.shape[1] // 4, canvas.shape[0] // 4)
         mask = np.zeros((quarter[1], quarter[0]), np.uint8)
@@ -144,7 +144,7 @@ _Shape = tuple[NDArray[np.int32], FloatArray, FloatArray]
 def _shaded(
     vertices: FloatArray,
     triangles: NDArray,
-    orbit: Orbit,
+    orbit: OrbitCamera,
     size: tuple[int, int],
     colours: tuple[FloatArray, FloatArray | None],
     *,
@@ -185,7 +185,7 @@ def _fill(canvas: NDArray[np.uint8], shapes: list[_Shape]) -> None:
         cv2.fillConvexPoly(canvas, triangle, colour, cv2.LINE_8, _SHIFT)
 
 
-def _ground(orbit: Orbit, size: tuple[int, int]) -> NDArray[np.uint8]:
+def _ground(orbit: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
     """Sky, table and its grid; x = 0 and y = 0 are brighter."""
     share = np.linspace(0.0, 1.0, size[1])[:, None]
     column = np.rint(SKY_TOP + (SKY_BOTTOM - SKY_TOP) * share).astype(np.uint8)
@@ -202,7 +202,9 @@ def _ground(orbit: Orbit, size: tuple[int, int]) -> NDArray[np.uint8]:
     return picture
 
 
-def _plane(picture: NDArray[np.uint8], corners: FloatArray, orbit: Orbit, size: tuple[int, int], rgb: tuple) -> None:
+def _plane(
+    picture: NDArray[np.uint8], corners: FloatArray, orbit: OrbitCamera, size: tuple[int, int], rgb: tuple
+) -> None:
     """A convex polygon, cut where it comes behind the eye."""
     points = _clipped(np.vstack([corners, corners[:1]]), orbit)
     if len(points) >= 3:
@@ -210,14 +212,14 @@ def _plane(picture: NDArray[np.uint8], corners: FloatArray, orbit: Orbit, size: 
         cv2.fillConvexPoly(picture, cv2.convexHull(_fixed(pixels)), rgb, cv2.LINE_AA, _SHIFT)
 
 
-def _line(picture: NDArray[np.uint8], ends: FloatArray, orbit: Orbit, size: tuple[int, int], rgb: tuple) -> None:
+def _line(picture: NDArray[np.uint8], ends: FloatArray, orbit: OrbitCamera, size: tuple[int, int], rgb: tuple) -> None:
     points = _clipped(ends, orbit)
     if len(points) >= 2:
         a, b = _fixed(orbit.project(points[[0, -1]], size)[0]).tolist()
         cv2.line(picture, a, b, rgb, FINE, cv2.LINE_AA, _SHIFT)
 
 
-def _clipped(path: FloatArray, orbit: Orbit) -> FloatArray:
+def _clipped(path: FloatArray, orbit: OrbitCamera) -> FloatArray:
     """The path (K, 3) with what is behind NEAR_M left out, and points where it crosses that plane."""
     depth = (orbit.eye() - path) @ orbit.axes()[2] - NEAR_M
     kept: list[FloatArray] = []
@@ -234,7 +236,7 @@ FORCE_M_PER_N = 0.06
 """Length of the arrow of a force."""
 
 
-def _marks(canvas: NDArray[np.uint8], scene: Scene, orbit: Orbit, size: tuple[int, int]) -> None:
+def _marks(canvas: NDArray[np.uint8], scene: Scene, orbit: OrbitCamera, size: tuple[int, int]) -> None:
     """Pickers, hands, the mouse's pull and the force, before everything else."""
     for centres, radius_m, rgb in ((scene.corners, 0.009, PICKER_RGB), (scene.hands, 0.008, HAND_RGB)):
         for centre in centres:
@@ -260,7 +262,12 @@ def _marks(canvas: NDArray[np.uint8], scene: Scene, orbit: Orbit, size: tuple[in
 
 
 def _ball(
-    canvas: NDArray[np.uint8], centre: FloatArray, radius_m: float, orbit: Orbit, size: tuple[int, int], rgb: tuple
+    canvas: NDArray[np.uint8],
+    centre: FloatArray,
+    radius_m: float,
+    orbit: OrbitCamera,
+    size: tuple[int, int],
+    rgb: tuple,
 ) -> None:
     pixel, depth = orbit.project(centre, size)
     if depth[0] < NEAR_M:
@@ -273,7 +280,9 @@ def _ball(
     cv2.circle(canvas, (x + lift // 2, y - lift), int(0.72 * radius) << _SHIFT, rgb, -1, cv2.LINE_AA, _SHIFT)
 
 
-def _arrow(canvas: NDArray[np.uint8], tail: FloatArray, head: FloatArray, orbit: Orbit, size: tuple[int, int]) -> None:
+def _arrow(
+    canvas: NDArray[np.uint8], tail: FloatArray, head: FloatArray, orbit: OrbitCamera, size: tuple[int, int]
+) -> None:
     (a, b), depth = orbit.project([tail, head], size)
     if depth.min() < NEAR_M or np.linalg.norm(b - a) < 2 * FINE:
         return

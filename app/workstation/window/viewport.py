@@ -10,15 +10,15 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.orbit_camera import Orbit
+from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
-from layflat.data.types import FloatArray, Pull
+from layflat.data.types import DragTarget, FloatArray
 from layflat.perception.overlay import draw_percept
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.cloth import cloth_spec
-from layflat.sim.disturbances.mouse_drag import picked_node
+from layflat.sim.disturbances.mouse_drag import pick_node
 from layflat.sim.robots.arm_shape import arm_shape
 
 _PINHOLE = default_pinhole()
@@ -29,13 +29,13 @@ MIDDLE = 2
 
 
 @dataclass
-class BenchPane:
+class Viewport:
     """Draws moments, and turns what the mouse does into a view or a pull."""
 
-    orbit: Orbit = field(default_factory=Orbit)
+    orbit: OrbitCamera = field(default_factory=OrbitCamera)
     hover: int | None = None
     """The node that a click would take hold of."""
-    pull: Pull | None = None
+    pull: DragTarget | None = None
     """What the mouse pulls at."""
     lead: FloatArray | None = None
     """Where the hand is that leads the holder, as in Reading.hand."""
@@ -45,7 +45,7 @@ class BenchPane:
     _drawn: tuple[Any, pygame.Surface] | None = None
     _seen: tuple[Any, pygame.Surface] | None = None
 
-    def paint(self, surface: pygame.Surface, moment: Moment) -> None:
+    def paint(self, surface: pygame.Surface, moment: BenchFrame) -> None:
         """The 3D view fills ``surface``."""
         key = (id(moment), self.orbit, surface.get_size(), self.hover, id(self.pull), id(self.lead))
         if self._drawn is None or self._drawn[0] != key:
@@ -53,7 +53,7 @@ class BenchPane:
             self._drawn = (key, style.picture(picture))
         surface.blit(self._drawn[1], (0, 0))
 
-    def _picture(self, moment: Moment, size: tuple[int, int]) -> NDArray[np.uint8]:
+    def _picture(self, moment: BenchFrame, size: tuple[int, int]) -> NDArray[np.uint8]:
         kind = (moment.task, moment.cloth)
         if self._view is None or self._view[0] != kind:
             spec = cloth_spec(moment.cloth)
@@ -61,8 +61,8 @@ class BenchPane:
             self._view = (kind, View3d(spec, arm))
         return self._view[1].draw(self._scene(moment), self.orbit, size)
 
-    def _scene(self, moment: Moment) -> Scene:
-        pull = self.pull or (None if moment.pull is None else Pull(node=moment.pull[0], target_m=moment.pull[1]))
+    def _scene(self, moment: BenchFrame) -> Scene:
+        pull = self.pull or (None if moment.pull is None else DragTarget(node=moment.pull[0], target_m=moment.pull[1]))
         arm = len(moment.joints) > 0
         return Scene(
             nodes=moment.nodes,
@@ -75,7 +75,7 @@ class BenchPane:
             hover=None if self.hover is None else moment.nodes[self.hover],
         )
 
-    def paint_camera(self, surface: pygame.Surface, moment: Moment | None) -> None:
+    def paint_camera(self, surface: pygame.Surface, moment: BenchFrame | None) -> None:
         """What the bench's camera sees, with contact and WORD drawn on it."""
         area = surface.get_rect()
         surface.fill(style.GROUND)
@@ -96,17 +96,19 @@ class BenchPane:
 
     # The mouse, in pixels of the view
 
-    def press(self, at: tuple[int, int], button: int, size: tuple[int, int], moment: Moment | None, pull: bool) -> None:
+    def press(
+        self, at: tuple[int, int], button: int, size: tuple[int, int], moment: BenchFrame | None, pull: bool
+    ) -> None:
         """A button goes down at ``at``; ``pull``: the cloth may be pulled at now."""
         node = self._node(at, size, moment) if pull and button == 1 and moment is not None else None
         if node is not None and moment is not None:
             self.dragging = "pull"
-            self.pull = Pull(node=node, target_m=moment.nodes[node])
+            self.pull = DragTarget(node=node, target_m=moment.nodes[node])
         else:
             shifted = bool(pygame.key.get_mods() & pygame.KMOD_SHIFT)
             self.dragging = "pan" if button == MIDDLE or shifted else "turn"
 
-    def move(self, at: tuple[int, int], by: tuple[int, int], size: tuple[int, int], moment: Moment | None) -> None:
+    def move(self, at: tuple[int, int], by: tuple[int, int], size: tuple[int, int], moment: BenchFrame | None) -> None:
         """The mouse moves: the view turns or shifts, or what is held follows in the plane that faces the eye."""
         if self.dragging == "turn":
             self.orbit = self.orbit.turned(*by)
@@ -117,7 +119,7 @@ class BenchPane:
             target[2] = max(target[2], TABLE_LIFT_M)
             self.pull = replace(self.pull, target_m=target)
 
-    def point(self, at: tuple[int, int], size: tuple[int, int], moment: Moment | None, pull: bool) -> None:
+    def point(self, at: tuple[int, int], size: tuple[int, int], moment: BenchFrame | None, pull: bool) -> None:
         """The mouse is at ``at`` with no button down."""
         self.hover = self._node(at, size, moment) if pull and moment is not None else None
 
@@ -132,11 +134,11 @@ class BenchPane:
     def zoom(self, steps: float) -> None:
         self.orbit = self.orbit.zoomed(steps)
 
-    def _node(self, at: tuple[int, int], size: tuple[int, int], moment: Moment | None) -> int | None:
+    def _node(self, at: tuple[int, int], size: tuple[int, int], moment: BenchFrame | None) -> int | None:
         if moment is None:
             return None
         origin, direction = self.orbit.ray(at, size)
-        return picked_node(moment.nodes, cloth_spec(moment.cloth).triangles(), origin, direction)
+        return pick_node(moment.nodes, cloth_spec(moment.cloth).triangles(), origin, direction)
 
     def pixel_of(self, point: FloatArray, size: tuple[int, int]) -> tuple[int, int]:
         """Where a point (3,) m is seen in a view of ``size``."""
@@ -144,7 +146,7 @@ class BenchPane:
         return round(float(x)), round(float(y))
 
 
-def _leads(moment: Moment, hand: FloatArray | None) -> tuple[tuple[FloatArray, FloatArray], ...]:
+def _leads(moment: BenchFrame, hand: FloatArray | None) -> tuple[tuple[FloatArray, FloatArray], ...]:
     """The hanger and its hand, or the picker that is led: the other hand is where its picker is."""
     if hand is None:
         return ()

@@ -11,19 +11,19 @@ from pathlib import Path
 import pygame
 
 from layflat.app.support.errors import INTERRUPTED
-from layflat.app.workstation.session.bench_client import BenchLink, warm
-from layflat.app.workstation.session.bench_process import MakeWork
-from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.session.bench_client import BenchClient, warm
+from layflat.app.workstation.session.bench_process import TaskFactory
+from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.window import panels, settings, style
-from layflat.app.workstation.window.input_manager import Hands
+from layflat.app.workstation.window.input_manager import InputManager
 from layflat.app.workstation.window.layout import LEAST, SIZE, layout
-from layflat.app.workstation.window.pages import Mode, Shop, all_modes
+from layflat.app.workstation.window.pages import Page, WindowContext, all_pages
 from layflat.app.workstation.window.pages.page import ASK_AGAIN_S
 from layflat.app.workstation.window.preview import preview
 from layflat.app.workstation.window.time_series import draw_contact, draw_word
-from layflat.app.workstation.window.viewport import BenchPane
-from layflat.data.types import as_task
+from layflat.app.workstation.window.viewport import Viewport
+from layflat.data.types import as_robot
 
 FRAMES_HZ = 30
 REPEAT_MS = (350, 40)
@@ -37,7 +37,7 @@ class Window:
     def __init__(
         self,
         folder: Path,
-        make: MakeWork,
+        make: TaskFactory,
         *,
         size: tuple[int, int] = SIZE,
         start: str = "Record",
@@ -52,16 +52,16 @@ class Window:
         pygame.display.set_caption(TITLE)
         self.surface = pygame.display.set_mode(size, pygame.RESIZABLE)
         warm()
-        self.shop = Shop(
+        self.shop = WindowContext(
             folder=folder,
             settings=settings.load(folder) if remember else settings.Settings(),
             remember=remember,
-            link=BenchLink(make),
+            link=BenchClient(make),
             place=layout(self.surface.get_size()),
         )
-        self.pane = BenchPane()
-        self.hands = Hands(self.shop, self.pane)
-        self.modes: list[Mode] = all_modes(self.shop, self.hands)
+        self.pane = Viewport()
+        self.hands = InputManager(self.shop, self.pane)
+        self.modes: list[Page] = all_pages(self.shop, self.hands)
         self.mode = next(mode for mode in self.modes if mode.name == start)
         self.open = True
         self._closed = False
@@ -72,7 +72,7 @@ class Window:
         self._painted: dict[str, Hashable] = {}
         self._asked: tuple[str, float] = ("", 0.0)
         self._menu_touched = 0
-        self.tabs: list[tuple[pygame.Rect, Mode]] = []
+        self.tabs: list[tuple[pygame.Rect, Page]] = []
         self.chips: list[tuple[pygame.Rect, Callable[[], None] | None]] = []
         self.mode.enter()
 
@@ -172,7 +172,7 @@ class Window:
                 return True
         return False
 
-    def choose(self, mode: Mode) -> None:
+    def choose(self, mode: Page) -> None:
         """Go to another tab; what runs there is only ended when one asks twice."""
         if mode is self.mode:
             return
@@ -240,7 +240,7 @@ class Window:
             return areas
         moment, (history, now_s) = mode.moment(), mode.history()
         curve = (history.episode, len(history.time_s), now_s)
-        shown = moment or preview(as_task(self.shop.settings.task), self.shop.settings.cloth)
+        shown = moment or preview(as_robot(self.shop.settings.task), self.shop.settings.cloth)
         view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
         areas += [
             ("view", place.view, view, lambda s: self._paint_view(s, shown)),
@@ -254,7 +254,7 @@ class Window:
     def _paint_ground(self, surface: pygame.Surface) -> None:
         surface.fill(style.GROUND)
 
-    def _paint_view(self, surface: pygame.Surface, moment: Moment) -> None:
+    def _paint_view(self, surface: pygame.Surface, moment: BenchFrame) -> None:
         surface.fill(style.GROUND)
         self.pane.paint(surface, moment)
         self.mode.paint_over(surface)

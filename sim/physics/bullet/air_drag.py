@@ -19,7 +19,7 @@ DRAG_LIMIT_M_S2 = 3.0
 """Drag never exceeds this, whatever a wild cloth does."""
 
 
-class Air:
+class AirDrag:
     """Applies the drag of the mean motion."""
 
     def __init__(self, cloth: Cloth, *, drag_rate_per_s: float = DRAG_RATE_PER_S) -> None:

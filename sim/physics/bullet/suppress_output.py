@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 
 @contextlib.contextmanager
-def silenced() -> Iterator[None]:
+def suppress_output() -> Iterator[None]:
     """Send what C code writes to file descriptors 1 and 2 to nowhere; Python's own streams cannot stop it."""
     libc = ctypes.CDLL(None)
     kept: list[tuple[int, int]] = []
@@ -33,5 +33,5 @@ def silenced() -> Iterator[None]:
 
 
 if "pybullet" not in sys.modules:
-    with silenced():
+    with suppress_output():
         import pybullet  # noqa: F401  # for its side effect: the line is printed once in a process

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.app.workstation.session.episode_handle import Glance, TakeLost
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.session.episode_handle import EpisodeLost, EpisodeStatus
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.session.recorder import KeptEpisode, SessionRecorder
-from layflat.data.types import Episode, Outcome, Pull, StoppedBy, Task, action_size
+from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.types import DragTarget, Episode, Outcome, RobotName, StoppedBy, action_size
 
 
 class DrawnTake:
@@ -27,27 +27,27 @@ class DrawnTake:
         """Whether the person takes over from a policy: they hand back by a button alone."""
         self.work: Callable[[], None] = lambda: None
         """What happens during a tick."""
-        self.readings: list[Reading] = []
+        self.readings: list[TeleopInput] = []
         self.disturbed: list[str] = []
         self.discarded = False
         self._recorder = recorder
         self._draw = draw
-        self._glance = Glance()
+        self._glance = EpisodeStatus()
 
     def ready(self) -> bool:
         return self.hangs
 
-    def glance(self) -> Glance:
+    def glance(self) -> EpisodeStatus:
         return self._glance
 
-    def tick(self, reading: Reading, pull: Pull | None = None) -> Glance:
+    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
         if len(self.readings) == self.dies_at:
-            raise TakeLost("the simulation ended by itself")
+            raise EpisodeLost("the simulation ended by itself")
         self.readings.append(reading)
         self.work()
         ticks = len(self.readings)
         stop: StoppedBy | None = "unstable" if ticks == self.unstable_at else None
-        self._glance = Glance(
+        self._glance = EpisodeStatus(
             ticks=ticks,
             time_s=0.1 * ticks,
             contact_portion=min(0.01 * ticks, 1.0),
@@ -63,7 +63,7 @@ class DrawnTake:
     def hand_back(self) -> None:
         self._glance = replace(self._glance, led=False)
 
-    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> KeptEpisode | None:
+    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
         if not self.readings:
             return None
         ticks = len(self.readings)
@@ -80,20 +80,20 @@ class HandSource:
 
     name = "keyboard"
 
-    def __init__(self, task: Task = "hanger") -> None:
+    def __init__(self, task: RobotName = "hanger") -> None:
         self.motion = np.zeros(action_size(task))
-        self.controls: list[Control] = []
+        self.controls: list[Command] = []
         self.connected = True
         self.rumbles: list[float] = []
         self.polled: list[float] = []
         self.on_poll: Callable[[], None] = lambda: None
 
-    def poll(self) -> Reading:
+    def poll(self) -> TeleopInput:
         self.on_poll()
         controls, self.controls = tuple(self.controls), []
         problem = "" if self.connected else "the pad is gone"
         motion = self.motion if self.connected else 0 * self.motion
-        return Reading(motion=motion, controls=controls, connected=self.connected, device="hands", problem=problem)
+        return TeleopInput(motion=motion, controls=controls, connected=self.connected, device="hands", problem=problem)
 
     def rumble(self, strength: float, seconds: float) -> None:
         self.rumbles.append(strength)

@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from typing import Any
 
-from layflat.app.workers.episode_pool import EpisodeJob
+from layflat.app.workers.episode_pool import EpisodeConfig
 from layflat.app.workstation.session import place_task
-from layflat.app.workstation.session.bench_process import Desk, Order
-from layflat.app.workstation.session.place_task import PlacingWork
-from layflat.data.types import Truth
+from layflat.app.workstation.session.bench_process import Endpoint, Request
+from layflat.app.workstation.session.place_task import PlaceTask
+from layflat.data.types import GroundTruth
 from layflat.policy.base import Policy
-from layflat.policy.registry import decorated
+from layflat.policy.registry import wrap
 from layflat.tests.app.fake_bench import FakeBench, Forward
 
 
 class LyingBench(FakeBench):
     """Its cloth lies flat where its holder is, so that it can be drawn."""
 
-    def truth(self) -> Truth:
+    def truth(self) -> GroundTruth:
         nodes = self.settings.spec.flat_nodes(x_m=float(self._holder_m[0]))
-        return Truth(nodes=nodes, contact_portion_true=self._contact(), flat_area=self._contact())
+        return GroundTruth(nodes=nodes, contact_portion_true=self._contact(), flat_area=self._contact())
 
 
-def _forward(job: EpisodeJob, bench: LyingBench) -> Policy:
-    return decorated(Forward(enough=2.0), job.decorators)
+def _forward(job: EpisodeConfig, bench: LyingBench) -> Policy:
+    return wrap(Forward(enough=2.0), job.decorators)
 
 
-def make_fake(order: Order, desk: Desk) -> PlacingWork:
+def make_fake(order: Request, desk: Endpoint) -> PlaceTask:
     """The order's work with ``forward`` as the policy, whatever it says."""
     replaced: dict[str, Any] = {"Placing": LyingBench, "policy_of": _forward}
     for name, value in replaced.items():
         setattr(place_task, name, value)
-    return PlacingWork(order, desk)
+    return PlaceTask(order, desk)

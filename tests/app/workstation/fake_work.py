@@ -7,8 +7,8 @@ import signal
 import time
 from typing import Any
 
-from layflat.app.workstation.session.bench_process import Desk, Order
-from layflat.app.workstation.session.rate_limiter import Cadence
+from layflat.app.workstation.session.bench_process import Endpoint, Request
+from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.sim.physics.bullet.world import SimError
 
 TICK_S = 0.05
@@ -17,16 +17,16 @@ TICK_S = 0.05
 class FakeWork:
     """Ticks from the start on; of the last ones it says when each began and which input it acted on."""
 
-    def __init__(self, order: Order, desk: Desk) -> None:
+    def __init__(self, order: Request, desk: Endpoint) -> None:
         if order.get("refuse"):
             raise SimError("this bench cannot be made")
         self._desk = desk
-        self._cadence = Cadence(TICK_S)
+        self._cadence = RateLimiter(TICK_S)
         self._ends = str(order.get("leaves", ""))
         self._ticks: list[tuple[float, float]] = []
         self.over = False
 
-    def obey(self, order: Order) -> None:
+    def obey(self, order: Request) -> None:
         if order["do"] == "die":
             os.kill(os.getpid(), signal.SIGKILL)
         if order["do"] == "fail":

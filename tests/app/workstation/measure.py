@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from layflat.app.workstation.session.bench_client import BenchLink
-from layflat.app.workstation.session.tasks import make_work
-from layflat.app.workstation.teleop.teleop_input import at_rest
-from layflat.app.workstation.window.pages.place import PlaceMode
+from layflat.app.workstation.session.bench_client import BenchClient
+from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.teleop.teleop_input import zero_input
+from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.settings import Settings
 from layflat.app.workstation.window.window import FRAMES_HZ, Window
 from layflat.tests.app.workstation.person import Person, headless
@@ -38,11 +38,11 @@ def where(tick: int) -> str:
 def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool = False) -> dict[str, list[float]]:
     """One placing watched in the window."""
     found: dict[str, list[float]] = defaultdict(list)
-    window = Window(folder, make_work, start="Place", remember=False)
+    window = Window(folder, make_task, start="Place", remember=False)
     try:
         window.shop.settings = replace(window.shop.settings, task=task, model="scripted", speed=speed)
         mode = window.mode
-        assert isinstance(mode, PlaceMode)
+        assert isinstance(mode, PlacePage)
         mode.seed = seed
         person, last = Person(window), -1
         mode.start()
@@ -75,12 +75,12 @@ def without_window(folder: Path, task: str, seed: int, *, record: bool) -> dict[
     path = folder / f"{task}-{seed}-{os.getpid()}.h5"
     settings = Settings(task=task, speed="as fast as it goes")
     order = {"work": "place", **settings.bench(), "seed": seed, "policy": "scripted", "hurry": False}
-    link, last = BenchLink(make_work), -1
+    link, last = BenchClient(make_task), -1
     link.start(order | ({"record": str(path)} if record else {}), task)
     link.ask("start")
     while link.alive and link.status.get("state") != "placed":
         link.hear()
-        link.put(at_rest(task))
+        link.put(zero_input(task))
         if link.moment is not None and link.moment.tick != last:
             last = link.moment.tick
             found[f"tick {where(last)}"].append(link.moment.work_s)

@@ -13,14 +13,14 @@ import pygame
 import pygame_menu
 from pygame_menu.widgets import Button, DropSelect, TextInput
 
-from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE
 from layflat.app.workstation.window.window import FRAMES_HZ, Window
-from layflat.data.types import ACTION_LIMIT_M, Observation, Truth, as_task
-from layflat.policy.scripted.demonstrator import ScriptedExpert
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation, as_robot
+from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
 from layflat.sim.cloth.cloth import HELD_STRETCH, cloth_spec
-from layflat.sim.disturbances.mouse_drag import picked_node
+from layflat.sim.disturbances.mouse_drag import pick_node
 from layflat.tests.virtual_pad import VirtualPad
 
 PATIENCE_S = 90.0
@@ -34,7 +34,7 @@ class Person:
         self.window = window
         self.pad = pad
         self.frames = 0
-        self._expert: ScriptedExpert | None = None
+        self._expert: ScriptedDemonstrator | None = None
         self._seen = (0, -1)
         self._clock = pygame.time.Clock()
 
@@ -45,7 +45,7 @@ class Person:
     def state(self) -> str:
         return str(self.status.get("state", ""))
 
-    def moment(self) -> Moment | None:
+    def moment(self) -> BenchFrame | None:
         return self.window.mode.moment()
 
     def look(self) -> None:
@@ -154,7 +154,7 @@ class Person:
         assert moment is not None
         x, y = self.window.pane.pixel_of(moment.nodes[node], view.size)
         triangles = cloth_spec(moment.cloth).triangles()
-        seen = picked_node(moment.nodes, triangles, *self.window.pane.orbit.ray((x, y), view.size))
+        seen = pick_node(moment.nodes, triangles, *self.window.pane.orbit.ray((x, y), view.size))
         self.drag_pixel((x + view.left, y + view.top), by, frames, until=until, shot=shot)
         return seen
 
@@ -217,9 +217,9 @@ class Person:
             self.pad.axis(name, 0.0)
         self.look()
 
-    def _teacher(self, moment: Moment) -> ScriptedExpert:
-        spec, task = cloth_spec(moment.cloth), as_task(moment.task)
-        return ScriptedExpert(
+    def _teacher(self, moment: BenchFrame) -> ScriptedDemonstrator:
+        spec, task = cloth_spec(moment.cloth), as_robot(moment.task)
+        return ScriptedDemonstrator(
             task, length_m=spec.length_m, columns=spec.columns, held_width_m=HELD_STRETCH * spec.width_m,
             look=lambda: truth_of(self.moment()),
         )  # fmt: skip
@@ -263,11 +263,11 @@ def post(kind: int, **values: object) -> None:
     pygame.event.post(pygame.event.Event(kind, values))
 
 
-def truth_of(moment: Moment) -> Truth:
-    return Truth(nodes=moment.nodes, contact_portion_true=moment.contact_true, flat_area=moment.flat_area)
+def truth_of(moment: BenchFrame) -> GroundTruth:
+    return GroundTruth(nodes=moment.nodes, contact_portion_true=moment.contact_true, flat_area=moment.flat_area)
 
 
-def seen_of(moment: Moment) -> Observation:
+def seen_of(moment: BenchFrame) -> Observation:
     return Observation(
         time_s=moment.sim_s,
         corner_positions=moment.corners,

@@ -16,12 +16,12 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.pages.place import PlaceMode
-from layflat.app.workstation.window.pages.record import RecordMode
-from layflat.app.workstation.window.pages.replay import ReplayMode
-from layflat.app.workstation.window.subprocess_command import Job
+from layflat.app.workstation.window.pages.place import PlacePage
+from layflat.app.workstation.window.pages.record import RecordPage
+from layflat.app.workstation.window.pages.replay import ReplayPage
+from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window.window import Window
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
@@ -68,7 +68,7 @@ def demonstrations(folder: Path) -> None:
     for task in ("hanger", "pickers"):
         path = folder / f"{task}.h5"
         if not path.exists():
-            job = Job(["record", str(path), "--task", task, "--episodes", "6", "--workers", "1"])
+            job = SubprocessCommand(["record", str(path), "--task", task, "--episodes", "6", "--workers", "1"])
             while job.status is None:
                 pygame.time.wait(200)
             print(*job.lines, sep="\n")
@@ -102,7 +102,7 @@ def record(album: Album) -> None:
         person.demonstrate(0)
         person.pad.tap("triangle")
         person.wait(lambda: person.status.get("stored", 0) > 0 and person.state() == "waiting", "it to be kept")
-        assert isinstance(window.mode, RecordMode)
+        assert isinstance(window.mode, RecordPage)
         window.mode.stop()
     person.pad.unplug()
 
@@ -146,7 +146,7 @@ def place(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(model="hanger-gp-word.npz", speed="real time")
     person.tab("Place")
-    assert isinstance(window.mode, PlaceMode)
+    assert isinstance(window.mode, PlacePage)
     window.mode.seed, window.mode.record = 21, "placed.h5"
     window.mode.build()
     person.menu("Place")
@@ -170,7 +170,7 @@ def take_over(album: Album) -> None:
     album.settings(model="hanger-gp-word.npz", speed="real time")
     person.plug_in()
     person.tab("Place")
-    assert isinstance(window.mode, PlaceMode)
+    assert isinstance(window.mode, PlacePage)
     window.mode.seed, window.mode.record, window.mode.source = 21, "placed-corrected.h5", "gamepad"
     window.mode.build()
     person.menu("Place")
@@ -192,7 +192,7 @@ def disturb(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(model="pickers-gp-word.npz")
     person.tab("Disturb")
-    assert isinstance(window.mode, PlaceMode)
+    assert isinstance(window.mode, PlacePage)
     window.mode.seed = 5
     window.mode.build()
     person.menu("Lay and disturb")
@@ -212,7 +212,7 @@ def look_back(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Replay")
     mode = window.mode
-    assert isinstance(mode, ReplayMode)
+    assert isinstance(mode, ReplayPage)
     mode.session = "placed.h5"
     mode.build()
     person.menu("Watch")
@@ -263,7 +263,7 @@ def main(out: Path, folder: Path, parts: list[str]) -> None:
     for old in [*folder.glob("by-hand*"), *folder.glob("placed*")] if not parts else []:
         old.unlink() if old.is_file() else old.rmdir()
     demonstrations(folder)
-    window = Window(folder, make_work)
+    window = Window(folder, make_task)
     try:
         for name, part in PARTS.items():
             if not parts or name in parts:

@@ -17,12 +17,12 @@ from pathlib import Path
 import pygame
 
 from layflat.app.cli import main
-from layflat.app.support.errors import run_guarded
-from layflat.app.workstation.session.tasks import make_work
+from layflat.app.support.errors import run_command
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window import window as window_module
-from layflat.app.workstation.window.pages.place import PlaceMode
-from layflat.app.workstation.window.pages.replay import ReplayMode
-from layflat.app.workstation.window.pages.train import TrainMode
+from layflat.app.workstation.window.pages.place import PlacePage
+from layflat.app.workstation.window.pages.replay import ReplayPage
+from layflat.app.workstation.window.pages.train import TrainPage
 from layflat.app.workstation.window.window import Window
 from layflat.tests.app.workstation.person import Person, post
 
@@ -38,7 +38,7 @@ def record(person: Person) -> None:
 def place(person: Person) -> None:
     person.tab("Place")
     mode = person.window.mode
-    assert isinstance(mode, PlaceMode)
+    assert isinstance(mode, PlacePage)
     mode.record = "placed"
     mode.build()
     person.menu("Place")
@@ -48,7 +48,7 @@ def place(person: Person) -> None:
 def train(person: Person) -> None:
     person.tab("Train")
     mode = person.window.mode
-    assert isinstance(mode, TrainMode)
+    assert isinstance(mode, TrainPage)
     person.menu("Train")
     person.wait(lambda: mode.job is not None and bool(mode.job.doing), "the training")
 
@@ -56,14 +56,14 @@ def train(person: Person) -> None:
 def replay(person: Person) -> None:
     person.tab("Replay")
     mode = person.window.mode
-    assert isinstance(mode, ReplayMode)
+    assert isinstance(mode, ReplayPage)
     person.menu("Run the actions again")
     person.menu("Watch")
     person.wait(lambda: mode.at > 2, "the replay")
 
 
 def sit(folder: Path, what: str, close: bool) -> int:
-    window = Window(folder, make_work)
+    window = Window(folder, make_task)
     try:
         settings = replace(window.shop.settings, task="pickers", session="demos.h5", countdown_s=0.3, model="scripted")
         window.shop.change(settings)
@@ -117,4 +117,4 @@ def once(folder: Path, more: list[str]) -> None:
 if __name__ == "__main__":
     if sys.argv[2] == "once":
         once(Path(sys.argv[1]), sys.argv[3:])
-    sys.exit(run_guarded(lambda: sit(Path(sys.argv[1]), sys.argv[2], "close" in sys.argv[3:]), debug=True))
+    sys.exit(run_command(lambda: sit(Path(sys.argv[1]), sys.argv[2], "close" in sys.argv[3:]), debug=True))

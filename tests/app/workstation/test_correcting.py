@@ -11,7 +11,7 @@ import pytest
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
 from layflat.app.commands.replay import replay
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data import open_session
 from layflat.policy import model_io as model_files
 from layflat.tests.app.workstation.test_by_hand import Terminal
@@ -26,25 +26,25 @@ def desk(tmp_path) -> Desk:
 
 
 def _rest(desk: Desk, ticks: int) -> int:
-    desk.recording.hear(Reading(motion=np.zeros(2)))
+    desk.recording.hear(TeleopInput(motion=np.zeros(2)))
     return sum(desk.recording.tick() for _ in range(ticks))
 
 
 def test_time_waits_for_nobody_while_a_policy_leads(desk):
-    desk.press(Control.START)
+    desk.press(Command.START)
     desk.now += 10.0
     desk.recording.tick()
     assert desk.state == "running"
     assert not desk.recording.awaits_motion
     assert _rest(desk, 5) == 5
-    desk.press(Control.PAUSE)
+    desk.press(Command.PAUSE)
     assert _rest(desk, 5) == 0
-    desk.press(Control.PAUSE)
+    desk.press(Command.PAUSE)
     assert _rest(desk, 2) == 2
 
 
 def test_after_its_stop_time_stands_until_the_hands_move(desk):
-    desk.press(Control.START)
+    desk.press(Command.START)
     desk.now += 10.0
     desk.recording.tick()
     take = desk.takes[0]
@@ -53,23 +53,23 @@ def test_after_its_stop_time_stands_until_the_hands_move(desk):
     assert _rest(desk, 6) == 2
     assert desk.recording.awaits_motion
     assert "has stopped (threshold)" in desk.recording.message
-    assert desk.recording.does(Control.KEEP_SUCCESS)
+    assert desk.recording.does(Command.KEEP_SUCCESS)
     assert desk.move(1) == 1
     assert "you have the lead" in desk.recording.message
     assert _rest(desk, 1) == 1
 
 
 def test_who_leads_is_said_and_a_button_hands_back(desk):
-    desk.press(Control.START)
+    desk.press(Command.START)
     desk.now += 10.0
     desk.recording.tick()
     desk.takes[0].corrects = True
     assert _rest(desk, 2) == 2
-    assert desk.recording.does(Control.START) is None
+    assert desk.recording.does(Command.START) is None
     assert desk.move(1) == 1
     assert desk.recording.message == "you have the lead; rest, and the policy has it again"
-    assert desk.recording.does(Control.START) == "hand back to the policy"
-    desk.press(Control.START)
+    assert desk.recording.does(Command.START) == "hand back to the policy"
+    desk.press(Command.START)
     assert desk.state == "running"
     assert _rest(desk, 1) == 1
     assert not desk.recording.glance.led
@@ -77,11 +77,11 @@ def test_who_leads_is_said_and_a_button_hands_back(desk):
 
 
 def test_a_pad_unplugged_in_a_correction_pauses_and_goes_on(desk):
-    desk.press(Control.START)
+    desk.press(Command.START)
     desk.now += 10.0
     desk.recording.tick()
     assert desk.move(2) == 2
-    desk.recording.hear(Reading(motion=np.zeros(2), connected=False, problem="the pad is gone"))
+    desk.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="the pad is gone"))
     assert (desk.state, desk.recording.message) == ("paused", "paused: the pad is gone")
     assert not desk.recording.tick()
     assert _rest(desk, 2) == 2

@@ -14,10 +14,10 @@ import pytest
 
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
-from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.pages.place import PlaceMode
-from layflat.app.workstation.window.pages.replay import ReplayMode
+from layflat.app.workstation.window.pages.place import PlacePage
+from layflat.app.workstation.window.pages.replay import ReplayPage
 from layflat.app.workstation.window.window import Window
 from layflat.data import validate
 from layflat.data.session.reader import open_session
@@ -52,11 +52,11 @@ def window(tmp_path: Path) -> Iterator[Callable[..., Window]]:
     assert leftovers() == []
 
 
-def begin(person: Person, source: str, record: str = "") -> PlaceMode:
+def begin(person: Person, source: str, record: str = "") -> PlacePage:
     """Place with somebody at a device."""
     person.tab("Place")
     mode = person.window.mode
-    assert isinstance(mode, PlaceMode)
+    assert isinstance(mode, PlacePage)
     mode.source, mode.record = source, record
     mode.build()
     person.menu("Place")
@@ -136,7 +136,7 @@ def test_a_pad_takes_over_and_the_window_says_who_leads(window):
     # A replay says the same.
     person.tab("Replay")
     mode = one.mode
-    assert isinstance(mode, ReplayMode)
+    assert isinstance(mode, ReplayPage)
     mode.session = "placed.h5"
     mode.build()
     person.menu("Watch")
@@ -245,7 +245,7 @@ def layflat(*arguments: object) -> None:
 @pytest.mark.slow
 def test_a_correction_at_the_window_is_learned_from(window, tmp_path, capsys):
     still_model(tmp_path)
-    one = window(make_work, model="m.npz", speed="real time")
+    one = window(make_task, model="m.npz", speed="real time")
     person = Person(one)
     pad = person.plug_in()
     begin(person, "gamepad", "corrected")

@@ -12,21 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.app.workstation.teleop.gamepad import CONTROLS, FINE_SPEED, SPEED, Gamepad, motion, speed
-from layflat.app.workstation.teleop.gamepad_state import BUTTONS, DEAD_ZONE, PadState, dead_zone
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, DEAD_ZONE, GamepadState, dead_zone
 from layflat.app.workstation.teleop.layouts import (
     LAYOUT_A,
     LAYOUT_B,
     LAYOUT_C,
     LAYOUT_C_WITHOUT_HAT,
     Binding,
-    Counts,
-    Layout,
+    DeviceCapabilities,
+    GamepadLayout,
     raw_layout,
 )
 from layflat.app.workstation.teleop.mapping import mapping_file, write_mapping
-from layflat.app.workstation.teleop.teleop_input import Control
-from layflat.app.workstation.teleop.teleoperator import Source
-from layflat.data.types import TASKS, action_size
+from layflat.app.workstation.teleop.teleop_input import Command
+from layflat.app.workstation.teleop.teleoperator import Teleoperator
+from layflat.data.types import ROBOTS, action_size
 from layflat.tests.virtual_pad import VirtualPad, plugged
 
 B_AXES = {"left_x": 0, "left_y": 1, "l2": 2, "right_x": 3, "right_y": 4, "r2": 5}
@@ -133,7 +133,7 @@ def test_taps_between_two_polls_are_heard_in_their_order(any_pad):
     gamepad.poll()
     for name in ("triangle", "cross", "options"):
         pad.tap(buttons[name])
-    assert gamepad.poll().controls == (Control.KEEP_SUCCESS, Control.START, Control.PAUSE)
+    assert gamepad.poll().controls == (Command.KEEP_SUCCESS, Command.START, Command.PAUSE)
     assert gamepad.poll().controls == ()
 
 
@@ -141,7 +141,7 @@ def test_the_d_pad_of_a_hat_is_a_button(plug, source):
     pad, gamepad = plug(6, 13, 1, known=False), source()
     gamepad.poll()
     pad.hat(0, 0, 1)
-    assert gamepad.poll().controls == (Control.DISTURB,)
+    assert gamepad.poll().controls == (Command.DISTURB,)
     pad.hat(0, 0, 0)
     assert gamepad.poll().controls == ()
 
@@ -188,14 +188,14 @@ class _Still:
 def test_raw_layouts_are_told_apart_by_counts(pad, layout):
     assert raw_layout(pad) is layout
     if layout is not None:
-        layout.check(Counts.of(pad))
+        layout.check(DeviceCapabilities.of(pad))
 
 
 def test_a_mapping_that_sdl_guessed_for_another_pad_is_not_believed(plug, source):
     pad, gamepad = plug(6, 13, 1, known=True), source()  # SDL says that its d-pad is button 11 to 14.
     gamepad.poll()
     pad.button(B_BUTTONS["options"], True)
-    assert gamepad.poll().controls == (Control.PAUSE,)
+    assert gamepad.poll().controls == (Command.PAUSE,)
 
 
 def test_a_foreign_pad_says_that_it_can_be_calibrated(plug, source):
@@ -219,21 +219,21 @@ def test_a_calibrated_pad_is_read_as_calibrated(plug, source):
 
     joystick = pygame.joystick.Joystick(0)
     buttons = [b for b in BUTTONS if b in ("cross", "circle", "square", "triangle", "share", "options", "l1", "r1")]
-    layout = Layout(
+    layout = GamepadLayout(
         name="calibrated",
         sticks={"left_x": (3, -1), "left_y": (2, 1), "right_x": (1, 1), "right_y": (0, 1)},
         triggers={"r2": Binding("a4+"), "l2": Binding("b8")},
         buttons={name: Binding(f"b{7 - index}") for index, name in enumerate(buttons)},
     )
     guid = joystick.get_guid()
-    write_mapping(mapping_file(guid), layout, guid=guid, pad="Old joystick", counts=Counts(5, 9, 0))
+    write_mapping(mapping_file(guid), layout, guid=guid, pad="Old joystick", counts=DeviceCapabilities(5, 9, 0))
     gamepad = source()
     gamepad.poll()
     pad.axis(3, 1.0)
     pad.button(7, True)
     reading = gamepad.poll()
     assert reading.motion == pytest.approx([-1.0, 0.0], abs=0.001)
-    assert reading.controls == (Control.START,)
+    assert reading.controls == (Command.START,)
     pad.button(8, True)
     assert gamepad.poll().speed == pytest.approx(FINE_SPEED)
 
@@ -275,7 +275,7 @@ def test_unplugged_and_plugged_in_again(plug, source):
     again.button("cross", True)
     back = gamepad.poll()
     assert back.motion == pytest.approx([0.0, 1.0], abs=0.001)
-    assert back.controls == (Control.START,)
+    assert back.controls == (Command.START,)
 
 
 def test_plugging_in_after_the_start(plug, source):
@@ -336,29 +336,29 @@ def test_a_window_passes_events_on_and_keeps_the_others(plug, source):
     pad.tap("triangle")
     others = [event for event in pygame.event.get() if not gamepad.on_event(event)]
     assert [event.type for event in others if event.type == pygame.KEYDOWN] == [pygame.KEYDOWN]
-    assert gamepad.poll().controls == (Control.KEEP_SUCCESS,)
+    assert gamepad.poll().controls == (Command.KEEP_SUCCESS,)
     assert gamepad.poll().controls == ()
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_is_a_source(source, task):
     gamepad = source(task)
-    assert isinstance(gamepad, Source)
+    assert isinstance(gamepad, Teleoperator)
     assert gamepad.poll().motion.shape == (action_size(task),)
-    assert {button.control for button in gamepad.help()} >= set(Control)
+    assert {button.control for button in gamepad.help()} >= set(Command)
 
 
 @pytest.mark.parametrize("left", [1, 2])
 def test_sticks_of_two_pickers(left):
-    state = PadState(left=(0.3, 0.5), right=(-0.7, 0.1))
+    state = GamepadState(left=(0.3, 0.5), right=(-0.7, 0.1))
     own = motion("pickers", state, left=left).reshape(2, 3)
     mine, other = own[left - 1], own[2 - left]
     assert (mine == [0.3, 0.0, 0.5]).all()
     assert (other == [-0.7, 0.0, 0.1]).all()
-    aside = motion("pickers", PadState(left=(0.3, 0.5), right=(-0.7, 0.1), pressed=frozenset({"l1"})), left=left)
+    aside = motion("pickers", GamepadState(left=(0.3, 0.5), right=(-0.7, 0.1), pressed=frozenset({"l1"})), left=left)
     toward_right = 1 if left == 2 else -1  # Picker 1 is at +y: where it is the right one, right is +y.
     assert (aside.reshape(2, 3)[left - 1] == [0.0, toward_right * 0.3, 0.5]).all()
-    both = motion("pickers", PadState(left=(0.3, 0.5), right=(-0.7, 0.1), pressed=frozenset({"r1"})), left=left)
+    both = motion("pickers", GamepadState(left=(0.3, 0.5), right=(-0.7, 0.1), pressed=frozenset({"r1"})), left=left)
     assert (both.reshape(2, 3) == [0.3, toward_right * -0.7, 0.5]).all()
 
 
@@ -390,5 +390,5 @@ def test_dead_zone_rises_without_a_step(a, b, angle):
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_speed_stays_within_its_bounds(l2, r2):
-    assert FINE_SPEED <= speed(PadState(l2=l2, r2=r2)) <= 1.0
-    assert speed(PadState(r2=r2)) >= SPEED >= speed(PadState(l2=l2))
+    assert FINE_SPEED <= speed(GamepadState(l2=l2, r2=r2)) <= 1.0
+    assert speed(GamepadState(r2=r2)) >= SPEED >= speed(GamepadState(l2=l2))

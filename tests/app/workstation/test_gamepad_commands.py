@@ -14,16 +14,16 @@ from rich.console import Console
 from layflat.app.cli import main
 from layflat.app.commands import doctor
 from layflat.app.commands import gamepad as commands
-from layflat.app.support.errors import LayflatError, WrongCall
+from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.calibration import Calibration
-from layflat.app.workstation.teleop.devices import Pads
+from layflat.app.workstation.teleop.devices import GamepadRegistry
 from layflat.app.workstation.teleop.gamepad import FINE_SPEED, Gamepad
 from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS
-from layflat.app.workstation.teleop.layouts import Counts, Layout
+from layflat.app.workstation.teleop.layouts import DeviceCapabilities, GamepadLayout
 from layflat.app.workstation.teleop.mapping import mapping_file, read_mapping
-from layflat.app.workstation.teleop.teleop_input import Control
-from layflat.app.workstation.terminal.display import Screen, run_recording
+from layflat.app.workstation.teleop.teleop_input import Command
+from layflat.app.workstation.terminal.display import TerminalDisplay, run_recording
 from layflat.data.session.reader import open_session
 from layflat.tests.app.workstation.test_gamepad import B_AXES, B_BUTTONS
 from layflat.tests.app.workstation.test_recording import Desk
@@ -77,7 +77,7 @@ class Person:
             self._due.remove(due)
             due[1]()
 
-    def calibrate(self, joystick, counts: Counts) -> Layout:
+    def calibrate(self, joystick, counts: DeviceCapabilities) -> GamepadLayout:
         import pygame
 
         calibration = Calibration(counts, self.ask, lambda: self.now)
@@ -121,7 +121,7 @@ def test_calibrating_finds_a_layout_that_nobody_knew(plug, tmp_path):
     plain = places["l2"]
     places["l2"] = lambda on: (plain(on), pad.button(15, on))
     joystick = pygame.joystick.Joystick(0)
-    layout = Person(pad, places).calibrate(joystick, Counts(6, 16, 1))
+    layout = Person(pad, places).calibrate(joystick, DeviceCapabilities(6, 16, 1))
     assert layout.sticks == {name: (axes[name], -1 if name == "left_y" else 1) for name in STICKS}
     assert {name: (way.axis, way.rest, way.full) for name, way in layout.triggers.items()} == {
         "l2": (1, -1.0, 1.0),
@@ -141,7 +141,7 @@ def test_what_a_pad_lacks_is_left_out(plug):
         name: k for k, name in enumerate(("cross", "circle", "square", "triangle", "share", "options", "l1", "r1"))
     }
     person = Person(pad, _places(pad, axes, buttons))
-    layout = person.calibrate(pygame.joystick.Joystick(0), Counts(4, 10, 0))
+    layout = person.calibrate(pygame.joystick.Joystick(0), DeviceCapabilities(4, 10, 0))
     assert set(layout.buttons) == set(buttons)
     assert not layout.triggers
     assert sum("left out" in text for text in person.asked) == len(OPTIONAL) + len(TRIGGERS)
@@ -152,9 +152,9 @@ def test_a_pad_that_nobody_touches_ends_the_calibration(plug):
 
     pad = plug(6, 13, 1, known=False)
     with pytest.raises(LayflatError, match="nothing came for left x"):
-        Person(pad, {}).calibrate(pygame.joystick.Joystick(0), Counts(6, 13, 1))
+        Person(pad, {}).calibrate(pygame.joystick.Joystick(0), DeviceCapabilities(6, 13, 1))
     with pytest.raises(LayflatError, match="two sticks need four"):
-        Calibration(Counts(2, 10, 0), print, lambda: 0.0)
+        Calibration(DeviceCapabilities(2, 10, 0), print, lambda: 0.0)
 
 
 def test_calibrate_writes_what_recording_then_uses(plug, capsys, monkeypatch):
@@ -179,14 +179,14 @@ def test_calibrate_writes_what_recording_then_uses(plug, capsys, monkeypatch):
     assert "push the left stick to the right" in err
     (path,) = mapping_file("x").parent.iterdir()
     assert out == f"calibrated Renamed: {path}\n"
-    assert read_mapping(path, Counts(6, 13, 2)).sticks["right_y"] == (4, 1)
+    assert read_mapping(path, DeviceCapabilities(6, 13, 2)).sticks["right_y"] == (4, 1)
     gamepad = Gamepad("hanger")
     assert gamepad.poll().connected
     pad.axis(B_AXES["l2"], 1.0)
     pad.button(B_BUTTONS["triangle"], True)
     reading = gamepad.poll()
     assert reading.speed == pytest.approx(FINE_SPEED, abs=0.001)
-    assert reading.controls == (Control.KEEP_SUCCESS,)
+    assert reading.controls == (Command.KEEP_SUCCESS,)
     gamepad.close()
     status, _, err = _call(capsys, "gamepad", "calibrate")
     assert status == 2
@@ -197,8 +197,8 @@ def test_a_mapping_for_another_pad_is_refused(plug, tmp_path):
     path = tmp_path / "m.json"
     text = {"schema": 1, "axes": 4, "buttons": 8, "hats": 0, "sticks": {}, "triggers": {}, "pressed": {}}
     path.write_text(json.dumps(text))
-    with pytest.raises(WrongCall, match="4 axes, 8 buttons and 0 hats, and this one has 6 axes"):
-        read_mapping(path, Counts(6, 16, 0))
+    with pytest.raises(UsageError, match="4 axes, 8 buttons and 0 hats, and this one has 6 axes"):
+        read_mapping(path, DeviceCapabilities(6, 16, 0))
     plug()
     gamepad = Gamepad("hanger", mapping=path)
     assert str(path) in gamepad.poll().problem
@@ -236,12 +236,12 @@ def test_a_mapping_that_makes_no_sense_is_refused(tmp_path, change):
         "pressed": {name: f"b{k}" for k, name in enumerate(names)},
     }
     path.write_text(json.dumps(text))
-    read_mapping(path, Counts(6, 16, 0))
+    read_mapping(path, DeviceCapabilities(6, 16, 0))
     for key, values in change.items():
         text[key] = {**text[key], **values}
     path.write_text(json.dumps(text))
-    with pytest.raises(WrongCall):
-        read_mapping(path, Counts(6, 16, 0))
+    with pytest.raises(UsageError):
+        read_mapping(path, DeviceCapabilities(6, 16, 0))
 
 
 @pytest.mark.parametrize("command", ["monitor", "calibrate"])
@@ -293,12 +293,12 @@ def test_the_table_names_every_control(plug):
     pad = plug()
     pad.button("triangle", True)
     pygame.event.pump()
-    pads = Pads(*sdl.start())
+    pads = GamepadRegistry(*sdl.start())
     pads.refresh()
     console = Console(file=io.StringIO(), width=100)
     console.print(commands._table(pygame.joystick.Joystick(0), next(iter(pads.devices.values()))))
     shown = console.file.getvalue()
-    assert all(control.value in shown for control in Control)
+    assert all(control.value in shown for control in Command)
     assert next(line for line in shown.splitlines() if "Triangle" in line).count("■") == 1
     pads.close()
 
@@ -356,7 +356,7 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
         desk.now += 0.02
 
     desk.takes[0].work = work
-    screen = Screen(io.StringIO())
+    screen = TerminalDisplay(io.StringIO())
     run_recording(
         desk.recording,
         gamepad,

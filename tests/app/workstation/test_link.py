@@ -10,19 +10,19 @@ import numpy as np
 import psutil
 import pytest
 
-from layflat.app.workstation.session.bench_client import BenchLink
-from layflat.app.workstation.teleop.teleop_input import at_rest
+from layflat.app.workstation.session.bench_client import BenchClient
+from layflat.app.workstation.teleop.teleop_input import zero_input
 from layflat.tests.app.workstation.fake_work import TICK_S, FakeWork
 
 
 @pytest.fixture
-def link() -> Iterator[BenchLink]:
-    made = BenchLink(FakeWork)
+def link() -> Iterator[BenchClient]:
+    made = BenchClient(FakeWork)
     yield made
     made.end()
 
 
-def hear_until(link: BenchLink, what, seconds: float = 60.0) -> list[dict]:
+def hear_until(link: BenchClient, what, seconds: float = 60.0) -> list[dict]:
     """Messages until ``what()`` holds."""
     heard, give_up = [], time.monotonic() + seconds
     while not what():
@@ -41,7 +41,7 @@ def test_an_input_acts_in_the_next_tick(link):
     for _ in range(25):
         time.sleep(float(rng.uniform(0.2, 1.8)) * TICK_S)
         # It is there when `put` returns, which a busy machine may keep waiting after the stamp.
-        stamps.append((link.put(at_rest("hanger")), time.monotonic()))
+        stamps.append((link.put(zero_input("hanger")), time.monotonic()))
     hear_until(link, lambda: link.status["ticks"][-1][1] >= stamps[-1][0])
     ticks = link.status["ticks"]
     late = []

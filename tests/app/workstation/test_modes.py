@@ -14,10 +14,10 @@ import typer
 from layflat.app.cli.data import data_cli
 from layflat.app.workstation.window import settings
 from layflat.app.workstation.window.layout import layout
-from layflat.app.workstation.window.pages.data import OPERATIONS, DataMode
-from layflat.app.workstation.window.pages.page import Shop
+from layflat.app.workstation.window.pages.data import OPERATIONS, DataPage
+from layflat.app.workstation.window.pages.page import WindowContext
 from layflat.app.workstation.window.settings import Settings
-from layflat.app.workstation.window.subprocess_command import Job
+from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 
@@ -34,11 +34,11 @@ def folder(tmp_path: Path, make_episode: Callable) -> Path:
     return tmp_path
 
 
-def shop_of(folder: Path) -> Shop:
-    return Shop(folder=folder, settings=Settings(), remember=True, link=None, place=layout((1280, 720)))
+def shop_of(folder: Path) -> WindowContext:
+    return WindowContext(folder=folder, settings=Settings(), remember=True, link=None, place=layout((1280, 720)))
 
 
-def ended(job: Job, seconds: float = 90.0) -> Job:
+def ended(job: SubprocessCommand, seconds: float = 90.0) -> SubprocessCommand:
     give_up = time.monotonic() + seconds
     while job.status is None:
         assert time.monotonic() < give_up, list(job.lines)
@@ -69,8 +69,8 @@ def test_nothing_that_the_command_line_does_to_data_is_missing():
     ],
 )
 def test_a_choice_in_the_menu_is_the_command_that_does_it(folder, operation, values, made):
-    mode = DataMode(shop_of(folder), session="demos.h5", operation=operation, values=values)
-    job = ended(Job(mode.arguments()))
+    mode = DataPage(shop_of(folder), session="demos.h5", operation=operation, values=values)
+    job = ended(SubprocessCommand(mode.arguments()))
     assert job.status == 0, list(job.lines)
     assert job.outcome() == "done"
     if made:
@@ -82,16 +82,18 @@ def test_a_choice_in_the_menu_is_the_command_that_does_it(folder, operation, val
 
 def test_an_existing_file_is_only_replaced_where_one_says_so(folder):
     (folder / "page.png").write_bytes(b"mine")
-    mode = DataMode(shop_of(folder), session="demos.h5", operation="plot", values={"out": "page.png"})
-    job = ended(Job(mode.arguments()))
+    mode = DataPage(shop_of(folder), session="demos.h5", operation="plot", values={"out": "page.png"})
+    job = ended(SubprocessCommand(mode.arguments()))
     assert (job.status, job.outcome()) == (2, "failed, exit status 2")
     assert "exists" in job.lines[-1]
     mode.force = True
-    assert ended(Job(mode.arguments())).status == 0
+    assert ended(SubprocessCommand(mode.arguments())).status == 0
 
 
 def test_a_command_that_is_cancelled_ends_at_once(folder):
-    job = Job(["record", str(folder / "more.h5"), "--task", "pickers", "--episodes", "50", "--workers", "1"])
+    job = SubprocessCommand(
+        ["record", str(folder / "more.h5"), "--task", "pickers", "--episodes", "50", "--workers", "1"]
+    )
     give_up = time.monotonic() + 30
     while not job.doing and time.monotonic() < give_up:
         time.sleep(0.02)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.app.workstation.teleop import PersonPolicy, Reading
-from layflat.app.workstation.teleop.teleop_input import at_rest
-from layflat.data.types import ACTION_LIMIT_M, TASKS, Observation, action_size
+from layflat.app.workstation.teleop import TeleopInput, TeleopPolicy
+from layflat.app.workstation.teleop.teleop_input import zero_input
+from layflat.data.types import ACTION_LIMIT_M, ROBOTS, Observation, action_size
 from layflat.policy.base import Policy
 
 SEEN = Observation(
@@ -20,17 +20,17 @@ SEEN = Observation(
 )
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_decides_what_the_newest_reading_says(task):
-    newest = [at_rest(task)]
-    person = PersonPolicy(task, "gamepad", lambda: newest[0])
+    newest = [zero_input(task)]
+    person = TeleopPolicy(task, "gamepad", lambda: newest[0])
     assert isinstance(person, Policy)
     assert (person.name, person.task) == ("gamepad", task)
     person.reset(3)
     assert not person.act(SEEN).action.any()
     rng = np.random.default_rng(0)
     for _ in range(20):
-        newest[0] = Reading(motion=rng.uniform(-1, 1, action_size(task)), speed=rng.uniform())
+        newest[0] = TeleopInput(motion=rng.uniform(-1, 1, action_size(task)), speed=rng.uniform())
         decision = person.act(SEEN)
         assert decision.action == pytest.approx(newest[0].motion * newest[0].speed * ACTION_LIMIT_M)
         assert (decision.stop, decision.hand) == (None, None)
@@ -40,5 +40,7 @@ def test_decides_what_the_newest_reading_says(task):
 
 def test_a_hand_that_leads_is_passed_on():
     for task, hand in (("hanger", np.zeros(3)), ("pickers", np.ones((2, 3)))):
-        person = PersonPolicy(task, "kinesthetic", lambda t=task, h=hand: Reading(motion=at_rest(t).motion, hand=h))
+        person = TeleopPolicy(
+            task, "kinesthetic", lambda t=task, h=hand: TeleopInput(motion=zero_input(t).motion, hand=h)
+        )
         assert (person.act(SEEN).hand == hand).all()

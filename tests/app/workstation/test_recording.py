@@ -11,13 +11,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from layflat.app.workstation.session.episode_handle import TakeLost
-from layflat.app.workstation.session.recording_session import COUNTDOWN_S, Recording
+from layflat.app.workstation.session.episode_handle import EpisodeLost
+from layflat.app.workstation.session.recording_session import COUNTDOWN_S, RecordingSession
 from layflat.app.workstation.session.session_queries import recorded_seeds, stored
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, Observation, Step, Truth
+from layflat.data.types import Episode, GroundTruth, Observation, Step
 from layflat.tests.app.workstation.conftest import DrawnTake
 
 KEPT = re.compile(r"kept demo_\d+ (success|failure|partial) \d+ ticks contact [01]\.\d\d \S+")
@@ -35,7 +35,7 @@ def draw(task: str, *, ticks: int, seed: int, cloth: str, source: str) -> Episod
         word_strength=0.0,
         contact_portion=0.5,
     )
-    truth = Truth(nodes=np.zeros((4, 3)), contact_portion_true=0.5, flat_area=0.5)
+    truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.5, flat_area=0.5)
     steps = tuple(Step(observation=seen, truth=truth, action=np.zeros(size)) for _ in range(ticks))
     return Episode(
         task=task,
@@ -58,7 +58,7 @@ class Desk:
         self.lines: list[str] = []
         self.takes: list[DrawnTake] = []
         self.recorder = SessionRecorder(path, task="hanger", cloth="towel")
-        self.recording = Recording(
+        self.recording = RecordingSession(
             self.recorder, self._begin, tell=self.lines.append, clock=lambda: self.now, **options
         )
 
@@ -70,17 +70,17 @@ class Desk:
     def state(self) -> str:
         return self.recording.state
 
-    def press(self, *controls: Control) -> None:
-        self.recording.hear(Reading(motion=np.zeros(2), controls=controls))
+    def press(self, *controls: Command) -> None:
+        self.recording.hear(TeleopInput(motion=np.zeros(2), controls=controls))
 
     def move(self, ticks: int) -> int:
         """So many ticks of motion; returns how many were simulated."""
-        self.recording.hear(Reading(motion=np.array([1.0, 0.0])))
+        self.recording.hear(TeleopInput(motion=np.array([1.0, 0.0])))
         return sum(self.recording.tick() for _ in range(ticks))
 
     def begin(self, ticks: int = 0) -> None:
         """Through the countdown."""
-        self.press(Control.START)
+        self.press(Command.START)
         self.now += COUNTDOWN_S
         self.recording.tick()
         assert self.state == "running"
@@ -112,18 +112,18 @@ def outcomes(path: Path) -> list[tuple[int, str, int]]:
 def test_kept_discarded_and_done_again(desk, tmp_path):
     one = desk(seed=4)
     one.begin(ticks=3)
-    one.press(Control.KEEP_SUCCESS)
+    one.press(Command.KEEP_SUCCESS)
     one.begin(ticks=2)
-    one.press(Control.DISCARD)
+    one.press(Command.DISCARD)
     one.begin(ticks=5)
-    one.press(Control.REDO)
+    one.press(Command.REDO)
     assert (one.state, one.recording.seed) == ("countdown", 6)
     one.now += COUNTDOWN_S
     one.recording.tick()
     one.move(7)
-    one.press(Control.KEEP_FAILURE)
+    one.press(Command.KEEP_FAILURE)
     assert one.state == "waiting"
-    one.press(Control.QUIT)
+    one.press(Command.QUIT)
     assert one.state == "over"
     assert [take.seed for take in one.takes] == [4, 5, 6, 6, 7]
     assert [bool(KEPT.fullmatch(line) or DISCARDED.fullmatch(line)) for line in one.lines] == [True] * 4
@@ -136,7 +136,7 @@ def test_it_says_where_and_how_many(desk, tmp_path):
     one = desk()
     for count in (1, 2, 3):
         one.begin(ticks=2)
-        one.press(Control.KEEP_SUCCESS)
+        one.press(Command.KEEP_SUCCESS)
         assert one.lines[-1].startswith(f"kept demo_{count - 1} success 2 ticks contact 0.50 ")
         assert one.lines[-1].endswith(str(tmp_path / "s.h5"))
         assert f"{count} demonstration" in one.recording.message
@@ -145,19 +145,19 @@ def test_it_says_where_and_how_many(desk, tmp_path):
 def test_over_when_so_many_are_kept(desk):
     one = desk(episodes=2)
     one.begin(ticks=1)
-    one.press(Control.KEEP_SUCCESS)
+    one.press(Command.KEEP_SUCCESS)
     one.begin(ticks=1)
-    one.press(Control.DISCARD)
+    one.press(Command.DISCARD)
     assert one.state == "waiting"
     one.begin(ticks=1)
-    one.press(Control.KEEP_FAILURE)
+    one.press(Command.KEEP_FAILURE)
     assert one.state == "over"
 
 
 def test_nothing_runs_before_the_countdown_and_the_cloth_are_done(desk):
     one = desk()
     one.takes[0].hangs = False
-    one.press(Control.START)
+    one.press(Command.START)
     one.now += COUNTDOWN_S - 0.01
     assert one.move(3) == 0
     assert one.state == "countdown"
@@ -183,21 +183,21 @@ def test_time_stands_until_the_first_motion(desk):
 def test_paused_time_stands_and_goes_on(desk):
     one = desk()
     one.begin(ticks=2)
-    one.press(Control.PAUSE)
+    one.press(Command.PAUSE)
     assert (one.state, one.move(4)) == ("paused", 0)
-    one.press(Control.PAUSE)
+    one.press(Command.PAUSE)
     assert one.move(2) == 2
-    one.press(Control.PAUSE)
-    one.press(Control.START)
+    one.press(Command.PAUSE)
+    one.press(Command.START)
     assert one.move(2) == 2
-    one.press(Control.PAUSE, Control.KEEP_SUCCESS)
+    one.press(Command.PAUSE, Command.KEEP_SUCCESS)
     assert one.recording.counts["success"] == 1
 
 
 def test_a_pad_that_goes_pauses_and_says_so_and_comes_back(desk):
     one = desk()
     one.begin(ticks=2)
-    gone = Reading(motion=np.zeros(2), connected=False, problem="the pad is gone; plug it in again")
+    gone = TeleopInput(motion=np.zeros(2), connected=False, problem="the pad is gone; plug it in again")
     one.recording.hear(gone)
     assert one.state == "paused"
     said = one.recording.message
@@ -205,7 +205,7 @@ def test_a_pad_that_goes_pauses_and_says_so_and_comes_back(desk):
     assert not one.recording.tick()
     one.recording.hear(gone)
     assert one.recording.message == said
-    one.recording.hear(Reading(motion=np.zeros(2), device="Pad"))
+    one.recording.hear(TeleopInput(motion=np.zeros(2), device="Pad"))
     assert one.state == "running"
     assert "Pad is back" in one.recording.message
     assert not one.recording.tick()  # Nobody has moved yet.
@@ -216,19 +216,19 @@ def test_a_pad_that_goes_pauses_and_says_so_and_comes_back(desk):
 def test_what_the_person_paused_stays_paused_when_the_pad_comes_back(desk):
     one = desk()
     one.begin(ticks=1)
-    one.press(Control.PAUSE)
-    one.recording.hear(Reading(motion=np.zeros(2), connected=False, problem="gone"))
-    one.recording.hear(Reading(motion=np.zeros(2)))
+    one.press(Command.PAUSE)
+    one.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="gone"))
+    one.recording.hear(TeleopInput(motion=np.zeros(2)))
     assert one.state == "paused"
 
 
 def test_a_pad_that_goes_in_the_countdown_counts_down_again(desk):
     one = desk()
-    one.press(Control.START)
-    one.recording.hear(Reading(motion=np.zeros(2), connected=False, problem="gone"))
+    one.press(Command.START)
+    one.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="gone"))
     one.now += 2 * COUNTDOWN_S
     assert one.state == "paused"
-    one.recording.hear(Reading(motion=np.zeros(2)))
+    one.recording.hear(TeleopInput(motion=np.zeros(2)))
     assert (one.state, one.recording.countdown_left_s()) == ("countdown", COUNTDOWN_S)
 
 
@@ -237,9 +237,9 @@ def test_a_cloth_that_came_apart_is_no_success(desk, tmp_path):
     one.takes[0].unstable_at = 3
     one.begin(ticks=3)
     assert one.state == "finished"
-    one.press(Control.KEEP_SUCCESS)
+    one.press(Command.KEEP_SUCCESS)
     assert one.state == "finished"
-    one.press(Control.KEEP_FAILURE)
+    one.press(Command.KEEP_FAILURE)
     one.close()
     with open_session(tmp_path / "s.h5") as session:
         assert [(info.outcome, info.stopped_by) for info in session.infos().values()] == [("failure", "unstable")]
@@ -250,7 +250,7 @@ def test_the_tick_limit_leaves_only_the_verdict(desk, tmp_path):
     one.begin()
     assert one.move(9) == 4
     assert one.state == "finished"
-    one.press(Control.KEEP_SUCCESS)
+    one.press(Command.KEEP_SUCCESS)
     one.close()
     with open_session(tmp_path / "s.h5") as session:
         assert session[0].stopped_by == "tick_limit"
@@ -259,7 +259,7 @@ def test_the_tick_limit_leaves_only_the_verdict(desk, tmp_path):
 def test_quitting_keeps_what_runs_as_partial(desk, tmp_path):
     one = desk()
     one.begin(ticks=4)
-    one.press(Control.QUIT)
+    one.press(Command.QUIT)
     assert one.state == "over"
     assert KEPT.fullmatch(one.lines[-1])
     one.recorder.close()
@@ -281,34 +281,34 @@ def test_where_no_cloth_can_be_hung_it_is_said(desk):
     one = desk()
 
     def dead() -> bool:
-        raise TakeLost("there is no memory")
+        raise EpisodeLost("there is no memory")
 
     one.takes[0].ready = dead
-    with pytest.raises(TakeLost, match="no memory"):
+    with pytest.raises(EpisodeLost, match="no memory"):
         one.recording.tick()
 
 
 def test_disturbing_needs_a_disturbance(desk):
     plain, disturbing = desk(), None
     plain.begin(ticks=1)
-    plain.press(Control.DISTURB)
+    plain.press(Command.DISTURB)
     assert plain.takes[0].disturbed == []
     plain.close()
     disturbing = desk(disturbance="push")
-    disturbing.press(Control.DISTURB)
+    disturbing.press(Command.DISTURB)
     disturbing.begin(ticks=1)
-    disturbing.press(Control.DISTURB, Control.DISTURB)
+    disturbing.press(Command.DISTURB, Command.DISTURB)
     assert disturbing.takes[0].disturbed == ["push"]
 
 
 def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
     path = tmp_path / "s.h5"
     first = desk()
-    for verdict in (Control.KEEP_SUCCESS, Control.DISCARD, Control.KEEP_FAILURE):
+    for verdict in (Command.KEEP_SUCCESS, Command.DISCARD, Command.KEEP_FAILURE):
         first.begin(ticks=2)
         first.press(verdict)
     first.begin(ticks=2)
-    first.press(Control.QUIT)
+    first.press(Command.QUIT)
     first.close()
     assert recorded_seeds(path, "keyboard") == {0, 2}  # The partial one of seed 3 is to be done again.
     assert recorded_seeds(path, "gamepad") == frozenset()
@@ -316,7 +316,7 @@ def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
     second = desk(skip=recorded_seeds(path, "keyboard"))
     assert second.recording.seed == 1
     second.begin(ticks=2)
-    second.press(Control.KEEP_SUCCESS)
+    second.press(Command.KEEP_SUCCESS)
     assert second.recording.seed == 3
     assert "4 demonstrations" in second.recording.message
 
@@ -324,14 +324,14 @@ def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
 def test_a_session_of_another_task_is_refused(tmp_path, desk):
     one = desk()
     one.begin(ticks=2)
-    one.press(Control.KEEP_SUCCESS)
+    one.press(Command.KEEP_SUCCESS)
     one.close()
     with pytest.raises(ValueError, match="task hanger, not pickers"):
         SessionRecorder(tmp_path / "s.h5", task="pickers", cloth="towel")
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.sampled_from([*Control, "move", "wait", "gone"]), max_size=25))
+@given(st.lists(st.sampled_from([*Command, "move", "wait", "gone"]), max_size=25))
 def test_whatever_is_pressed_the_session_holds_what_was_said(tmp_path_factory, acts):
     """Every control that claims to do something does, every other changes nothing; lines and files agree."""
     path = tmp_path_factory.mktemp("any") / "s.h5"
@@ -343,7 +343,7 @@ def test_whatever_is_pressed_the_session_holds_what_was_said(tmp_path_factory, a
             one.now += COUNTDOWN_S
             one.recording.tick()
         elif act == "gone":
-            one.recording.hear(Reading(motion=np.zeros(2), connected=False, problem="gone"))
+            one.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="gone"))
         else:
             before = (one.state, one.recording.seed, len(one.takes), len(one.lines), len(one.takes[-1].disturbed))
             does = one.recording.does(act)

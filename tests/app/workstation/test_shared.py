@@ -8,18 +8,18 @@ import time
 import numpy as np
 import pytest
 
-from layflat.app.workstation.session.input_channel import Mailbox
-from layflat.app.workstation.session.latest_value import NewestValue
-from layflat.app.workstation.session.rate_limiter import Cadence
-from layflat.app.workstation.teleop import Reading
-from layflat.data.types import Pull
+from layflat.app.workstation.session.input_channel import InputChannel
+from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.app.workstation.session.rate_limiter import RateLimiter
+from layflat.app.workstation.teleop import TeleopInput
+from layflat.data.types import DragTarget
 
 CONTEXT = multiprocessing.get_context("forkserver")
 WIDE = np.dtype([("number", "i8"), ("filling", "i8", 20_000)])
 """Large enough that copying it takes longer than a process is let run at a time."""
 
 
-def write_for(value: NewestValue, seconds: float) -> None:
+def write_for(value: LatestValue, seconds: float) -> None:
     number, give_up = 0, time.monotonic() + seconds
     while time.monotonic() < give_up:
         number += 1
@@ -27,7 +27,7 @@ def write_for(value: NewestValue, seconds: float) -> None:
 
 
 def test_no_value_is_ever_half_of_one_and_half_of_another():
-    value = NewestValue(CONTEXT, WIDE)
+    value = LatestValue(CONTEXT, WIDE)
     writer = CONTEXT.Process(target=write_for, args=(value, 1.5))
     writer.start()
     seen, newest = 0, 0
@@ -45,7 +45,7 @@ def test_no_value_is_ever_half_of_one_and_half_of_another():
 
 
 def test_only_what_is_newer_is_read():
-    value = NewestValue(CONTEXT, np.dtype([("a", "f8")]))
+    value = LatestValue(CONTEXT, np.dtype([("a", "f8")]))
     assert value.read() is None
     value.write(a=1.0)
     value.write(a=2.0)
@@ -58,7 +58,7 @@ def test_only_what_is_newer_is_read():
 @pytest.mark.parametrize("hand", [None, (3,), (2, 3)])
 def test_a_letter_says_what_was_put_in(task, hand):
     rng = np.random.default_rng(1)
-    reading = Reading(
+    reading = TeleopInput(
         motion=rng.uniform(-1, 1, 2 if task == "hanger" else 6),
         speed=0.25,
         connected=False,
@@ -66,10 +66,10 @@ def test_a_letter_says_what_was_put_in(task, hand):
         problem="it is gone",
         hand=None if hand is None else rng.normal(size=hand),
     )
-    mailbox = Mailbox(CONTEXT, task)
+    mailbox = InputChannel(CONTEXT, task)
     assert mailbox.look() is None
     before = time.monotonic()
-    stamp = mailbox.put(reading, Pull(node=7, target_m=[0.1, 0.2, 0.3]))
+    stamp = mailbox.put(reading, DragTarget(node=7, target_m=[0.1, 0.2, 0.3]))
     letter = mailbox.look()
     assert before <= stamp == letter.stamp_s == letter.reading.stamp_s <= time.monotonic()
     np.testing.assert_array_equal(letter.reading.motion, reading.motion)
@@ -98,10 +98,10 @@ class Clock:
         self.now += seconds
 
 
-def ticks_of(works: list[float], *, speed: float = 1.0) -> tuple[list[float], Cadence]:
+def ticks_of(works: list[float], *, speed: float = 1.0) -> tuple[list[float], RateLimiter]:
     """When each tick began, on a machine that needs ``works`` for them."""
     clock = Clock()
-    cadence = Cadence(0.1, speed, clock=clock, sleep=clock.sleep)
+    cadence = RateLimiter(0.1, speed, clock=clock, sleep=clock.sleep)
     began = []
     for work in works:
         cadence.begin()
@@ -142,7 +142,7 @@ def test_twice_the_speed_is_half_the_wait():
 
 def test_a_pause_is_nobodys_fault():
     clock = Clock()
-    cadence = Cadence(0.1, clock=clock, sleep=clock.sleep)
+    cadence = RateLimiter(0.1, clock=clock, sleep=clock.sleep)
     for _ in range(3):
         cadence.begin()
         cadence.end()

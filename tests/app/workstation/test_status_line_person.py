@@ -9,14 +9,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from layflat.app.workstation.session.episode_process import begin_takes
-from layflat.app.workstation.session.recording_session import Recording
+from layflat.app.workstation.session.episode_process import make_handle_factory
+from layflat.app.workstation.session.recording_session import RecordingSession
 from layflat.app.workstation.teleop.gamepad import Gamepad
-from layflat.app.workstation.terminal.display import Screen, run_recording
+from layflat.app.workstation.terminal.display import TerminalDisplay, run_recording
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import FLAT_AREA, TASKS
-from layflat.sim.config import BenchSettings
+from layflat.data.types import FLAT_AREA, ROBOTS
+from layflat.sim.config import SimConfig
 from layflat.tests.virtual_pad import VirtualPad, plugged
 
 TRAIL_M = 0.075
@@ -31,7 +31,7 @@ class Layer:
     What it knows: where the holder is, the contact portion, how long the cloth is.
     """
 
-    def __init__(self, recording: Recording, pad: VirtualPad, sides: tuple[str, ...], length_m: float) -> None:
+    def __init__(self, recording: RecordingSession, pad: VirtualPad, sides: tuple[str, ...], length_m: float) -> None:
         self._recording = recording
         self._pad = pad
         self._sides = sides
@@ -101,20 +101,22 @@ class Layer:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_a_towel_is_laid_flat_with_the_sticks(task, tmp_path):
-    settings, path = BenchSettings(task=task), tmp_path / "s.h5"
+    settings, path = SimConfig(task=task), tmp_path / "s.h5"
     sides = ("left",) if task == "hanger" else ("left", "right")
     with plugged() as pad, SessionRecorder(path, task=task, cloth="towel", descriptor=settings.descriptor) as recorder:
         gamepad = Gamepad(task)
-        recording = Recording(recorder, begin_takes(recorder, settings, "gamepad"), episodes=2, countdown_s=0.5)
+        recording = RecordingSession(
+            recorder, make_handle_factory(recorder, settings, "gamepad"), episodes=2, countdown_s=0.5
+        )
         acts = Layer(recording, pad, sides, settings.spec.length_m).acts()
 
         def sleep(seconds: float) -> None:
             time.sleep(seconds)
             next(acts)
 
-        screen = Screen(io.StringIO())
+        screen = TerminalDisplay(io.StringIO())
         run_recording(recording, gamepad, screen, tick_s=settings.tick_s, stopped=lambda: False, sleep=sleep)
         recording.close()
         gamepad.close()

@@ -12,17 +12,17 @@ import numpy as np
 import psutil
 import pytest
 
-from layflat.app.workstation.session.episode_handle import TakeLost
-from layflat.app.workstation.session.episode_process import TakeProcess, begin_takes
-from layflat.app.workstation.teleop.teleop_input import Reading
+from layflat.app.workstation.session.episode_handle import EpisodeLost
+from layflat.app.workstation.session.episode_process import EpisodeProcess, make_handle_factory
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data import validate
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import ACTION_LIMIT_M, Pull
-from layflat.sim.config import BenchSettings
+from layflat.data.types import ACTION_LIMIT_M, DragTarget
+from layflat.sim.config import SimConfig
 
 PATIENCE_S = 60.0
-DOWN = Reading(motion=np.array([0.0, -1.0]), speed=0.5)
+DOWN = TeleopInput(motion=np.array([0.0, -1.0]), speed=0.5)
 
 
 @pytest.fixture
@@ -31,14 +31,14 @@ def session(tmp_path) -> Path:
 
 
 @pytest.fixture
-def begin(session) -> Iterator[Callable[..., TakeProcess]]:
+def begin(session) -> Iterator[Callable[..., EpisodeProcess]]:
     """``begin(images=False, **bench settings)``: a take of seed 3 whose cloth hangs."""
-    made: list[tuple[TakeProcess, SessionRecorder]] = []
+    made: list[tuple[EpisodeProcess, SessionRecorder]] = []
 
-    def start(*, images: bool = False, source: str = "gamepad", **options) -> TakeProcess:
-        settings = BenchSettings(**({"task": "hanger", "cloth": "napkin"} | options))
+    def start(*, images: bool = False, source: str = "gamepad", **options) -> EpisodeProcess:
+        settings = SimConfig(**({"task": "hanger", "cloth": "napkin"} | options))
         recorder = SessionRecorder(session, task=settings.task, cloth="napkin", keep_images=images)
-        take = begin_takes(recorder, settings, source)(3)
+        take = make_handle_factory(recorder, settings, source)(3)
         made.append((take, recorder))
         give_up = time.monotonic() + PATIENCE_S
         while not take.ready():
@@ -53,7 +53,7 @@ def begin(session) -> Iterator[Callable[..., TakeProcess]]:
         recorder.close()
 
 
-def pid_of(take: TakeProcess) -> int:
+def pid_of(take: EpisodeProcess) -> int:
     return int(take._process.pid)
 
 
@@ -100,7 +100,7 @@ def test_led_by_hand_the_hanger_follows_and_what_it_did_is_the_action(begin, ses
     start = np.array(take.glance().holder_m)
     hand = start + np.array([0.06, 0.0, -0.04])
     for _ in range(12):
-        glance = take.tick(Reading(motion=np.zeros(2), hand=hand))
+        glance = take.tick(TeleopInput(motion=np.zeros(2), hand=hand))
     went = np.array(glance.holder_m) - start
     assert np.linalg.norm(hand - glance.holder_m) < 0.5 * np.linalg.norm(hand - start)
     take.keep("success", "converged")
@@ -119,7 +119,7 @@ def test_disturbances_and_pulls_are_kept_with_the_episode(begin, session):
     take.disturb("push")
     assert take.tick(DOWN).disturbed
     target = np.array([0.1, 0.0, 0.1])
-    take.tick(DOWN, Pull(node=0, target_m=target))
+    take.tick(DOWN, DragTarget(node=0, target_m=target))
     take.keep("success", "converged")
     begin.recorder().close()
     with open_session(session) as found:
@@ -135,7 +135,7 @@ def test_a_simulation_that_dies_is_said_and_its_journal_kept(begin, session):
         take.tick(DOWN)
     time.sleep(1.0)  # The journal is flushed twice a second.
     os.kill(pid_of(take), signal.SIGSEGV)
-    with pytest.raises(TakeLost, match=f"status -{signal.SIGSEGV.value}"):
+    with pytest.raises(EpisodeLost, match=f"status -{signal.SIGSEGV.value}"):
         take.tick(DOWN)
     kept = take.keep("partial", "crashed")
     assert kept.outcome == "partial"
@@ -147,5 +147,5 @@ def test_a_simulation_that_dies_is_said_and_its_journal_kept(begin, session):
 
 def test_a_disturbance_that_nobody_knows_is_one_sentence(begin):
     take = begin()
-    with pytest.raises(TakeLost, match="hurricane"):
+    with pytest.raises(EpisodeLost, match="hurricane"):
         take.disturb("hurricane")

@@ -14,22 +14,22 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from layflat.app.workstation.session import place_task
-from layflat.app.workstation.session.bench_process import Channels, Desk, receive
-from layflat.app.workstation.session.place_task import PlacingWork
-from layflat.app.workstation.teleop.teleop_input import Control, Reading, at_rest
+from layflat.app.workstation.session.bench_process import Channels, Endpoint, receive
+from layflat.app.workstation.session.place_task import PlaceTask
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.playback import Playback
-from layflat.app.workstation.window.time_series import LEAST_S, History, draw_contact
+from layflat.app.workstation.window.time_series import LEAST_S, TimeSeries, draw_contact
 from layflat.data import validate
 from layflat.data.session.reader import open_session
-from layflat.data.types import ACTION_LIMIT_M, Pull
-from layflat.policy.registry import decorated
+from layflat.data.types import ACTION_LIMIT_M, DragTarget
+from layflat.policy.registry import wrap
 from layflat.policy.wrappers.takeover import REST_TICKS
 from layflat.tests.app.fake_bench import FakeBench, Forward
 
-PUSH = Reading(motion=np.array([-1.0, 0.0]), speed=0.5, device="a pad")
-REST = at_rest("hanger", device="a pad")
-GONE = at_rest("hanger", connected=False, problem="a pad is gone; plug it in again")
+PUSH = TeleopInput(motion=np.array([-1.0, 0.0]), speed=0.5, device="a pad")
+REST = zero_input("hanger", device="a pad")
+GONE = zero_input("hanger", connected=False, problem="a pad is gone; plug it in again")
 
 
 class Table:
@@ -45,7 +45,7 @@ class Table:
             "seed": 3, "policy": "scripted", "record": "" if record is None else str(record), "source": source,
             "with": list(around),
         }  # fmt: skip
-        self.work = PlacingWork(order, Desk(channels=self.channels, connection=theirs))
+        self.work = PlaceTask(order, Endpoint(channels=self.channels, connection=theirs))
         self.work.obey({"do": "start"})
 
     @property
@@ -56,7 +56,7 @@ class Table:
     def ticks(self) -> int:
         return self.work.run.ticks
 
-    def go(self, reading: Reading, rounds: int = 1, pull: Pull | None = None) -> int:
+    def go(self, reading: TeleopInput, rounds: int = 1, pull: DragTarget | None = None) -> int:
         """So many rounds of the bench with this in the mailbox; returns how many ticks came of it."""
         before = self.ticks
         self.channels.mailbox.put(reading, pull)
@@ -64,7 +64,7 @@ class Table:
             self.work.advance()
         return self.ticks - before
 
-    def press(self, control: Control) -> None:
+    def press(self, control: Command) -> None:
         self.work.obey({"do": "control", "name": control.name})
 
     def marked(self) -> list[bool]:
@@ -86,7 +86,7 @@ def table(monkeypatch) -> Iterator[Callable[..., Table]]:
     ) -> Table:
         policy = Forward(enough)
         monkeypatch.setattr(place_task, "Placing", FakeBench)
-        monkeypatch.setattr(place_task, "policy_of", lambda job, bench: decorated(policy, job.decorators))
+        monkeypatch.setattr(place_task, "policy_of", lambda job, bench: wrap(policy, job.decorators))
         made.append(Table(record, source, policy, around))
         return made[-1]
 
@@ -127,16 +127,16 @@ def test_the_lead_is_said_when_it_changes_hands(table):
 
 def test_a_button_hands_back_at_once(table):
     one = table()
-    assert one.work.does(Control.START) is None
+    assert one.work.does(Command.START) is None
     one.go(PUSH, 2)
-    assert one.work.does(Control.START) == "hand back to forward"
+    assert one.work.does(Command.START) == "hand back to forward"
     one.go(REST)
-    one.press(Control.START)
+    one.press(Command.START)
     one.go(REST)
     assert one.marked() == [True, True, True, False]
     # Who has not let go of the stick has not handed back.
     one.go(PUSH)
-    one.press(Control.START)
+    one.press(Command.START)
     one.go(PUSH)
     assert one.marked()[-2:] == [True, True]
 
@@ -189,7 +189,7 @@ def test_after_the_stop_time_stands_until_the_hands_move(table):
 def test_after_a_disturbance_what_the_person_leads_is_the_repair(table):
     one = table(enough=0.1)
     one.go(REST, 30)
-    one.press(Control.DISTURB)
+    one.press(Command.DISTURB)
     one.go(REST, 2)
     assert one.status["state"] == "disturbing"
     one.go(PUSH, 3)
@@ -220,7 +220,7 @@ def test_who_leads_is_not_cut_off_by_the_limit_of_the_policy(table, monkeypatch)
     assert one.status["state"] == "placed"
 
 
-@pytest.mark.parametrize(("control", "outcome"), [(Control.KEEP_SUCCESS, "success"), (Control.KEEP_FAILURE, "failure")])
+@pytest.mark.parametrize(("control", "outcome"), [(Command.KEEP_SUCCESS, "success"), (Command.KEEP_FAILURE, "failure")])
 def test_what_is_kept_says_which_ticks_were_the_person_s(table, tmp_path, control, outcome):
     path = tmp_path / "s.h5"
     one = table(path)
@@ -256,7 +256,7 @@ def test_what_nobody_judges_is_kept_as_partial_with_its_marks(table, tmp_path):
     path = tmp_path / "s.h5"
     one = table(path)
     one.go(PUSH, 6)
-    one.press(Control.QUIT)
+    one.press(Command.QUIT)
     assert one.work.over
     one.work.close()
     with open_session(path) as session:
@@ -269,11 +269,11 @@ def test_what_nobody_judges_is_kept_as_partial_with_its_marks(table, tmp_path):
 def test_where_nothing_is_recorded_keeping_is_a_sentence(table):
     one = table()
     one.go(PUSH)
-    for control in (Control.KEEP_SUCCESS, Control.KEEP_FAILURE, Control.DISCARD):
+    for control in (Command.KEEP_SUCCESS, Command.KEEP_FAILURE, Command.DISCARD):
         assert one.work.does(control) is None
         one.press(control)
         assert "nothing is recorded" in one.status["message"]
-    one.press(Control.REDO)
+    one.press(Command.REDO)
     assert one.status["message"] == "there is nothing to redo now"
     assert not one.work.over
 
@@ -283,8 +283,8 @@ def test_a_cloth_that_came_apart_is_no_success(table, tmp_path):
     one.work.bench.breaks_at = 3
     one.go(PUSH, 5)
     assert one.status["state"] == "over"
-    assert one.work.does(Control.KEEP_SUCCESS) is None
-    assert one.work.does(Control.KEEP_FAILURE) == "keep as failure"
+    assert one.work.does(Command.KEEP_SUCCESS) is None
+    assert one.work.does(Command.KEEP_FAILURE) == "keep as failure"
 
 
 def test_without_a_device_nobody_takes_over(table):
@@ -295,7 +295,7 @@ def test_without_a_device_nobody_takes_over(table):
     assert (one.ticks, one.status["leads"], one.status["does"]) == (10, "", {})
 
 
-def band(history: History, width: int = 300) -> np.ndarray:
+def band(history: TimeSeries, width: int = 300) -> np.ndarray:
     """Of each second's middle: whether the band of the person's lead is below the curve."""
     pygame.font.init()
     style.fresh()
@@ -310,7 +310,7 @@ def band(history: History, width: int = 300) -> np.ndarray:
 @settings(max_examples=20, deadline=None)
 def test_the_curves_show_when_the_person_led(led):
     """A tick a second, so that each has its own place."""
-    history = History(
+    history = TimeSeries(
         episode=1,
         time_s=[float(s) for s in range(11)],
         contact=[0.5] * 11,

@@ -14,20 +14,20 @@ from hypothesis import strategies as st
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.recording_session import COUNTDOWN_S
 from layflat.app.workstation.teleop import key_map
-from layflat.app.workstation.teleop.contact_rumble import TOUCHES, Touch
-from layflat.app.workstation.teleop.teleop_input import Control
-from layflat.app.workstation.teleop.teleoperator import Source
+from layflat.app.workstation.teleop.contact_rumble import TOUCHES, ContactRumble
+from layflat.app.workstation.teleop.teleop_input import Command
+from layflat.app.workstation.teleop.teleoperator import Teleoperator
 from layflat.app.workstation.teleop.terminal_keyboard import REPEAT_S, TAP_S, TerminalKeyboard
 from layflat.app.workstation.teleop.terminal_keys import TerminalKeys, names_of
 from layflat.app.workstation.terminal.display import (
     POLL_S,
-    Screen,
+    TerminalDisplay,
     introduce,
     run_recording,
     status_line,
     stops_on_signals,
 )
-from layflat.data.types import TASKS, action_size
+from layflat.data.types import ROBOTS, action_size
 from layflat.tests.app.workstation.conftest import HandSource
 from layflat.tests.app.workstation.test_recording import Desk
 
@@ -56,7 +56,7 @@ class Night:
         self.desk.now += seconds
 
     def run(self, until_s: float):
-        screen = Screen(io.StringIO())
+        screen = TerminalDisplay(io.StringIO())
         return run_recording(
             self.desk.recording,
             self.source,
@@ -76,7 +76,7 @@ def night(tmp_path_factory):
     def make(work_s: list[float]) -> Night:
         desk = Desk(tmp_path_factory.mktemp("night") / "s.h5")
         desks.append(desk)
-        desk.press(Control.START)
+        desk.press(Command.START)
         desk.now += COUNTDOWN_S
         desk.recording.tick()
         source = HandSource()
@@ -85,7 +85,7 @@ def night(tmp_path_factory):
 
     yield make
     for desk in desks:
-        desk.press(Control.DISCARD)
+        desk.press(Command.DISCARD)
         desk.close()
 
 
@@ -137,7 +137,7 @@ def test_from_pause_to_standstill_is_at_most_a_tick_and_a_frame(night, work_s, a
 
     def hand() -> None:
         if one.desk.now >= COUNTDOWN_S + at_s and one.desk.state == "running":
-            one.source.controls = [Control.PAUSE]
+            one.source.controls = [Command.PAUSE]
 
     one.source.on_poll = hand
     one.run(COUNTDOWN_S + 5.0)
@@ -149,19 +149,19 @@ def test_a_pause_is_nobody_s_fault(night):
     one = night([0.02])
     for _ in range(2):
         one.run(one.desk.now + 1.0)
-        one.desk.press(Control.PAUSE)
+        one.desk.press(Command.PAUSE)
         one.desk.now += 30.0
-        one.desk.press(Control.PAUSE)
+        one.desk.press(Command.PAUSE)
     rhythm = one.run(one.desk.now + 1.0).rhythm()
     assert rhythm.worst_s <= TICK_S + POLL_S
 
 
 def test_contact_is_felt_once_each_time_it_begins(hands):
-    touch = Touch(hands)
+    touch = ContactRumble(hands)
     for ticks, contact in enumerate([0.0, 0.01, TOUCHES, 0.5, 0.3, 0.0, 0.4]):
         touch.see(contact, ticks)
     assert len(hands.rumbles) == 2
-    touch = Touch(hands)
+    touch = ContactRumble(hands)
     for contact in (0.5, 0.5):  # The last demonstration's cloth.
         touch.see(contact, 0)
     touch.see(0.0, 0)
@@ -183,7 +183,7 @@ def test_the_status_line_tells_state_numbers_and_what_can_be_done(tmp_path, hand
 
 def test_without_a_terminal_only_what_is_new_is_printed(tmp_path, hands):
     desk, stream = Desk(tmp_path / "s.h5"), io.StringIO()
-    screen = Screen(stream)
+    screen = TerminalDisplay(stream)
     desk.begin(ticks=3)
     for _ in range(20):
         screen.show(desk.recording, hands.poll())
@@ -227,12 +227,12 @@ class Typist:
         return self.keyboard.poll()
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_the_terminal_s_keyboard_is_a_source(task):
     keyboard = Typist(task).keyboard
-    assert isinstance(keyboard, Source)
+    assert isinstance(keyboard, Teleoperator)
     assert keyboard.poll().motion.shape == (action_size(task),)
-    assert {button.control for button in keyboard.help()} >= set(Control)
+    assert {button.control for button in keyboard.help()} >= set(Command)
 
 
 def test_a_tap_moves_for_a_while_and_then_stops():
@@ -268,26 +268,26 @@ def test_digits_set_the_speed_and_letters_the_controls():
     one = Typist()
     slow = one.type("2", "enter", "y")
     assert slow.speed == pytest.approx(0.2)
-    assert slow.controls == (Control.START, Control.KEEP_SUCCESS)
+    assert slow.controls == (Command.START, Command.KEEP_SUCCESS)
     assert one.type().controls == ()
     assert one.type("0").speed == 1.0
     assert not one.type("%", "Q", "shift-up").controls
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ROBOTS)
 def test_every_key_does_one_thing_and_every_axis_has_a_key_each_way(task):
-    moves = key_map.motions(task)
+    moves = key_map.key_motions(task)
     assert not set(moves) & (set(key_map.CONTROLS) | set(key_map.SPEEDS))
     reach = np.array(list(moves.values()))
     assert (reach.max(axis=0) == 1).all()
     assert (reach.min(axis=0) == -1).all()
-    assert set(key_map.CONTROLS.values()) == set(Control)
+    assert set(key_map.CONTROLS.values()) == set(Command)
 
 
 def test_a_sum_of_keys_stays_within_its_bounds():
-    moves = key_map.motions("pickers")
-    assert np.abs(key_map.summed("pickers", moves, moves)).max() <= 1.0
-    assert not key_map.summed("pickers", moves, ["up", "down"]).any()
+    moves = key_map.key_motions("pickers")
+    assert np.abs(key_map.sum_motions("pickers", moves, moves)).max() <= 1.0
+    assert not key_map.sum_motions("pickers", moves, ["up", "down"]).any()
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.app.workstation.window.layout import layout
-from layflat.app.workstation.window.orbit_camera import Orbit
+from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.robots.arm_shape import arm_shape
@@ -18,7 +18,7 @@ from layflat.sim.robots.panda import inverse_kinematics
 
 SIZE = (640, 480)
 orbits = st.builds(
-    Orbit,
+    OrbitCamera,
     azimuth=st.floats(-3.1, 3.1),
     elevation=st.floats(0.1, 1.5),
     distance=st.floats(0.5, 3.5),
@@ -56,7 +56,7 @@ def test_the_target_stays_in_the_middle_and_pans_with_the_mouse(orbit, by):
 
 
 def test_zooming_comes_nearer_up_to_a_limit_and_turning_never_goes_below_the_table():
-    orbit = Orbit()
+    orbit = OrbitCamera()
     assert orbit.zoomed(1).distance < orbit.distance < orbit.zoomed(-1).distance
     assert orbit.zoomed(1000).distance > 0.2
     assert orbit.turned(0, 10_000).eye()[2] > 0
@@ -75,7 +75,7 @@ def test_the_cloth_is_drawn_where_it_is(name):
     spec = cloth_spec(name)
     nodes = spec.flat_nodes()
     view = View3d(spec, None)
-    orbit = Orbit(elevation=1.2)
+    orbit = OrbitCamera(elevation=1.2)
     cloth = cloth_share(view.draw(Scene(nodes=nodes), orbit, SIZE))
     inner = nodes.reshape(spec.rows, spec.columns, 3)[1:-1, 1:-1].reshape(-1, 3)
     for x, y in np.rint(orbit.project(inner, SIZE)[0]).astype(int):
@@ -94,17 +94,19 @@ def test_what_is_nearer_hides_what_is_behind():
     joints = inverse_kinematics(np.array([0.2, 0.0, 0.3]))
     nodes = spec.flat_nodes() + np.array([0.1, 0.25, 0.4])
     shares = [
-        cloth_share(view.draw(Scene(nodes=nodes, joints=joints), Orbit(elevation=elevation, azimuth=-1.2), SIZE)).sum()
+        cloth_share(
+            view.draw(Scene(nodes=nodes, joints=joints), OrbitCamera(elevation=elevation, azimuth=-1.2), SIZE)
+        ).sum()
         for elevation in (0.1, 1.3)
     ]
     alone = [
-        cloth_share(view.draw(Scene(nodes=nodes), Orbit(elevation=elevation, azimuth=-1.2), SIZE)).sum()
+        cloth_share(view.draw(Scene(nodes=nodes), OrbitCamera(elevation=elevation, azimuth=-1.2), SIZE)).sum()
         for elevation in (0.1, 1.3)
     ]
     assert shares[0] < alone[0]
     assert shares[1] < alone[1]
     above = spec.flat_nodes() + np.array([0.1, 0.25, 1.3])
-    from_above = Orbit(elevation=1.5, target=(0.25, 0.25, 0.4), distance=2.5)
+    from_above = OrbitCamera(elevation=1.5, target=(0.25, 0.25, 0.4), distance=2.5)
     hidden = [
         cloth_share(view.draw(s, from_above, SIZE)).sum()
         for s in (Scene(nodes=above, joints=joints), Scene(nodes=above))

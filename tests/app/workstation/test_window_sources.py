@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.app.workstation.teleop import Source, WindowSource, key_map, sdl
-from layflat.app.workstation.teleop.combined_input import WithKeys
-from layflat.app.workstation.teleop.hand_guiding import GRASP_M, Kinesthetic, take_hold
+from layflat.app.workstation.teleop import Teleoperator, WindowTeleoperator, key_map, sdl
+from layflat.app.workstation.teleop.combined_input import CombinedInput
+from layflat.app.workstation.teleop.hand_guiding import GRASP_M, HandGuidingTeleoperator, take_hold
 from layflat.app.workstation.teleop.mouse import REACH_PX, Mouse
-from layflat.app.workstation.teleop.registry import SOURCES, terminal_source, window_source
-from layflat.app.workstation.teleop.teleop_input import Control, Reading
+from layflat.app.workstation.teleop.registry import TELEOPERATORS, terminal_source, window_source
+from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.app.workstation.window.orbit_camera import Orbit
-from layflat.data.types import ACTION_LIMIT_M, TASKS, DataError, action_size
+from layflat.app.workstation.window.orbit_camera import OrbitCamera
+from layflat.data.types import ACTION_LIMIT_M, ROBOTS, DataError, action_size
 from layflat.tests.app.workstation.conftest import HandSource
 
 sdl.start()
@@ -25,7 +25,7 @@ import pygame  # noqa: E402  # SDL reads its settings when pygame is loaded.
 
 CORNERS = np.array([[0.1, 0.175, 0.4], [0.1, -0.175, 0.4]])
 SIZE = (800, 600)
-VIEW = Orbit()
+VIEW = OrbitCamera()
 
 
 def ray(pixel: tuple[int, int]):
@@ -45,7 +45,7 @@ def mouse(kind: int, pos: tuple[int, int], button: int = 1) -> pygame.event.Even
     return pygame.event.Event(kind, pos=pos, button=button)
 
 
-@pytest.fixture(params=[(name, task) for name in SOURCES for task in TASKS], ids="-".join)
+@pytest.fixture(params=[(name, task) for name in TELEOPERATORS for task in ROBOTS], ids="-".join)
 def any_source(request):
     name, task = request.param
     made = window_source(name, task, ray=ray, corners=lambda: CORNERS)
@@ -56,13 +56,13 @@ def any_source(request):
 
 def test_every_source_of_the_window_is_one(any_source):
     source, name, task = any_source
-    assert isinstance(source, Source)
-    assert isinstance(source, WindowSource)
+    assert isinstance(source, Teleoperator)
+    assert isinstance(source, WindowTeleoperator)
     assert source.name == name
     reading = source.poll()
     assert reading.motion.shape == (action_size(task),)
     assert not reading.moving
-    assert {button.control for button in source.help()} >= set(Control)
+    assert {button.control for button in source.help()} >= set(Command)
     assert any(button.control is None for button in source.help())
     source.rumble(0.5, 0.1)
     assert not source.on_event(pygame.event.Event(pygame.WINDOWEXPOSED))
@@ -72,7 +72,7 @@ def test_every_source_has_the_controls_of_the_keyboard_but_the_pad(any_source):
     source, name, _ = any_source
     source.on_event(key(pygame.KEYDOWN, pygame.K_RETURN))
     source.on_event(key(pygame.KEYDOWN, pygame.K_y))
-    expected = () if name == "gamepad" else (Control.START, Control.KEEP_SUCCESS)
+    expected = () if name == "gamepad" else (Command.START, Command.KEEP_SUCCESS)
     assert source.poll().controls == expected
     assert source.poll().controls == ()
 
@@ -106,8 +106,8 @@ def test_shortcuts_of_the_window_are_not_the_keyboard_s():
 
 def test_every_key_of_the_help_is_known_in_the_window():
     codes = {"enter": pygame.K_RETURN, "space": pygame.K_SPACE}
-    for task in TASKS:
-        for name in (*key_map.motions(task), *key_map.CONTROLS):
+    for task in ROBOTS:
+        for name in (*key_map.key_motions(task), *key_map.CONTROLS):
             plain = name.removeprefix("shift-")
             shift = pygame.KMOD_LSHIFT if name != plain or name.isupper() else 0
             one = WindowKeyboard(task)
@@ -116,7 +116,7 @@ def test_every_key_of_the_help_is_known_in_the_window():
             if name in key_map.CONTROLS:
                 assert reading.controls == (key_map.CONTROLS[name],)
             else:
-                assert (reading.motion == key_map.motions(task)[name]).all()
+                assert (reading.motion == key_map.key_motions(task)[name]).all()
 
 
 @given(st.integers(-400, 400), st.integers(-400, 400))
@@ -155,14 +155,14 @@ def test_modifiers_choose_pickers_and_axis(mod, expected):
 
 
 def test_other_buttons_of_the_mouse_are_the_view_s():
-    for one in (Mouse("hanger"), Kinesthetic("hanger", ray, lambda: CORNERS)):
+    for one in (Mouse("hanger"), HandGuidingTeleoperator("hanger", ray, lambda: CORNERS)):
         assert not one.on_event(mouse(pygame.MOUSEBUTTONDOWN, (100, 100), button=3))
         assert not one.on_event(mouse(pygame.MOUSEMOTION, (200, 100)))
         assert not one.poll().moving
 
 
-def led(task: str, start, to) -> Reading:
-    one = Kinesthetic(task, ray, lambda: CORNERS)
+def led(task: str, start, to) -> TeleopInput:
+    one = HandGuidingTeleoperator(task, ray, lambda: CORNERS)
     assert one.on_event(mouse(pygame.MOUSEBUTTONDOWN, pixel_of(start)))
     one.on_event(mouse(pygame.MOUSEMOTION, pixel_of(to)))
     return one.poll()
@@ -180,7 +180,7 @@ def test_the_hanger_follows_the_hand_in_its_plane(dx, dz, at_y):
 @given(st.integers(0, 1), st.integers(-80, 80), st.integers(-80, 80))
 def test_a_picker_follows_under_the_mouse_and_neither_near_nor_far_and_the_other_stays(which, dx, dy):
     start = pixel_of(CORNERS[which])
-    one = Kinesthetic("pickers", ray, lambda: CORNERS)
+    one = HandGuidingTeleoperator("pickers", ray, lambda: CORNERS)
     one.on_event(mouse(pygame.MOUSEBUTTONDOWN, start))
     one.on_event(mouse(pygame.MOUSEMOTION, (start[0] + dx, start[1] + dy)))
     hand = one.poll().hand
@@ -192,7 +192,7 @@ def test_a_picker_follows_under_the_mouse_and_neither_near_nor_far_and_the_other
 
 
 def test_a_press_holds_without_a_jump_and_letting_go_ends_it():
-    one = Kinesthetic("hanger", ray, lambda: CORNERS)
+    one = HandGuidingTeleoperator("hanger", ray, lambda: CORNERS)
     one.on_event(mouse(pygame.MOUSEBUTTONDOWN, pixel_of([0.1, 0.1, 0.4])))
     assert one.poll().hand == pytest.approx(np.array([0.1, 0.0, 0.4]))
     one.on_event(mouse(pygame.MOUSEBUTTONUP, (0, 0)))
@@ -201,7 +201,7 @@ def test_a_press_holds_without_a_jump_and_letting_go_ends_it():
 
 def test_nothing_is_held_beside_the_hanger_or_before_it_is_there():
     origin, direction = ray(pixel_of([0.1, 0.0, 0.4 + 3 * GRASP_M]))
-    for task in TASKS:
+    for task in ROBOTS:
         assert take_hold(task, CORNERS, origin, direction) is None
         assert take_hold(task, np.full((2, 3), np.inf), origin, direction) is None
 
@@ -219,26 +219,26 @@ def test_a_pad_beside_keys_obeys_both():
     pad, board = HandSource(), HandSource()
     pad.motion = np.array([1.0, 0.0])
     board.motion = np.array([0.0, 1.0])
-    both = WithKeys(pad, board)
-    pad.controls, board.controls = [Control.START], [Control.QUIT]
+    both = CombinedInput(pad, board)
+    pad.controls, board.controls = [Command.START], [Command.QUIT]
     reading = both.poll()
-    assert reading.controls == (Control.START, Control.QUIT)
+    assert reading.controls == (Command.START, Command.QUIT)
     assert reading.motion.tolist() == [1.0, 0.0]
     pad.connected = False
-    board.controls = [Control.QUIT]
+    board.controls = [Command.QUIT]
     gone = both.poll()
-    assert (gone.connected, gone.controls) == (False, (Control.QUIT,))
-    assert isinstance(both, Source)
+    assert (gone.connected, gone.controls) == (False, (Command.QUIT,))
+    assert isinstance(both, Teleoperator)
 
 
 def test_sources_of_the_terminal_are_those_that_say_so():
-    made: dict[str, Callable] = {name: terminal_source for name, kind in SOURCES.items() if kind.terminal}
+    made: dict[str, Callable] = {name: terminal_source for name, kind in TELEOPERATORS.items() if kind.terminal}
     assert set(made) == {"gamepad", "keyboard"}
 
 
 @given(st.lists(st.floats(-1, 1), min_size=2, max_size=2), st.floats(0, 1))
 def test_an_action_stays_within_what_files_take(motion, speed):
-    reading = Reading(motion=np.array(motion), speed=speed)
+    reading = TeleopInput(motion=np.array(motion), speed=speed)
     assert np.abs(reading.action).max() <= ACTION_LIMIT_M
     assert reading.moving == (speed > 0 and any(motion))
 
@@ -257,7 +257,7 @@ def test_an_action_stays_within_what_files_take(motion, speed):
 )
 def test_a_reading_that_cannot_be_is_refused(wrong):
     with pytest.raises(DataError):
-        Reading(**({"motion": np.zeros(2)} | wrong))
-    assert Reading(motion=np.zeros(2)).after(Reading(motion=np.ones(2), controls=(Control.QUIT,))).controls == (
-        Control.QUIT,
+        TeleopInput(**({"motion": np.zeros(2)} | wrong))
+    assert TeleopInput(motion=np.zeros(2)).after(TeleopInput(motion=np.ones(2), controls=(Command.QUIT,))).controls == (
+        Command.QUIT,
     )

@@ -13,18 +13,18 @@ import pygame
 import pytest
 from pygame_menu.widgets import ToggleSwitch
 
-from layflat.app.workstation.session.tasks import make_work
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window.layout import LEAST
-from layflat.app.workstation.window.pages.data import OPERATIONS, DataMode
-from layflat.app.workstation.window.pages.place import PlaceMode
-from layflat.app.workstation.window.pages.record import RecordMode
-from layflat.app.workstation.window.pages.replay import ReplayMode
-from layflat.app.workstation.window.pages.train import TrainMode
+from layflat.app.workstation.window.pages.data import OPERATIONS, DataPage
+from layflat.app.workstation.window.pages.place import PlacePage
+from layflat.app.workstation.window.pages.record import RecordPage
+from layflat.app.workstation.window.pages.replay import ReplayPage
+from layflat.app.workstation.window.pages.train import TrainPage
 from layflat.app.workstation.window.window import Window
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.tools.validate import validate
-from layflat.data.types import ACTION_LIMIT_M, Episode, Task, action_size
+from layflat.data.types import ACTION_LIMIT_M, Episode, RobotName, action_size
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
 pytestmark = pytest.mark.timeout(400)
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.timeout(400)
 @pytest.fixture
 def window(tmp_path: Path) -> Iterator[Window]:
     headless()
-    made = Window(tmp_path, make_work)
+    made = Window(tmp_path, make_task)
     made.shop.change(replace(made.shop.settings, speed="as fast as it goes", countdown_s=0.3))
     made.mode.relaid()
     yield made
@@ -58,7 +58,7 @@ def leftovers() -> list[str]:
     return found
 
 
-def set_up(window: Window, task: Task) -> None:
+def set_up(window: Window, task: RobotName) -> None:
     window.shop.change(replace(window.shop.settings, task=task, session=f"{task}.h5"))
     window.mode.relaid()
 
@@ -105,7 +105,7 @@ def record_three(person: Person, ticks: int | None) -> list[int]:
     return lengths
 
 
-def check_recorded(path: Path, task: Task, lengths: list[int]) -> None:
+def check_recorded(path: Path, task: RobotName, lengths: list[int]) -> None:
     """The file holds exactly what was kept."""
     episodes = stored_episodes(path)
     assert [(e.outcome, e.source, e.task, e.seed) for e in episodes] == [
@@ -126,7 +126,7 @@ def check_recorded(path: Path, task: Task, lengths: list[int]) -> None:
 def train(person: Person, session: str) -> str:
     person.tab("Train")
     mode = person.window.mode
-    assert isinstance(mode, TrainMode)
+    assert isinstance(mode, TrainPage)
     mode.session, mode.model = session, "learned.npz"
     mode.replace_model = True
     mode.build()
@@ -144,7 +144,7 @@ def place_and_pull(person: Person, ticks: int | None) -> int | None:
     """
     person.tab("Place")
     mode = person.window.mode
-    assert isinstance(mode, PlaceMode)
+    assert isinstance(mode, PlacePage)
     assert person.window.shop.settings.model == "learned.npz"
     mode.seed, mode.record = 9, "placed"
     mode.build()
@@ -184,7 +184,7 @@ def check_placed(path: Path, node: int | None) -> None:
 def replay(person: Person, session: str) -> None:
     person.tab("Replay")
     mode = person.window.mode
-    assert isinstance(mode, ReplayMode)
+    assert isinstance(mode, ReplayPage)
     mode.session = session
     mode.build()
     person.menu("Watch")
@@ -199,7 +199,7 @@ def replay(person: Person, session: str) -> None:
     assert mode.at == last
 
 
-def use_it_all(window: Window, task: Task, ticks: int | None) -> None:
+def use_it_all(window: Window, task: RobotName, ticks: int | None) -> None:
     person = Person(window)
     set_up(window, task)
     folder = window.shop.folder
@@ -268,7 +268,7 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     bench = psutil.Process(window.shop.link.pid)
     family = [bench, *bench.children(recursive=True)]
     bench.kill()
-    person.wait(lambda: isinstance(window.mode, RecordMode) and not window.mode.running, "the menu")
+    person.wait(lambda: isinstance(window.mode, RecordPage) and not window.mode.running, "the menu")
     assert "ended by itself (signal 9)" in window.shop.message
     psutil.wait_procs(family, timeout=40)
     assert leftovers() == []
@@ -341,7 +341,7 @@ def test_every_operation_on_data_has_its_menu(window, make_episode):
     person = Person(window)
     person.tab("Data")
     mode = window.mode
-    assert isinstance(mode, DataMode)
+    assert isinstance(mode, DataPage)
     for name in list(OPERATIONS)[:6]:
         person.choose(1, name)
         person.look()

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from layflat.app.workstation.window.pages.data import DataMode
-from layflat.app.workstation.window.pages.page import Mode, Shop
-from layflat.app.workstation.window.pages.place import PlaceMode
-from layflat.app.workstation.window.pages.record import RecordMode
-from layflat.app.workstation.window.pages.replay import ReplayMode
-from layflat.app.workstation.window.pages.settings import SettingsMode
-from layflat.app.workstation.window.pages.train import TrainMode
+from layflat.app.workstation.window.pages.data import DataPage
+from layflat.app.workstation.window.pages.page import Page, WindowContext
+from layflat.app.workstation.window.pages.place import PlacePage
+from layflat.app.workstation.window.pages.record import RecordPage
+from layflat.app.workstation.window.pages.replay import ReplayPage
+from layflat.app.workstation.window.pages.settings import SettingsPage
+from layflat.app.workstation.window.pages.train import TrainPage
 
 if TYPE_CHECKING:
-    from layflat.app.workstation.window.input_manager import Hands
+    from layflat.app.workstation.window.input_manager import InputManager
 
-__all__ = ["Mode", "Shop", "all_modes"]
+__all__ = ["Page", "WindowContext", "all_pages"]
 
 
-def all_modes(shop: Shop, hands: Hands) -> list[Mode]:
+def all_pages(shop: WindowContext, hands: InputManager) -> list[Page]:
     """In the order of their tabs."""
     return [
-        RecordMode(shop, hands=hands),
-        TrainMode(shop),
-        PlaceMode(shop, hands=hands),
-        PlaceMode(shop, name="Disturb", hurry=True),
-        ReplayMode(shop),
-        DataMode(shop),
-        SettingsMode(shop),
+        RecordPage(shop, hands=hands),
+        TrainPage(shop),
+        PlacePage(shop, hands=hands),
+        PlacePage(shop, name="Disturb", hurry=True),
+        ReplayPage(shop),
+        DataPage(shop),
+        SettingsPage(shop),
     ]

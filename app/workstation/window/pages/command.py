@@ -7,18 +7,18 @@ from dataclasses import dataclass, field
 import pygame
 
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.pages.page import BasicMode, Chip, Shows
-from layflat.app.workstation.window.subprocess_command import Job
+from layflat.app.workstation.window.pages.page import BasePage, KeyHint, Shows
+from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 
 LINE_PX = 13
 
 
 @dataclass
-class CommandMode(BasicMode):
+class CommandPage(BasePage):
     """The text area shows the command as one would type it, how far it is, and what it printed."""
 
     shows: Shows = "text"
-    job: Job | None = None
+    job: SubprocessCommand | None = None
     scroll: int = 0
     """Lines above the last that are shown at the bottom."""
     intro: tuple[str, ...] = field(default=())
@@ -31,7 +31,7 @@ class CommandMode(BasicMode):
             return
         if self.job is not None:
             self.job.close()
-        self.job, self.scroll = Job(arguments), 0
+        self.job, self.scroll = SubprocessCommand(arguments), 0
 
     def cancel(self) -> None:
         if self.job is not None and self.job.status is None:
@@ -51,10 +51,13 @@ class CommandMode(BasicMode):
             return True
         return False
 
-    def chips(self) -> list[Chip]:
-        chips = [Chip("Enter", "choose and press in the menu"), Chip("wheel", "scroll what was printed")]
+    def chips(self) -> list[KeyHint]:
+        chips = [KeyHint("Enter", "choose and press in the menu"), KeyHint("wheel", "scroll what was printed")]
         if self.job is not None and self.job.status is None:
-            return [Chip("Cancel", "end the command; what it has finished stays", self.cancel, style.WARNING), *chips]
+            return [
+                KeyHint("Cancel", "end the command; what it has finished stays", self.cancel, style.WARNING),
+                *chips,
+            ]
         return chips
 
     def paint_text(self, surface: pygame.Surface) -> None:
@@ -73,7 +76,7 @@ class CommandMode(BasicMode):
         y = self._paint_progress(surface, self.job, inner, y)
         self._paint_lines(surface, self.job, inner, y + 10)
 
-    def _paint_progress(self, surface: pygame.Surface, job: Job, inner: pygame.Rect, y: int) -> int:
+    def _paint_progress(self, surface: pygame.Surface, job: SubprocessCommand, inner: pygame.Rect, y: int) -> int:
         """A bar while it runs, then one word; returns the y below."""
         ended = job.outcome()
         if ended:
@@ -87,7 +90,7 @@ class CommandMode(BasicMode):
         style.write(surface, job.doing or "starting", (inner.left, bar.bottom + 6), 13, style.QUIET, width=inner.width)
         return bar.bottom + 26
 
-    def _paint_lines(self, surface: pygame.Surface, job: Job, inner: pygame.Rect, y: int) -> None:
+    def _paint_lines(self, surface: pygame.Surface, job: SubprocessCommand, inner: pygame.Rect, y: int) -> None:
         """The last lines that fit, in letters small enough for the widest of them."""
         lines = list(job.lines)
         widest = max((len(line) for line in lines), default=0)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import pygame_menu
 
 from layflat.app.workstation.window import menu_style
-from layflat.app.workstation.window.pages.command import CommandMode
-from layflat.app.workstation.window.subprocess_command import Job
+from layflat.app.workstation.window.pages.command import CommandPage
+from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
 from layflat.data.types import OUTCOMES
@@ -80,7 +80,7 @@ PATHS = ("out",)
 
 
 @dataclass
-class DataMode(CommandMode):
+class DataPage(CommandPage):
     name: str = "Data"
     session: str = ""
     operation: str = "info"
@@ -89,7 +89,7 @@ class DataMode(CommandMode):
     force: bool = False
     intro: tuple[str, ...] = INTRO
     _rebuild: bool = False
-    _ended: Job | None = None
+    _ended: SubprocessCommand | None = None
     """The last command whose end was noticed."""
 
     def build(self) -> None:

@@ -11,21 +11,21 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
 import pygame
 import pygame_menu
 
-from layflat.app.workstation.session.bench_client import BenchLink
-from layflat.app.workstation.session.frame_channel import Moment
-from layflat.app.workstation.teleop import Button, Control
+from layflat.app.workstation.session.bench_client import BenchClient
+from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.teleop import Button, Command
 from layflat.app.workstation.window import settings, style
-from layflat.app.workstation.window.layout import Layout
+from layflat.app.workstation.window.layout import WindowLayout
 from layflat.app.workstation.window.settings import Settings
-from layflat.app.workstation.window.time_series import History
-from layflat.data.types import Pull
+from layflat.app.workstation.window.time_series import TimeSeries
+from layflat.data.types import DragTarget
 
 ASK_AGAIN_S = 3.0
 """What would end something is asked for twice within this time."""
 Shows: TypeAlias = Literal["bench", "text"]
 
 
-class Chip(NamedTuple):
+class KeyHint(NamedTuple):
     """One button: what it is called, what it does now, and doing it (a click does, too)."""
 
     key: str
@@ -35,28 +35,28 @@ class Chip(NamedTuple):
 
 
 CONTROL_COLOURS = {
-    Control.START: style.ACCENT,
-    Control.KEEP_SUCCESS: style.CONTACT,
-    Control.KEEP_FAILURE: style.WORD,
-    Control.DISCARD: style.WARNING,
+    Command.START: style.ACCENT,
+    Command.KEEP_SUCCESS: style.CONTACT,
+    Command.KEEP_FAILURE: style.WORD,
+    Command.DISCARD: style.WARNING,
 }
 
 
 def device_chips(
-    buttons: Iterable[Button], does: Mapping[str, str | None], press: Callable[[Control], None]
-) -> list[Chip]:
+    buttons: Iterable[Button], does: Mapping[str, str | None], press: Callable[[Command], None]
+) -> list[KeyHint]:
     """A device's buttons that do something now (``does``, by the control's name), and then what moves."""
     acting, moving = [], []
     for button in buttons:
         if button.control is None:
-            moving.append(Chip(button.name, button.does))
+            moving.append(KeyHint(button.name, button.does))
         elif now := does.get(button.control.name):
             colour = CONTROL_COLOURS.get(button.control, style.TEXT)
-            acting.append(Chip(button.name, now, partial(press, button.control), colour))
+            acting.append(KeyHint(button.name, now, partial(press, button.control), colour))
     return acting + moving
 
 
-class Row(NamedTuple):
+class FormRow(NamedTuple):
     """A line of a panel: a name and what stands for it."""
 
     name: str
@@ -65,19 +65,19 @@ class Row(NamedTuple):
 
 
 @dataclass
-class Shop:
+class WindowContext:
     """What all modes share."""
 
     folder: Path
     settings: Settings
     remember: bool
     """Whether settings outlive the window."""
-    link: BenchLink
-    place: Layout
+    link: BenchClient
+    place: WindowLayout
     message: str = ""
     """The newest sentence, in the line below the bench."""
     message_colour: style.Colour = style.QUIET
-    pull: Pull | None = None
+    pull: DragTarget | None = None
     """What the mouse pulls at now."""
 
     def say(self, sentence: str, colour: style.Colour = style.QUIET) -> None:
@@ -103,7 +103,7 @@ def _newest(folder: Path, pattern: str) -> list[str]:
     return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
 
 
-class Mode(Protocol):
+class Page(Protocol):
     """One tab of the window."""
 
     name: str
@@ -132,10 +132,10 @@ class Mode(Protocol):
     def relaid(self) -> None:
         """The window has another size."""
 
-    def chips(self) -> list[Chip]:
+    def chips(self) -> list[KeyHint]:
         """What each button does now."""
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[FormRow]:
         """The panel while there is no menu."""
 
     def headline(self) -> tuple[str, style.Colour]:
@@ -147,10 +147,10 @@ class Mode(Protocol):
     def banner(self) -> tuple[str, str]:
         """Large words over the bench, and small ones below them; empty where there are none."""
 
-    def moment(self) -> Moment | None:
+    def moment(self) -> BenchFrame | None:
         """What the view shows."""
 
-    def history(self) -> tuple[History, float | None]:
+    def history(self) -> tuple[TimeSeries, float | None]:
         """The curves, and the moment that is marked in them."""
 
     def paint_over(self, surface: pygame.Surface) -> None:
@@ -164,14 +164,14 @@ class Mode(Protocol):
 
 
 @dataclass
-class BasicMode:
+class BasePage:
     """What most modes have in common."""
 
-    shop: Shop
+    shop: WindowContext
     name: str = ""
     shows: Shows = "bench"
     menu: pygame_menu.Menu | None = None
-    past: History = field(default_factory=History)
+    past: TimeSeries = field(default_factory=TimeSeries)
 
     def enter(self) -> None:
         self.build()
@@ -201,10 +201,10 @@ class BasicMode:
         if self.menu is not None:
             self.build()
 
-    def chips(self) -> list[Chip]:
+    def chips(self) -> list[KeyHint]:
         return []
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[FormRow]:
         return []
 
     def headline(self) -> tuple[str, style.Colour]:
@@ -216,10 +216,10 @@ class BasicMode:
     def banner(self) -> tuple[str, str]:
         return "", ""
 
-    def moment(self) -> Moment | None:
+    def moment(self) -> BenchFrame | None:
         return self.shop.link.moment
 
-    def history(self) -> tuple[History, float | None]:
+    def history(self) -> tuple[TimeSeries, float | None]:
         return self.past, None
 
     def paint_over(self, surface: pygame.Surface) -> None:

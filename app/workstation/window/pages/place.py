@@ -11,14 +11,14 @@ import pygame
 
 from layflat.app.workers.make_policy import SCRIPTED
 from layflat.app.workstation.session.intervention import YOU
-from layflat.app.workstation.teleop import Control
-from layflat.app.workstation.teleop.registry import SOURCES
+from layflat.app.workstation.teleop import Command
+from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.input_manager import Hands
-from layflat.app.workstation.window.pages.page import BasicMode, Chip, Row, device_chips
+from layflat.app.workstation.window.input_manager import InputManager
+from layflat.app.workstation.window.pages.page import BasePage, FormRow, KeyHint, device_chips
 from layflat.app.workstation.window.settings import with_one
 from layflat.policy import model_io as model_files
-from layflat.policy.registry import AROUND, MADE
+from layflat.policy.registry import BUILTIN_POLICIES, RECOMMENDED_WRAPPERS
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
@@ -27,7 +27,7 @@ NAMED = tuple(name for name in DISTURBANCES if name != "none")
 DIGITS = "1234567890-="
 """Keys that begin them; more of them than keys can be clicked at."""
 NOBODY = "nobody"
-HELP = {"nothing": (), **{name: (name,) for name in AROUND}, "both": AROUND}
+HELP = {"nothing": (), **{name: (name,) for name in RECOMMENDED_WRAPPERS}, "both": RECOMMENDED_WRAPPERS}
 """What can be around who decides, by what the menu calls it."""
 STATES = {
     "ready": ("Ready", style.TEXT),
@@ -40,14 +40,14 @@ STATES = {
 
 
 @dataclass
-class PlaceMode(BasicMode):
+class PlacePage(BasePage):
     """``hurry``: the cloth is laid as fast as it goes, and then waits to be disturbed (the Disturb tab).
 
     With ``hands`` a person may take over, by the device ``source``.
     """
 
     name: str = "Place"
-    hands: Hands | None = None
+    hands: InputManager | None = None
     source: str = NOBODY
     help: str = "nothing"
     hurry: bool = False
@@ -62,14 +62,14 @@ class PlaceMode(BasicMode):
         menu_style.heading(menu, self.name)
         about = "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth."
         menu_style.note(menu, about, width)
-        known = [*shop.models(), SCRIPTED, *MADE]
+        known = [*shop.models(), SCRIPTED, *BUILTIN_POLICIES]
         chosen = shop.settings.model if shop.settings.model in known else known[0]
         menu_style.choice(menu, "Who decides: a model, or a rule", known, chosen, self._choose, width=width)
         self._choose(chosen)
         if not chosen.endswith(".npz"):
             self._bench_choices(menu, width)
         if self.hands is not None:
-            sources = [NOBODY, *SOURCES]
+            sources = [NOBODY, *TELEOPERATORS]
             menu_style.choice(menu, "Who may take over", sources, self.source, self._take_source, width=width)
         about = "Help against folds and swinging"
         menu_style.choice(menu, about, list(HELP), self.help, self._take_help, width=width)
@@ -236,33 +236,36 @@ class PlaceMode(BasicMode):
     def _state(self) -> str:
         return str(self.shop.link.status.get("state", ""))
 
-    def chips(self) -> list[Chip]:
+    def chips(self) -> list[KeyHint]:
         if not self.running:
-            return [Chip("Enter", "choose and press in the menu"), Chip("mouse", "turn, zoom and shift the view")]
+            return [KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and shift the view")]
         # Where keys are a person's device they go to that, and what they do else is clicked at.
         keyed = self.source in (NOBODY, "gamepad") or self.finished
         chips = [] if self.finished else self._acting_chips()
-        chips += [Chip("N" if keyed else "•", "next seed", self.again), Chip("Esc", "end, to the menu", self.stop)]
+        chips += [
+            KeyHint("N" if keyed else "•", "next seed", self.again),
+            KeyHint("Esc", "end, to the menu", self.stop),
+        ]
         if not self.finished:
             if self.hands is None or not self.hands.leads():
-                chips.append(Chip("drag", "pull at the cloth"))
+                chips.append(KeyHint("drag", "pull at the cloth"))
             for k, name in enumerate(NAMED):
                 key = DIGITS[k] if keyed and k < len(DIGITS) else "•"
-                chips.append(Chip(key, name, self._disturber(name), style.WORD))
+                chips.append(KeyHint(key, name, self._disturber(name), style.WORD))
         return chips
 
-    def _acting_chips(self) -> list[Chip]:
+    def _acting_chips(self) -> list[KeyHint]:
         """What becomes of the episode, by keys or by the buttons of the person's device."""
         status, ask = self.shop.link.status, self.shop.link.ask
         if self.hands is not None and self.source != NOBODY:
             return device_chips(self.hands.help(), status.get("does", {}), self._control)
-        chips = [Chip("Space", "go on" if status.get("paused") else "pause", self._pause)]
+        chips = [KeyHint("Space", "go on" if status.get("paused") else "pause", self._pause)]
         if status.get("recording"):
-            chips.append(Chip("K", "keep", lambda: ask("keep"), style.CONTACT))
-            chips.append(Chip("X", "discard", lambda: ask("discard"), style.WARNING))
+            chips.append(KeyHint("K", "keep", lambda: ask("keep"), style.CONTACT))
+            chips.append(KeyHint("X", "discard", lambda: ask("discard"), style.WARNING))
         return chips
 
-    def _control(self, control: Control) -> None:
+    def _control(self, control: Command) -> None:
         self.shop.link.ask("control", name=control.name)
 
     def _disturber(self, name: str) -> Callable[[], None]:
@@ -277,21 +280,21 @@ class PlaceMode(BasicMode):
             return "You lead", style.LED
         return STATES.get(self._state(), ("Hanging up…", style.QUIET))
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[FormRow]:
         status, moment = self.shop.link.status, self.moment()
         rows = [
-            Row("policy", str(status.get("policy", Path(self.shop.settings.model).stem))),
-            Row("seed", str(self.seed)),
-            Row("time", "" if moment is None else f"{moment.sim_s:.1f} s, {moment.tick} ticks"),
-            Row("contact", "" if moment is None else f"{100 * moment.contact:.1f} %", style.CONTACT),
-            Row("flat area", "" if moment is None else f"{moment.flat_area:.3f}"),
-            Row("disturbed by", ", ".join(self._befell()) or "nothing so far", style.WORD),
+            FormRow("policy", str(status.get("policy", Path(self.shop.settings.model).stem))),
+            FormRow("seed", str(self.seed)),
+            FormRow("time", "" if moment is None else f"{moment.sim_s:.1f} s, {moment.tick} ticks"),
+            FormRow("contact", "" if moment is None else f"{100 * moment.contact:.1f} %", style.CONTACT),
+            FormRow("flat area", "" if moment is None else f"{moment.flat_area:.3f}"),
+            FormRow("disturbed by", ", ".join(self._befell()) or "nothing so far", style.WORD),
         ]
         if moment is not None:
-            rows.append(Row("force", f"{sum(f * f for f in moment.force_n) ** 0.5:.2f} N", style.WARNING))
+            rows.append(FormRow("force", f"{sum(f * f for f in moment.force_n) ** 0.5:.2f} N", style.WARNING))
         if status.get("does"):
-            rows.append(Row("you led in", f"{status.get('led_ticks', 0)} ticks", style.LED))
-        rows.append(Row("recorded into", self.record or "nowhere"))
+            rows.append(FormRow("you led in", f"{status.get('led_ticks', 0)} ticks", style.LED))
+        rows.append(FormRow("recorded into", self.record or "nowhere"))
         return rows
 
     def _befell(self) -> list[str]:

@@ -9,10 +9,10 @@ from typing import Any
 import pygame
 
 from layflat.app.workstation.session.intervention import YOU
-from layflat.app.workstation.teleop.teleop_input import Control
+from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.input_manager import Hands
-from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, BasicMode, Chip, Row, device_chips
+from layflat.app.workstation.window.input_manager import InputManager
+from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, BasePage, FormRow, KeyHint, device_chips
 from layflat.app.workstation.window.settings import SOURCES, with_one
 from layflat.data.session.reader import open_session
 from layflat.sim.cloth.cloth import CLOTHS
@@ -29,11 +29,11 @@ STATES = {
 
 
 @dataclass
-class RecordMode(BasicMode):
+class RecordPage(BasePage):
     """``disturbance`` is what the device's disturb button begins."""
 
     name: str = "Record"
-    hands: Hands | None = None
+    hands: InputManager | None = None
     seed: int = 0
     episodes: int | None = None
     disturbance: str = "push"
@@ -159,7 +159,7 @@ class RecordMode(BasicMode):
             self.shop.say(line, style.CONTACT if line.startswith("kept") else style.QUIET)
         return line
 
-    def control(self, control: Control) -> None:
+    def control(self, control: Command) -> None:
         self.shop.link.ask("control", name=control.name)
 
     def handle(self, event: pygame.event.Event) -> bool:
@@ -181,11 +181,11 @@ class RecordMode(BasicMode):
         leads = self.hands is not None and self.hands.leads()
         return self.running and not leads and self.shop.link.status.get("state") == "running"
 
-    def chips(self) -> list[Chip]:
+    def chips(self) -> list[KeyHint]:
         if not self.running or self.hands is None:
-            return [Chip("Enter", "choose and press in the menu"), Chip("mouse", "turn, zoom and shift the view")]
+            return [KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and shift the view")]
         does: dict[str, str | None] = self.shop.link.status.get("does", {})
-        return [*device_chips(self.hands.help(), does, self.control), Chip("Esc", "to the menu", self.escape)]
+        return [*device_chips(self.hands.help(), does, self.control), KeyHint("Esc", "to the menu", self.escape)]
 
     def headline(self) -> tuple[str, style.Colour]:
         status = self.shop.link.status
@@ -195,21 +195,21 @@ class RecordMode(BasicMode):
             return "You lead", style.LED
         return STATES.get(str(status.get("state")), ("Starting…", style.QUIET))
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[FormRow]:
         status, settings = self.shop.link.status, self.shop.settings
         counts: dict[str, int] = status.get("counts", {})
         kept = f"{counts.get('success', 0)} success, {counts.get('failure', 0)} failure"
         partial = counts.get("partial", 0)
         return [
-            Row("demonstration", f"seed {status.get('seed', self.seed)}"),
-            Row("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('ticks', 0)} ticks"),
-            Row("contact", f"{100 * status.get('contact', 0.0):.1f} %", style.CONTACT),
-            Row("flat area", f"{status.get('flat_area', 0.0):.3f}"),
-            Row("kept", kept + (f", {partial} partial" if partial else ""), style.CONTACT),
-            Row("discarded", str(counts.get("discarded", 0))),
-            Row("in the session", f"{status.get('stored', 0)} in {self._session()}"),
-            Row("task", f"{settings.task}, {settings.cloth}, by {self._who()}"),
-            Row("", str(status.get("message", "")), style.QUIET),
+            FormRow("demonstration", f"seed {status.get('seed', self.seed)}"),
+            FormRow("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('ticks', 0)} ticks"),
+            FormRow("contact", f"{100 * status.get('contact', 0.0):.1f} %", style.CONTACT),
+            FormRow("flat area", f"{status.get('flat_area', 0.0):.3f}"),
+            FormRow("kept", kept + (f", {partial} partial" if partial else ""), style.CONTACT),
+            FormRow("discarded", str(counts.get("discarded", 0))),
+            FormRow("in the session", f"{status.get('stored', 0)} in {self._session()}"),
+            FormRow("task", f"{settings.task}, {settings.cloth}, by {self._who()}"),
+            FormRow("", str(status.get("message", "")), style.QUIET),
         ]
 
     def _who(self) -> str:
@@ -240,5 +240,5 @@ class RecordMode(BasicMode):
 
     def _first_press(self) -> str:
         does = self.shop.link.status.get("does", {}).get("START")
-        names = [button.name for button in self.hands.help() if button.control is Control.START] if self.hands else []
+        names = [button.name for button in self.hands.help() if button.control is Command.START] if self.hands else []
         return f"{names[0]}: {does}" if names and does else ""

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import pygame
 
-from layflat.app.workstation.session.frame_channel import Moment
+from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.pages.page import BasicMode, Chip, Row
+from layflat.app.workstation.window.pages.page import BasePage, FormRow, KeyHint
 from layflat.app.workstation.window.playback import Playback, checked_playback, facts
-from layflat.app.workstation.window.subprocess_command import Job
-from layflat.app.workstation.window.time_series import History
+from layflat.app.workstation.window.subprocess_command import SubprocessCommand
+from layflat.app.workstation.window.time_series import TimeSeries
 from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
 
@@ -21,7 +21,7 @@ SCRUB_PX = 34
 
 
 @dataclass
-class ReplayMode(BasicMode):
+class ReplayPage(BasePage):
     name: str = "Replay"
     session: str = ""
     episode: str = ""
@@ -29,7 +29,7 @@ class ReplayMode(BasicMode):
     at: int = 0
     """The moment that is shown."""
     playing: bool = False
-    job: Job | None = None
+    job: SubprocessCommand | None = None
     """An action replay that checks it."""
     _due_s: float = 0.0
     _scrubbing: bool = False
@@ -91,7 +91,9 @@ class ReplayMode(BasicMode):
         if self.job is not None:
             self.job.close()
         number = str(demo_number(self.episode))
-        self.job = Job(["replay", str(self.shop.folder / self.session), "--episode", number, "--mode", "action"])
+        self.job = SubprocessCommand(
+            ["replay", str(self.shop.folder / self.session), "--episode", number, "--mode", "action"]
+        )
         self.shop.say(f"running the actions of {self.episode} again")
         self._rebuild = True
 
@@ -191,35 +193,35 @@ class ReplayMode(BasicMode):
         pygame.draw.line(surface, style.ACCENT, (left, y), (x, y), 4)
         pygame.draw.circle(surface, style.TEXT, (x, y), 8)
 
-    def chips(self) -> list[Chip]:
+    def chips(self) -> list[KeyHint]:
         if self.playback is None:
-            return [Chip("Enter", "choose and press in the menu"), Chip("mouse", "turn, zoom and shift the view")]
+            return [KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and shift the view")]
         return [
-            Chip("Space", "pause" if self.playing else "play", self._play, style.ACCENT),
-            Chip("Left", "one tick back", lambda: self._step(-1)),
-            Chip("Right", "one tick on", lambda: self._step(1)),
-            Chip("Home", "to the start", lambda: self.to(0)),
-            Chip("End", "to the end", lambda: self.to(10**9)),
-            Chip("drag the bar", "go through it"),
-            Chip("Esc", "to the menu", self._back),
+            KeyHint("Space", "pause" if self.playing else "play", self._play, style.ACCENT),
+            KeyHint("Left", "one tick back", lambda: self._step(-1)),
+            KeyHint("Right", "one tick on", lambda: self._step(1)),
+            KeyHint("Home", "to the start", lambda: self.to(0)),
+            KeyHint("End", "to the end", lambda: self.to(10**9)),
+            KeyHint("drag the bar", "go through it"),
+            KeyHint("Esc", "to the menu", self._back),
         ]
 
     def headline(self) -> tuple[str, style.Colour]:
         return (self.episode, style.ACCENT) if self.playback is not None else (self.name, style.TEXT)
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[FormRow]:
         if self.playback is None:
             return []
         moment = self.moment()
-        rows = [Row("moment", f"tick {self.at} of {self.playback.last}, {moment.sim_s:.1f} s" if moment else "")]
-        rows += [Row(name, value) for name, value in facts(self.playback.episode).items()]
+        rows = [FormRow("moment", f"tick {self.at} of {self.playback.last}, {moment.sim_s:.1f} s" if moment else "")]
+        rows += [FormRow(name, value) for name, value in facts(self.playback.episode).items()]
         now = self.playback.befalls(self.at)
-        return [*rows, Row("now", now, style.WARNING)] if now else rows
+        return [*rows, FormRow("now", now, style.WARNING)] if now else rows
 
-    def moment(self) -> Moment | None:
+    def moment(self) -> BenchFrame | None:
         return None if self.playback is None else self.playback.moment(self.at)
 
-    def history(self) -> tuple[History, float | None]:
+    def history(self) -> tuple[TimeSeries, float | None]:
         moment = self.moment()
         if self.playback is None or moment is None:
             return self.past, None

@@ -8,7 +8,7 @@ from typing import Any
 import pygame
 
 from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.pages.page import BasicMode, Chip, Shows
+from layflat.app.workstation.window.pages.page import BasePage, KeyHint, Shows
 from layflat.app.workstation.window.settings import SPEEDS, with_one
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
@@ -26,7 +26,7 @@ ABOUT = (
 
 
 @dataclass
-class SettingsMode(BasicMode):
+class SettingsPage(BasePage):
     name: str = "Settings"
     shows: Shows = "text"
 
@@ -54,8 +54,8 @@ class SettingsMode(BasicMode):
     def leave(self) -> None:
         """Everything is remembered as it is chosen."""
 
-    def chips(self) -> list[Chip]:
-        return [Chip("Enter", "choose in the menu"), Chip("arrows", "go up and down in it")]
+    def chips(self) -> list[KeyHint]:
+        return [KeyHint("Enter", "choose in the menu"), KeyHint("arrows", "go up and down in it")]
 
     def paint_text(self, surface: pygame.Surface) -> None:
         surface.fill(style.GROUND)

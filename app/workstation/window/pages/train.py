@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from layflat.app.workstation.window import menu_style
-from layflat.app.workstation.window.pages.command import CommandMode
-from layflat.policy.registry import TRAINABLE
+from layflat.app.workstation.window.pages.command import CommandPage
+from layflat.policy.registry import TRAINABLE_POLICIES
 
 INTRO = (
     "Learns a policy from the successful demonstrations of a session and writes it as a model.",
@@ -18,7 +18,7 @@ INTRO = (
 
 
 @dataclass
-class TrainMode(CommandMode):
+class TrainPage(CommandPage):
     name: str = "Train"
     session: str = ""
     model: str = ""
@@ -36,7 +36,9 @@ class TrainMode(CommandMode):
             return
         self.session = self.session if self.session in sessions else sessions[0]
         menu_style.choice(menu, "Demonstrations", sessions, self.session, self._take_session, width=width)
-        menu_style.choice(menu, "Policy", list(TRAINABLE), shop.settings.policy, self._take_policy, width=width)
+        menu_style.choice(
+            menu, "Policy", list(TRAINABLE_POLICIES), shop.settings.policy, self._take_policy, width=width
+        )
         self.model = self.model or self._proposal()
         menu_style.entry(menu, "Model to write", self.model, self._take_model, width=width)
         menu_style.switch(menu, "Replace it if it exists", self.replace_model, self._take_replace)
