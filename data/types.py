@@ -16,22 +16,22 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 FloatArray: TypeAlias = NDArray[np.float64]
 RobotName: TypeAlias = Literal["hanger", "pickers"]
 Phase: TypeAlias = Literal["place", "disturb", "repair"]
-StoppedBy: TypeAlias = Literal["converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed"]
+StoppedBy: TypeAlias = Literal["converged", "threshold", "step_limit", "unstable", "interrupted", "crashed"]
 Outcome: TypeAlias = Literal["success", "failure", "partial"]
 
 ROBOTS: tuple[RobotName, ...] = ("hanger", "pickers")
 PHASES: tuple[Phase, ...] = ("place", "disturb", "repair")
-STOP_REASONS: tuple[StoppedBy, ...] = ("converged", "threshold", "tick_limit", "unstable", "interrupted", "crashed")
+STOP_REASONS: tuple[StoppedBy, ...] = ("converged", "threshold", "step_limit", "unstable", "interrupted", "crashed")
 OUTCOMES: tuple[Outcome, ...] = ("success", "failure", "partial")
 
 ACTION_NAMES: Mapping[RobotName, tuple[str, ...]] = {
     "hanger": ("dx", "dz"),
     "pickers": ("dx1", "dy1", "dz1", "dx2", "dy2", "dz2"),
 }
-"""Displacement per tick along each axis; picker 1 holds the corner at +y, picker 2 the one at -y."""
+"""Displacement per step along each axis; picker 1 holds the corner at +y, picker 2 the one at -y."""
 
 ACTION_LIMIT_M = 0.02
-"""Largest displacement along one axis in one tick; files and gymnasium store action / ACTION_LIMIT_M in [-1, 1]."""
+"""Largest displacement along one axis in one step; files and gymnasium store action / ACTION_LIMIT_M in [-1, 1]."""
 
 FLAT_AREA = 0.97
 """A demonstration or placement is a success when its flat area ends above this."""
@@ -39,7 +39,7 @@ FLAT_AREA = 0.97
 DESCRIPTORS = ("word", "word-axial", "how", "hog")
 """What Observation.word may have been computed by."""
 
-TICK_S = 0.1
+STEP_S = 0.1
 """Simulated time of one control step."""
 
 
@@ -72,10 +72,10 @@ def frozen_hand(value: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a policy may see at the start of a tick."""
+    """What a policy may see at the start of a step."""
 
     time_s: float
-    """Simulated time since the episode's first tick."""
+    """Simulated time since the episode's first step."""
     corner_positions: FloatArray
     """(2, 3) m, world: where the holder has the two corners; row 0 at +y (picker 1), row 1 at -y (picker 2)."""
     holder_position: FloatArray
@@ -127,12 +127,12 @@ class GroundTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class DragTarget:
-    """Where a person's hand drew the cloth in one tick."""
+    """Where a person's hand drew the cloth in one step."""
 
     node: int
     """Cloth node that the hand holds."""
     target_m: FloatArray
-    """(3,) m, world: where it is drawn to by the end of the tick; a bounded force may leave it behind."""
+    """(3,) m, world: where it is drawn to by the end of the step; a bounded force may leave it behind."""
 
     def __post_init__(self) -> None:
         _set(self, "target_m", frozen_array(self.target_m, (3,), "target_m"))
@@ -145,36 +145,36 @@ class DisturbanceRecord:
     """One disturbance that befell the cloth, as chance made it."""
 
     name: str
-    first_tick: int
-    """It acts from this one of the episode's ticks on; 0 also where it began before ticks that were cut off."""
-    last_tick: int | None = None
-    """The last tick before it was over, coming to rest included; None where the episode ended before."""
+    first_step: int
+    """It acts from this one of the episode's steps on; 0 also where it began before steps that were cut off."""
+    last_step: int | None = None
+    """The last step before it was over, coming to rest included; None where the episode ended before."""
     plan: Mapping[str, Any] = field(default_factory=dict)
     """JSON values by name: where, along which path, how strong; empty where only its name and the seed are known."""
 
     def __post_init__(self) -> None:
-        if self.first_tick < 0 or (self.last_tick is not None and self.last_tick < self.first_tick):
+        if self.first_step < 0 or (self.last_step is not None and self.last_step < self.first_step):
             raise DataError(
-                f"disturbance {self.name} lasts from tick {self.first_tick} to {self.last_tick};"
+                f"disturbance {self.name} lasts from step {self.first_step} to {self.last_step};"
                 " it must begin at 0 or later, and end no earlier than it begins"
             )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One tick: what was seen, what was done, in which phase."""
+    """One step: what was seen, what was done, in which phase."""
 
     observation: Observation
     truth: GroundTruth
     action: FloatArray
-    """(A,) m per tick, in the order of ACTION_NAMES."""
+    """(A,) m per step, in the order of ACTION_NAMES."""
     action_std: FloatArray | None = None
     """(A,) m, the policy's confidence where it has one."""
     phase: Phase = "place"
     pull: DragTarget | None = None
     """What a person pulled at."""
     force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) N, world: mean total force of disturbances and pulls on the cloth in this tick."""
+    """(3,) N, world: mean total force of disturbances and pulls on the cloth in this step."""
     intervention: bool = False
     """A person decided although a policy has the lead."""
     hand_m: FloatArray | None = None
@@ -220,7 +220,7 @@ class Episode:
     final_truth: GroundTruth
     stopped_by: StoppedBy
     outcome: Outcome
-    tick_s: float = TICK_S
+    step_s: float = STEP_S
     disturbance: str = "none"
     """Name of the disturbance, or of the suite of them; or "none"."""
     wall_s: float = 0.0
@@ -230,13 +230,13 @@ class Episode:
     descriptor: str = "word"
     """What Observation.word was computed by: one of DESCRIPTORS."""
     bench: Mapping[str, str | float | bool] = field(default_factory=dict)
-    """Settings of the bench, by name: with task, cloth, seed and tick_s they make the same start again."""
+    """Settings of the bench, by name: with task, cloth, seed and step_s they make the same start again."""
     initial_joints: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """(J,) rad: joints of the arm before the first tick; none where no arm holds the cloth."""
+    """(J,) rad: joints of the arm before the first step; none where no arm holds the cloth."""
     disturbances: tuple[DisturbanceRecord, ...] = ()
     """All that befell the cloth, in their order; a person's pulls are in the steps."""
-    first_tick: int = 0
-    """Ticks of the recorded episode that were cut off before these; action replay needs 0."""
+    first_step: int = 0
+    """Steps of the recorded episode that were cut off before these; action replay needs 0."""
 
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
@@ -249,19 +249,21 @@ class Episode:
             raise DataError(f"outcome is {self.outcome!r}; it must be one of {', '.join(OUTCOMES)}")
         if self.descriptor not in DESCRIPTORS:
             raise DataError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
-        if self.first_tick < 0:
-            raise DataError(f"first_tick is {self.first_tick}; it must be at least 0")
+        if self.first_step < 0:
+            raise DataError(f"first_step is {self.first_step}; it must be at least 0")
         _set(self, "initial_joints", frozen_array(self.initial_joints, (None,), "initial_joints"))
         for record in self.disturbances if self.steps else ():
-            if max(record.first_tick, record.last_tick or 0) >= len(self.steps):
-                raise DataError(f"disturbance {record.name} is not within the episode's {len(self.steps)} ticks")
+            if max(record.first_step, record.last_step or 0) >= len(self.steps):
+                raise DataError(f"disturbance {record.name} is not within the episode's {len(self.steps)} steps")
         size = len(ACTION_NAMES[self.task])
-        for tick, step in enumerate(self.steps):
+        for step_index, step in enumerate(self.steps):
             if step.action.shape != (size,):
-                raise DataError(f"tick {tick}: action has shape {step.action.shape}; task {self.task} needs ({size},)")
+                raise DataError(
+                    f"step {step_index}: action has shape {step.action.shape}; task {self.task} needs ({size},)"
+                )
 
     def observations(self) -> tuple[Observation, ...]:
-        """Observations at the start of each tick and the one after the last: len(steps) + 1."""
+        """Observations at the start of each step and the one after the last: len(steps) + 1."""
         return (*(step.observation for step in self.steps), self.final_observation)
 
     def truths(self) -> tuple[GroundTruth, ...]:
@@ -273,9 +275,9 @@ class Episode:
         return np.array([o.contact_portion for o in self.observations()])
 
     def phase_bounds(self, phase: Phase) -> tuple[int, int] | None:
-        """First tick of a phase and the tick after its last, or None where the episode has no such phase."""
-        ticks = [i for i, step in enumerate(self.steps) if step.phase == phase]
-        return (ticks[0], ticks[-1] + 1) if ticks else None
+        """First step of a phase and the step after its last, or None where the episode has no such phase."""
+        n_steps = [i for i, step in enumerate(self.steps) if step.phase == phase]
+        return (n_steps[0], n_steps[-1] + 1) if n_steps else None
 
     @property
     def unstable(self) -> bool:
@@ -283,15 +285,15 @@ class Episode:
 
 
 def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: int) -> tuple[DisturbanceRecord, ...]:
-    """What of them is left when only the ticks ``start`` to ``stop - 1`` are kept, which are then counted from 0."""
+    """What of them is left when only the steps ``start`` to ``stop - 1`` are kept, which are then counted from 0."""
     return tuple(
         replace(
             record,
-            first_tick=max(record.first_tick - start, 0),
-            last_tick=None if record.last_tick is None or record.last_tick >= stop else record.last_tick - start,
+            first_step=max(record.first_step - start, 0),
+            last_step=None if record.last_step is None or record.last_step >= stop else record.last_step - start,
         )
         for record in records
-        if record.first_tick < stop and (record.last_tick is None or record.last_tick >= start)
+        if record.first_step < stop and (record.last_step is None or record.last_step >= start)
     )
 
 
@@ -308,7 +310,7 @@ def action_size(task: RobotName) -> int:
 
 
 def actions_of(steps: Sequence[Step]) -> FloatArray:
-    """(T, A) m per tick."""
+    """(T, A) m per step."""
     return np.array([step.action for step in steps])
 
 

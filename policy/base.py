@@ -14,16 +14,16 @@ class PolicyError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What to do in one tick."""
+    """What to do in one step."""
 
     action: FloatArray
-    """(A,) m per tick, world axes, in the order of layflat.data.types.ACTION_NAMES."""
+    """(A,) m per step, world axes, in the order of layflat.data.types.ACTION_NAMES."""
     std: FloatArray | None = None
     """(A,) m, standard deviation of the action where the policy knows one."""
     stop: StoppedBy | None = None
     """Not None: the policy has finished and says why; the action is not carried out."""
     reason: str = ""
-    """One clause for a person: "descending", "output below 2 mm for 8 ticks", ..."""
+    """One clause for a person: "descending", "output below 2 mm for 8 steps", ..."""
     hand: FloatArray | None = None
     """(3,) m, or (2, 3) m for two pickers: kinesthetic teaching. Where a person's hand draws the holder, which gives
     way; what the holder then does is recorded instead of ``action``."""
@@ -53,9 +53,9 @@ class Policy(Protocol):
         """Go on after a stop (a disturbance came): forget the stop counter, keep the rest."""
 
     def act(self, observation: Observation) -> Decision:
-        """Decide one tick."""
+        """Decide one step."""
 
 
-def extra_ticks(policy: Policy) -> int:
-    """How many ticks more than usual it may need until it stops: the attribute of that name where it has one."""
-    return int(getattr(policy, "extra_ticks", 0))
+def extra_steps(policy: Policy) -> int:
+    """How many steps more than usual it may need until it stops: the attribute of that name where it has one."""
+    return int(getattr(policy, "extra_steps", 0))

@@ -66,7 +66,7 @@ CONTACT_SCALE = 0.2
 Constants, not the spread of the data: 1 then means the same in every model, a column that hardly moved in the
 demonstrations (the y of symmetrical pickers) does not have its noise blown up, and the long way of the contact portion
 through the air does not hide the last tenth that counts. On a planar toy with a drag whose speed depends on contact
-(5 demonstrations) the held-out error in x was 1.04 mm a tick, against 1.14 with standard deviations and 1.27 unscaled.
+(5 demonstrations) the held-out error in x was 1.04 mm a step, against 1.14 with standard deviations and 1.27 unscaled.
 """
 
 
@@ -98,7 +98,7 @@ class FeatureLayout:
         return np.array([known[name](observation) for name in self.names])
 
     def matrix(self, steps: Sequence[Step]) -> FloatArray:
-        """(T, D) columns of what was seen at the start of each tick."""
+        """(T, D) columns of what was seen at the start of each step."""
         return np.array([self.vector(step.observation) for step in steps]).reshape(len(steps), self.size)
 
     def scales(self) -> FloatArray:

@@ -3,8 +3,8 @@
 What a process does not know it answers with zero, so that the thesis's policy stands still wherever it has not been
 taught (section 5-1). Here, with all inputs divided by their scales (``docs/policies.md`` has the reasons):
 
-- it asks the processes no farther than RADIUS from the nearest demonstrated tick, so that their mean never fades;
-- in the air it is drawn back to where that tick was, in proportion to how far outside of RADIUS it is;
+- it asks the processes no farther than RADIUS from the nearest demonstrated step, so that their mean never fades;
+- in the air it is drawn back to where that step was, in proportion to how far outside of RADIUS it is;
 - while the cloth is not flat it makes at least the smallest move that helps: on the table to the front, and down to the
   height at which the demonstrations ended, since a held edge that hovers keeps its wrinkles;
 - it stops because the cloth is flat, or because nothing helps any more, and not because its output is small.
@@ -26,36 +26,36 @@ from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, StopRu
 
 NAME = "gp-finish"
 RADIUS = 0.5
-"""In scales of the inputs (5 cm, a tenth of contact, half a unit of WORD): of a demonstration's ticks 95 % have one of
+"""In scales of the inputs (5 cm, a tenth of contact, half a unit of WORD): of a demonstration's steps 95 % have one of
 another demonstration nearer than 0.43 (hanger) and 0.50 (pickers), n = 10 each."""
 PULL = 0.15
-"""Share of the way back that is made in one tick."""
+"""Share of the way back that is made in one step."""
 PULL_BELOW_CONTACT = 0.5
 """Above, the cloth lies on the table and would be pushed into folds on the way back."""
 USEFUL_M = 0.004
 """Smallest move of the holder that helps: the scripted demonstrator's slowest drag is 3 mm."""
 ON_TABLE_CONTACT = 0.8
 FLAT_CONTACT = 0.99
-FLAT_TICKS = 6
-NO_GAIN_TICKS = 25
+FLAT_STEPS = 6
+NO_GAIN_STEPS = 25
 """Ten centimetres of the smallest useful move: slack that is drawn together may hide contact for as long as that."""
-STUCK_TICKS = 40
+STUCK_STEPS = 40
 STUCK_M = 0.02
-"""A smallest useful move at a time makes 16 cm in so many ticks."""
+"""A smallest useful move at a time makes 16 cm in so many steps."""
 LOST_M = 2e-4
 """Output below which its direction is noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Nearest:
-    """The demonstrated tick that is most like what is seen now."""
+    """The demonstrated step that is most like what is seen now."""
 
     distance: float
     """In scales of the inputs."""
     query: FloatArray
-    """(D,) what to ask the processes, natural units: no farther than RADIUS from that tick."""
+    """(D,) what to ask the processes, natural units: no farther than RADIUS from that step."""
     way_back: FloatArray
-    """(A,) m: from where the holder is to where it was in that tick, less RADIUS; zeros inside."""
+    """(A,) m: from where the holder is to where it was in that step, less RADIUS; zeros inside."""
 
 
 class FinishingPolicy:
@@ -124,18 +124,18 @@ class FinishingPolicy:
 
 
 def resting_place(model: GpModel) -> FloatArray:
-    """(D,) median of the demonstrated ticks in which the cloth lay flat, or of all where none did."""
-    names, ticks = model.layout.names, model.inputs
-    flat = ticks[ticks[:, names.index("contact")] >= FLAT_CONTACT] if "contact" in names else ticks[:0]
-    rest: FloatArray = np.median(flat if len(flat) else ticks, axis=0)
+    """(D,) median of the demonstrated steps in which the cloth lay flat, or of all where none did."""
+    names, n_steps = model.layout.names, model.inputs
+    flat = n_steps[n_steps[:, names.index("contact")] >= FLAT_CONTACT] if "contact" in names else n_steps[:0]
+    rest: FloatArray = np.median(flat if len(flat) else n_steps, axis=0)
     return rest
 
 
 def finished() -> StopRule:
     """Flat, or no gain any more, or stuck, or at the end of the view; the reason says which."""
     return AnyOf(
-        ContactReached(FLAT_CONTACT, ticks=FLAT_TICKS),
-        NoContactGain(ticks=NO_GAIN_TICKS, from_contact=ON_TABLE_CONTACT),
-        Stuck(ticks=STUCK_TICKS, within_m=STUCK_M),
+        ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS),
+        NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=ON_TABLE_CONTACT),
+        Stuck(n_steps=STUCK_STEPS, within_m=STUCK_M),
         XLimit(X_LIMIT_M),
     )

@@ -1,4 +1,4 @@
-"""Rolls a trained field out: each tick, the mean of what it predicts, until the output has faded."""
+"""Rolls a trained field out: each step, the mean of what it predicts, until the output has faded."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from layflat.policy.scripted.baselines import X_LIMIT_M
 from layflat.policy.stopping import AnyOf, BelowThreshold, NoContactGain, StopRule, XLimit
 from layflat.policy.trained_model import RegressionModel, TrainedModel
 
-NO_GAIN_TICKS = 10
+NO_GAIN_STEPS = 10
 NO_GAIN_FROM_CONTACT = 0.8
 
 
@@ -19,12 +19,12 @@ def default_guard() -> StopRule:
 
     Without gain counts only from 80 % contact on: before that a part of the cloth is still in the air.
     """
-    return AnyOf(XLimit(X_LIMIT_M), NoContactGain(ticks=NO_GAIN_TICKS, from_contact=NO_GAIN_FROM_CONTACT))
+    return AnyOf(XLimit(X_LIMIT_M), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
 
 
 def stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:
     """When a trained model has finished: its output has faded, or the guard (None: the default one) says so."""
-    faded = BelowThreshold(threshold_m=model.stop_threshold_m, ticks=model.stop_ticks)
+    faded = BelowThreshold(threshold_m=model.stop_threshold_m, n_steps=model.stop_steps)
     return AnyOf(faded, default_guard() if guard is None else guard)
 
 
@@ -32,7 +32,7 @@ class ModelPolicy:
     """Gaussian processes, or another field, in the loop; thesis, chapter 4-2-3.
 
     Stops with ``threshold`` when the norm of the output has stayed below the model's threshold for the model's number
-    of ticks, or when its guard says so. ``guard=AnyOf()`` is the thesis's method, which has none.
+    of steps, or when its guard says so. ``guard=AnyOf()`` is the thesis's method, which has none.
     """
 
     def __init__(self, model: RegressionModel, *, guard: StopRule | None = None) -> None:
@@ -52,7 +52,7 @@ class ModelPolicy:
         limit = self.model.action_limit_m
         wanted = np.clip(means[0], -limit, limit)
         stop = self._stop.update(observation, wanted)
-        # Below the threshold the robot stands still (chapter 4-3-3): eight ticks of creep would drag wrinkles out too.
+        # Below the threshold the robot stands still (chapter 4-3-3): eight steps of creep would drag wrinkles out too.
         action = wanted if np.linalg.norm(wanted) >= self.model.stop_threshold_m else np.zeros_like(wanted)
         if stop is not None:
             return Decision(action=np.zeros_like(action), std=stds[0], stop=stop.by, reason=stop.reason)

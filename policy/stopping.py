@@ -1,6 +1,6 @@
 """When a policy has finished: small predicates, joined by any and all.
 
-A rule is told of every tick, once, and says on which one it would stop. ``reset`` makes it new: at the start of an
+A rule is told of every step, once, and says on which one it would stop. ``reset`` makes it new: at the start of an
 episode, and when a policy goes on after a disturbance.
 """
 
@@ -29,21 +29,21 @@ class StopRule(Protocol):
     """One reason to stop."""
 
     def reset(self) -> None:
-        """Forget all ticks so far."""
+        """Forget all steps so far."""
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        """Take note of one tick (the action is (A,) m); a Stop while the condition holds, else None."""
+        """Take note of one step (the action is (A,) m); a Stop while the condition holds, else None."""
 
 
 class BelowThreshold:
-    """The norm of the action stayed below ``threshold_m`` for ``ticks`` ticks in a row (thesis, chapter 4-2-3).
+    """The norm of the action stayed below ``threshold_m`` for ``steps`` steps in a row (thesis, chapter 4-2-3).
 
-    The thesis stops at the first such tick; a larger ``ticks`` keeps a pause between two moves from ending the episode.
+    The thesis stops at the first such step; a larger ``steps`` keeps a pause between two moves from ending the episode.
     """
 
-    def __init__(self, *, threshold_m: float, ticks: int = 1) -> None:
+    def __init__(self, *, threshold_m: float, n_steps: int = 1) -> None:
         self._threshold_m = _positive("threshold_m", threshold_m)
-        self._ticks = _at_least_one("ticks", ticks)
+        self._n_steps = _at_least_one("steps", n_steps)
         self._count = 0
 
     def reset(self) -> None:
@@ -51,16 +51,16 @@ class BelowThreshold:
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
         self._count = self._count + 1 if float(np.linalg.norm(action)) < self._threshold_m else 0
-        if self._count < self._ticks:
+        if self._count < self._n_steps:
             return None
-        return Stop(by="threshold", reason=f"output below {1000 * self._threshold_m:g} mm for {self._ticks} ticks")
+        return Stop(by="threshold", reason=f"output below {1000 * self._threshold_m:g} mm for {self._n_steps} steps")
 
 
 class StepLimit:
-    """``ticks`` ticks have passed since the last reset, this one included."""
+    """``steps`` steps have passed since the last reset, this one included."""
 
-    def __init__(self, ticks: int) -> None:
-        self._ticks = _at_least_one("ticks", ticks)
+    def __init__(self, n_steps: int) -> None:
+        self._n_steps = _at_least_one("steps", n_steps)
         self._count = 0
 
     def reset(self) -> None:
@@ -68,20 +68,20 @@ class StepLimit:
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
         self._count += 1
-        if self._count < self._ticks:
+        if self._count < self._n_steps:
             return None
-        return Stop(by="tick_limit", reason=f"{self._ticks} ticks have passed")
+        return Stop(by="step_limit", reason=f"{self._n_steps} steps have passed")
 
 
 class NoContactGain:
-    """The best contact portion so far has not risen by ``gain`` for ``ticks`` ticks.
+    """The best contact portion so far has not risen by ``gain`` for ``steps`` steps.
 
     Nothing counts before the contact portion has reached ``from_contact``: a cloth that still hangs in the air gains
     nothing, and must not be given up for it.
     """
 
-    def __init__(self, *, ticks: int, gain: float = 0.002, from_contact: float = 0.0) -> None:
-        self._ticks = _at_least_one("ticks", ticks)
+    def __init__(self, *, n_steps: int, gain: float = 0.002, from_contact: float = 0.0) -> None:
+        self._n_steps = _at_least_one("steps", n_steps)
         self._gain = _positive("gain", gain)
         self._from_contact = from_contact
         self._best: float | None = None
@@ -101,37 +101,37 @@ class NoContactGain:
             self._best, self._count = contact, 0
             return None
         self._count += 1
-        if self._count < self._ticks:
+        if self._count < self._n_steps:
             return None
-        return Stop(by="converged", reason=f"no gain of contact for {self._ticks} ticks")
+        return Stop(by="converged", reason=f"no gain of contact for {self._n_steps} steps")
 
 
 class Stuck:
-    """The holder has stayed within ``within_m`` along each axis for ``ticks`` ticks: it pulls, and nothing yields."""
+    """The holder has stayed within ``within_m`` along each axis for ``steps`` steps: it pulls, and nothing yields."""
 
-    def __init__(self, *, ticks: int, within_m: float) -> None:
-        self._ticks = _at_least_one("ticks", ticks)
+    def __init__(self, *, n_steps: int, within_m: float) -> None:
+        self._n_steps = _at_least_one("steps", n_steps)
         self._within_m = _positive("within_m", within_m)
-        self._places: deque[FloatArray] = deque(maxlen=self._ticks)
+        self._places: deque[FloatArray] = deque(maxlen=self._n_steps)
 
     def reset(self) -> None:
         self._places.clear()
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
         self._places.append(observation.holder_position)
-        if len(self._places) < self._ticks or np.ptp(np.array(self._places), axis=0).max() >= self._within_m:
+        if len(self._places) < self._n_steps or np.ptp(np.array(self._places), axis=0).max() >= self._within_m:
             return None
         return Stop(
-            by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {self._ticks} ticks"
+            by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {self._n_steps} steps"
         )
 
 
 class ContactReached:
-    """The contact portion has been at least ``contact`` for ``ticks`` ticks in a row."""
+    """The contact portion has been at least ``contact`` for ``steps`` steps in a row."""
 
-    def __init__(self, contact: float, *, ticks: int = 1) -> None:
+    def __init__(self, contact: float, *, n_steps: int = 1) -> None:
         self._contact = _positive("contact", contact)
-        self._ticks = _at_least_one("ticks", ticks)
+        self._n_steps = _at_least_one("steps", n_steps)
         self._count = 0
 
     def reset(self) -> None:
@@ -139,7 +139,7 @@ class ContactReached:
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
         self._count = self._count + 1 if observation.contact_portion >= self._contact else 0
-        if self._count < self._ticks:
+        if self._count < self._n_steps:
             return None
         return Stop(by="converged", reason=f"contact portion has reached {self._contact:g}")
 
@@ -147,7 +147,7 @@ class ContactReached:
 class XLimit:
     """The holder is at or beyond ``x_m`` (world) to the front: the end of what the camera sees and the arm reaches.
 
-    Files have no word of their own for it; it counts as a limit, ``tick_limit``, and the reason says which one.
+    Files have no word of their own for it; it counts as a limit, ``step_limit``, and the reason says which one.
     """
 
     def __init__(self, x_m: float) -> None:
@@ -159,7 +159,7 @@ class XLimit:
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
         if observation.holder_position[0] < self._x_m:
             return None
-        return Stop(by="tick_limit", reason=f"holder has reached the limit x = {self._x_m:g} m")
+        return Stop(by="step_limit", reason=f"holder has reached the limit x = {self._x_m:g} m")
 
 
 class AnyOf:
@@ -173,13 +173,13 @@ class AnyOf:
             rule.reset()
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        # Every rule hears of every tick, also those after the first that fires: they count.
+        # Every rule hears of every step, also those after the first that fires: they count.
         stops = [rule.update(observation, action) for rule in self._rules]
         return next((stop for stop in stops if stop is not None), None)
 
 
 class AllOf:
-    """Stops when all of the rules (at least one) do in the same tick; files get the first one's word."""
+    """Stops when all of the rules (at least one) do in the same step; files get the first one's word."""
 
     def __init__(self, first: StopRule, *others: StopRule) -> None:
         self._rules = (first, *others)

@@ -9,14 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, TICK_S, FloatArray, Provenance, action_size, frozen_array
+from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, STEP_S, FloatArray, Provenance, action_size, frozen_array
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
 
 STOP_THRESHOLD_M = 0.003
-STOP_TICKS = 8
-"""Norm of the output below which, and ticks for which, a policy has finished (chapter 4-2-3 gives no number)."""
+STOP_STEPS = 8
+"""Norm of the output below which, and steps for which, a policy has finished (chapter 4-2-3 gives no number)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,20 +43,20 @@ class TrainedModel:
     """Cloth of the demonstrations."""
     descriptor: str = DEFAULT
     """What the observations' WORD was and is to be taken from."""
-    tick_s: float = TICK_S
+    step_s: float = STEP_S
     action_limit_m: float = ACTION_LIMIT_M
     stop_threshold_m: float = STOP_THRESHOLD_M
-    stop_ticks: int = STOP_TICKS
+    stop_steps: int = STOP_STEPS
     seed: int = 0
     demonstrations: int = 1
     points_available: int = 0
-    """Ticks of the demonstrations before any thinning."""
+    """Steps of the demonstrations before any thinning."""
     heldout_rmse_m: tuple[float, ...] | None = None
-    """(A,) m per tick, error on a demonstration by a model without it; None where there was only one."""
+    """(A,) m per step, error on a demonstration by a model without it; None where there was only one."""
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
-        for name in ("tick_s", "stop_threshold_m", "stop_ticks", "demonstrations"):
+        for name in ("step_s", "stop_threshold_m", "stop_steps", "demonstrations"):
             self._above_zero(name)
         if not 0 < self.action_limit_m <= ACTION_LIMIT_M:
             raise PolicyError(f"action_limit_m is {self.action_limit_m}; it must be in 0..{ACTION_LIMIT_M}")
@@ -77,7 +77,7 @@ class TrainedModel:
 
     @property
     def points(self) -> int:
-        """Number of parts that the model is made of: ticks, components or basis functions."""
+        """Number of parts that the model is made of: steps, components or basis functions."""
         raise NotImplementedError
 
     @property
@@ -110,7 +110,7 @@ class RegressionModel(TrainedModel):
     """A model whose action is a function of what is seen now: a field over its inputs."""
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (M, A) each, in m per tick, for (M, D) inputs in natural units."""
+        """Mean and standard deviation, (M, A) each, in m per step, for (M, D) inputs in natural units."""
         raise NotImplementedError
 
     def _queries(self, inputs: ArrayLike) -> FloatArray:

@@ -15,25 +15,25 @@ from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
 
 OUTPUT_SCALE_M = 0.01
-"""A usual move in one tick, to which learners' bounds are relative. A constant, so that no data set changes a prior."""
+"""A usual move in one step, to which learners' bounds are relative. A constant, so that no data set changes a prior."""
 MIN_POINTS = 10
 
 Predict = Callable[[FloatArray], FloatArray]
-"""(M, D) inputs in natural units -> (M, A) m per tick."""
+"""(M, D) inputs in natural units -> (M, A) m per step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingSet:
-    """What was seen and done in whole demonstrations of one task, cloth and tick; arrays read-only."""
+    """What was seen and done in whole demonstrations of one task, cloth and step; arrays read-only."""
 
     layout: FeatureLayout
     episodes: tuple[Episode, ...]
     inputs: FloatArray
     """(N, D) in natural units."""
     targets: FloatArray
-    """(N, A) m per tick."""
+    """(N, A) m per step."""
     groups: np.ndarray
-    """(N,) number of the demonstration that each tick belongs to."""
+    """(N,) number of the demonstration that each step belongs to."""
     corrections: np.ndarray
     """(N,) true where a person decided although a policy had the lead."""
 
@@ -47,7 +47,7 @@ class TrainingSet:
             "layout": self.layout,
             "cloth": first.cloth,
             "descriptor": first.descriptor,
-            "tick_s": first.tick_s,
+            "step_s": first.step_s,
             "seed": seed,
             "demonstrations": len(self.episodes),
             "points_available": len(self.inputs),
@@ -56,7 +56,7 @@ class TrainingSet:
 
 
 def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> TrainingSet:
-    """All ticks but those of phase ``disturb``; PolicyError where the demonstrations do not go together.
+    """All steps but those of phase ``disturb``; PolicyError where the demonstrations do not go together.
 
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
     """
@@ -64,7 +64,7 @@ def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> Tr
     kept = [[step for step in episode.steps if step.phase != "disturb"] for episode in episodes]
     count = sum(len(steps) for steps in kept)
     if count < MIN_POINTS:
-        raise PolicyError(f"the demonstrations hold {count} ticks; at least {MIN_POINTS} are needed")
+        raise PolicyError(f"the demonstrations hold {count} steps; at least {MIN_POINTS} are needed")
     size = action_size(layout.task)
     return TrainingSet(
         layout=layout,
@@ -79,7 +79,7 @@ def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> Tr
 
 
 def held_out_rmse(taught: TrainingSet, fit: Callable[[FloatArray, FloatArray], Predict]) -> tuple[float, ...] | None:
-    """(A,) m per tick: error on each demonstration by what ``fit`` makes of the others; None where there are none."""
+    """(A,) m per step: error on each demonstration by what ``fit`` makes of the others; None where there are none."""
     labels = np.unique(taught.groups)
     if len(labels) < 2:
         return None
@@ -91,7 +91,7 @@ def held_out_rmse(taught: TrainingSet, fit: Callable[[FloatArray, FloatArray], P
 
 
 def _check_common(episodes: Sequence[Episode], layout: FeatureLayout) -> None:
-    """The demonstrations share the task of the layout, and among themselves the cloth, the tick and the descriptor."""
+    """The demonstrations share the task of the layout, and among themselves the cloth, the step and the descriptor."""
     if not episodes:
         raise PolicyError("there are no demonstrations to learn from; at least one is needed")
     first = episodes[0]
@@ -100,8 +100,8 @@ def _check_common(episodes: Sequence[Episode], layout: FeatureLayout) -> None:
             raise PolicyError(f"demonstration {number} is of task {episode.task}; the model is for {layout.task}")
         if episode.cloth != first.cloth:
             raise PolicyError(f"demonstrations mix the cloths {first.cloth} and {episode.cloth}; choose one")
-        if episode.tick_s != first.tick_s:
-            raise PolicyError(f"demonstrations mix ticks of {first.tick_s} s and {episode.tick_s} s; choose one")
+        if episode.step_s != first.step_s:
+            raise PolicyError(f"demonstrations mix steps of {first.step_s} s and {episode.step_s} s; choose one")
         if episode.descriptor != first.descriptor:
             raise PolicyError(
                 f"demonstrations mix the descriptors {first.descriptor} and {episode.descriptor}; choose one"

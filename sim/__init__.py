@@ -8,7 +8,7 @@ from gymnasium.envs.registration import register
 import layflat.sim.physics.bullet.suppress_output  # noqa: F401  # before anything else imports PyBullet
 
 MAX_EPISODE_STEPS = 200
-"""Ticks after which an environment truncates: 20 s."""
+"""Steps after which an environment truncates: 20 s."""
 
 for _name, _task in (("HangerPlace", "hanger"), ("PickersPlace", "pickers")):
     register(

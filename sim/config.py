@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from layflat.data.types import ROBOTS, TICK_S, RobotName
+from layflat.data.types import ROBOTS, STEP_S, RobotName
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.sim.cloth.cloth import ClothSpec, cloth_spec
 from layflat.sim.cloth.starts import STARTS, Start
@@ -30,7 +30,7 @@ class SimConfig:
     """False: observations have no image, and contact and WORD read 0 (for benchmarks of the physics)."""
     noise: bool = True
     """Depth noise of the camera."""
-    tick_s: float = TICK_S
+    step_s: float = STEP_S
     spec: ClothSpec = field(init=False)
 
     def __post_init__(self) -> None:
@@ -42,15 +42,15 @@ class SimConfig:
             raise SimError(f"a crumpled start needs the pickers task, and this is {self.task!r}")
         if self.descriptor not in DESCRIPTORS:
             raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
-        if not 0.01 <= self.tick_s <= 1.0:
-            raise SimError(f"tick_s is {self.tick_s}; it must be between 0.01 and 1")
+        if not 0.01 <= self.step_s <= 1.0:
+            raise SimError(f"step_s is {self.step_s}; it must be between 0.01 and 1")
         object.__setattr__(self, "spec", cloth_spec(self.cloth))
 
     def described(self) -> dict[str, str | float | bool]:
-        """All but task, cloth and tick_s, by name: ``SimConfig(task=..., cloth=..., tick_s=..., **described)``."""
+        """All but task, cloth and step_s, by name: ``SimConfig(task=..., cloth=..., step_s=..., **described)``."""
         names = [item.name for item in fields(self) if item.init]
-        return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "tick_s")}
+        return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "step_s")}
 
     @property
     def substeps(self) -> int:
-        return max(1, round(self.tick_s * self.spec.rate_hz))
+        return max(1, round(self.step_s * self.spec.rate_hz))

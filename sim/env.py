@@ -26,7 +26,7 @@ SPACE_LIMIT_M = 2.0
 """No corner gets this far from the origin: the holders keep to workspaces of less than 1 m."""
 STRENGTH_LIMIT = 10.0
 """The image's Gabor responses stay below 1; word_strength is cut off here so that its space is finite."""
-DISTURB_TICK = 100
+DISTURB_STEP = 100
 
 ObsDict = dict[str, NDArray[Any]]
 
@@ -34,12 +34,12 @@ ObsDict = dict[str, NDArray[Any]]
 class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     """Lay the cloth flat on the table.
 
-    Action: Box(-1, 1, (2,) or (6,)), displacement of this tick / ACTION_LIMIT_M in the order of ACTION_NAMES; cut off
+    Action: Box(-1, 1, (2,) or (6,)), displacement of this step / ACTION_LIMIT_M in the order of ACTION_NAMES; cut off
     at the limits. SimError for a wrong shape or a value that is not finite.
 
     Observation: what a policy may see (``layflat.data.types.Observation``), float64; with ``images`` also rgb and depth.
 
-    Reward: gain of the camera's contact portion in this tick, so that an episode's rewards add up to the portion at its
+    Reward: gain of the camera's contact portion in this step, so that an episode's rewards add up to the portion at its
     end less that at its start. The flat area, which is what counts, is in ``info`` and not in the reward: it is the
     simulator's knowledge.
 
@@ -61,10 +61,10 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         noise: bool = True,
         images: bool = False,
         disturbance: str | None = None,
-        disturb_tick: int = DISTURB_TICK,
+        disturb_step: int = DISTURB_STEP,
         render_mode: str | None = None,
     ) -> None:
-        """``disturbance`` names what befalls the cloth at tick ``disturb_tick``; the rest is as in SimConfig."""
+        """``disturbance`` names what befalls the cloth at step ``disturb_step``; the rest is as in SimConfig."""
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SimError(f"render_mode is {render_mode!r}; it must be None or 'rgb_array'")
         if disturbance is not None:
@@ -75,8 +75,8 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         )
         self._images = images
         self._disturbance = disturbance
-        self._disturb_tick = disturb_tick
-        self._tick = 0
+        self._disturb_step = disturb_step
+        self._step_index = 0
         self._seed = 0
         self._size = action_size(task)
         self._spaces = self._make_spaces()
@@ -104,15 +104,15 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         super().reset(seed=seed)
         self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
         self.bench.reset(self._seed)
-        self._tick = 0
+        self._step_index = 0
         self._seen = self.bench.observe(images=self._images)
         return self._as_dict(self._seen), self._info(None)
 
     def step(self, action: NDArray[np.float32]) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
         displacement = self._checked(action)
-        if self._tick == self._disturb_tick and self._disturbance is not None:
+        if self._step_index == self._disturb_step and self._disturbance is not None:
             self.bench.disturb(self._disturbance, self._seed)
-        self._tick += 1
+        self._step_index += 1
         self.bench.step(displacement)
         unstable = self.bench.instability()
         if unstable is not None:

@@ -45,7 +45,7 @@ class ClothSimulation:
         settings = self.settings
         spec = settings.spec
         rng = np.random.default_rng([seed, 0x57A7])
-        self.world = World(step_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
+        self.world = World(substep_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
         first = starts.sample_initial_state(settings.start, spec, rng)
         self.cloth = Cloth(self.world, spec, first.nodes)
         self.air = AirDrag(self.cloth)
@@ -126,15 +126,15 @@ class ClothSimulation:
         )
 
     def step(self, action: FloatArray) -> None:
-        """One tick: ``action`` (A,) m in the order of ACTION_NAMES."""
+        """One step: ``action`` (A,) m in the order of ACTION_NAMES."""
         substeps = self._substeps()
-        self.holder.start_tick(np.asarray(action, dtype=float), substeps)
+        self.holder.start_step(np.asarray(action, dtype=float), substeps)
         self._advance(substeps)
 
     def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
-        """One tick of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
+        """One step of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
 
-        ``hand_target_m``: where the hand is to be at the tick's end, (3,) m for the hanger, which follows it along x
+        ``hand_target_m``: where the hand is to be at the step's end, (3,) m for the hanger, which follows it along x
         and z on a spring of bounded force, (2, 3) m for the pickers, which follow it at a bounded speed. None: nobody
         holds on, and a hanger stays where it was left.
         """
@@ -148,7 +148,7 @@ class ClothSimulation:
         # A cloth that leaves the table along it is held up by its holder alone.
         load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
         substeps = self._substeps()
-        self.holder.start_guided_tick(hand, substeps, load)
+        self.holder.start_guided_step(hand, substeps, load)
         self._advance(substeps)
         return self._held_at() - before
 
@@ -159,11 +159,11 @@ class ClothSimulation:
         return self.holder.corner_positions().ravel()
 
     def _substeps(self) -> int:
-        """Of the tick to come: twice as many where cloth lies on cloth; at the usual step it diverges when lifted."""
+        """Of the step to come: twice as many where cloth lies on cloth; at the usual step it diverges when lifted."""
         return self.settings.substeps * self._running().refine(self.cloth.layered(self._nodes))
 
     def _advance(self, substeps: int) -> None:
-        """The substeps of one tick."""
+        """The substeps of one step."""
         world = self._running()
         self._follow_pull()
         impulse = self._impulse_n_s()
@@ -177,7 +177,7 @@ class ClothSimulation:
             self.holder.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
-        self._force_n = (self._impulse_n_s() - impulse) / (substeps * world.step_s)
+        self._force_n = (self._impulse_n_s() - impulse) / (substeps * world.substep_s)
         if self.disturbance is not None and self.disturbance.done:
             self.disturbance = None
 
@@ -187,11 +187,11 @@ class ClothSimulation:
         return sum((given.impulse_n_s for given in acting if given is not None), np.zeros(3))
 
     def force_n(self) -> FloatArray:
-        """(3,) N, world: mean total force of disturbances and pulls on the cloth in the last tick."""
+        """(3,) N, world: mean total force of disturbances and pulls on the cloth in the last step."""
         return self._force_n.copy()
 
     def disturb(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> None:
-        """Begin a disturbance, by name or as it is; it acts in the following ticks until ``disturbed`` is false.
+        """Begin a disturbance, by name or as it is; it acts in the following steps until ``disturbed`` is false.
 
         ``repeat`` counts the disturbances of one episode, so that each has a chance of its own. One that still acts
         is cut off.
@@ -209,9 +209,9 @@ class ClothSimulation:
         return _spec(what).schedule(_chance(seed, repeat), self.settings.spec)
 
     def pull(self, node: int, target_m: FloatArray) -> None:
-        """From the next tick on a hand of bounded force draws ``node`` to ``target_m`` (3,) m, world.
+        """From the next step on a hand of bounded force draws ``node`` to ``target_m`` (3,) m, world.
 
-        Call it again, at most once a tick, to lead the hand on; it stays at its target until ``let_go``. Another node
+        Call it again, at most once a step, to lead the hand on; it stays at its target until ``let_go``. Another node
         is another hand: the first lets go. Works at any time, also beside a disturbance.
         """
         world, target = self._running(), np.array(target_m, dtype=float)
@@ -225,7 +225,7 @@ class ClothSimulation:
 
     def _follow_pull(self) -> None:
         if self._pull is not None and self._pull_target is not None:
-            self._pull.start_tick(self._pull_target, self.settings.substeps * self._running().coarse_step_s)
+            self._pull.start_step(self._pull_target, self.settings.substeps * self._running().coarse_substep_s)
 
     def let_go(self) -> None:
         """End the pull, if there is one."""
@@ -255,7 +255,7 @@ class ClothSimulation:
         return self.disturbance is not None
 
     def instability(self) -> str | None:
-        """Why the cloth has diverged, or None; call once a tick."""
+        """Why the cloth has diverged, or None; call once a step."""
         return self.cloth.instability(self._nodes)
 
     @property

@@ -13,7 +13,7 @@ import pytest
 from layflat.data.types import (
     ACTION_LIMIT_M,
     ACTION_NAMES,
-    TICK_S,
+    STEP_S,
     Episode,
     GroundTruth,
     Observation,
@@ -44,7 +44,7 @@ def _observation(rng: np.random.Generator, time_s: float, portion: float, images
 
 def _build_episode(
     task: RobotName = "hanger",
-    ticks: int = 5,
+    n_steps: int = 5,
     seed: int = 0,
     images: bool = False,
     nodes: int = 12,
@@ -53,8 +53,8 @@ def _build_episode(
 ) -> Episode:
     rng = np.random.default_rng(seed)
     size = len(ACTION_NAMES[task])
-    portions = np.linspace(0.0, 0.97, ticks + 1)
-    observations = [_observation(rng, i * TICK_S, float(p), images) for i, p in enumerate(portions)]
+    portions = np.linspace(0.0, 0.97, n_steps + 1)
+    observations = [_observation(rng, i * STEP_S, float(p), images) for i, p in enumerate(portions)]
     truths = [
         GroundTruth(nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=float(p), flat_area=float(p) - 0.01)
         for p in portions
@@ -66,7 +66,7 @@ def _build_episode(
             action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, size),
             action_std=rng.uniform(0, 0.01, size) if with_std else None,
         )
-        for i in range(ticks)
+        for i in range(n_steps)
     ]
     values: dict[str, Any] = {
         "task": task,
@@ -87,7 +87,7 @@ def _build_episode(
 
 @pytest.fixture(scope="session")
 def make_episode() -> Callable[..., Episode]:
-    """``make_episode(task="hanger", ticks=5, seed=0, images=False, nodes=12, with_std=False, **fields of Episode)``.
+    """``make_episode(task="hanger", steps=5, seed=0, images=False, nodes=12, with_std=False, **fields of Episode)``.
 
     Valid random values without physics; the contact portion rises evenly from 0 to 0.97.
     """

@@ -38,7 +38,7 @@ class Scripted:
     faults: Mapping[tuple[str, str], tuple[Fault | None, ...]] = field(default_factory=dict)
     marks: Path = Path()
     """Where it is noted that a disk has been full: somebody makes room then."""
-    tick_s: float = 0.0
+    step_s: float = 0.0
     """Wall time of a placing and of each case."""
 
     def __call__(self, group: WorkItem) -> FakePlaying:
@@ -54,7 +54,7 @@ class Scripted:
                 _suffer(fault)
         elif fault is not None:
             _suffer(fault)
-        time.sleep(self.tick_s)
+        time.sleep(self.step_s)
 
 
 class Looking(Scripted):
@@ -106,14 +106,14 @@ def _suffer(fault: Fault) -> None:
 
 
 def fake_episode(group: WorkItem, case: DisturbanceCase) -> Episode:
-    """Three ticks of placing, and two for each disturbance; the same numbers whoever makes them, and wherever."""
+    """Three steps of placing, and two for each disturbance; the same numbers whoever makes them, and wherever."""
     words = f"{key_of(group)} {case.name}".encode()
     rng = np.random.default_rng(list(words))
     phases: list[Phase] = ["place"] * 3
     for item in case.schedule:
         phases += ["disturb", "repair"] * item.repeats
     contact = rng.uniform(0, 1, len(phases) + 1)
-    observations = [_observation(0.1 * tick, float(value)) for tick, value in enumerate(contact)]
+    observations = [_observation(0.1 * step_index, float(value)) for step_index, value in enumerate(contact)]
     truths = [
         GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=float(c), flat_area=0.5 + float(c)) for c in contact
     ]
@@ -153,7 +153,7 @@ def fake_plan(
 ) -> EvaluationPlan:
     """Each start undisturbed, pushed after the stop, and pushed on the way."""
     push = ScheduledDisturbance(spec=DISTURBANCES["push"], repeats=2)
-    early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=Trigger(moment="tick", value=1))
+    early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=Trigger(moment="step", value=1))
     return EvaluationPlan(
         entrants=tuple(PolicySpec(name=name, task="hanger", made=name) for name in policies),
         cloths=("towel",),
@@ -163,12 +163,12 @@ def fake_plan(
     )
 
 
-def main(out: str, seeds: str, workers: str, tick_s: str) -> int:
+def main(out: str, seeds: str, workers: str, step_s: str) -> int:
     """A batch as a program of its own, which can be interrupted and killed."""
     plan = fake_plan(int(seeds))
     with Progress({"episodes": 1.0}) as progress:
         progress.phase("episodes", items=plan.episodes)
-        run_batch(plan, Path(out), workers=int(workers), play=Scripted(tick_s=float(tick_s)), progress=progress)
+        run_batch(plan, Path(out), workers=int(workers), play=Scripted(step_s=float(step_s)), progress=progress)
     return 0
 
 

@@ -8,7 +8,7 @@ from layflat.policy.scripted.baselines import along_z
 
 
 class Down:
-    """Straight down, 1 cm a tick."""
+    """Straight down, 1 cm a step."""
 
     name = "down"
 

@@ -16,7 +16,7 @@ from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
 from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
-from layflat.data.types import ROBOTS, TICK_S, FloatArray, RobotName
+from layflat.data.types import ROBOTS, STEP_S, FloatArray, RobotName
 
 CLOTH, FINE_CLOTH = "towel", "towel-fine"
 AIR_GOAL, TABLE_GOAL = 1.5, 1.0
@@ -24,7 +24,7 @@ AIR_GOAL, TABLE_GOAL = 1.5, 1.0
 SEEING_GOALS = {"seeing": 1.0, "fine seeing": 0.7}
 """The same with camera, perception and recording, by the kind of measurement: the default cloth, and the fine one."""
 RTF = "sim s / wall s"
-PER_TICK = "ms / tick"
+PER_STEP = "ms / step"
 PERCEPT_GOAL_S = 0.004
 """Of one core for one frame: masks, contact and word-axial."""
 SECONDS = {
@@ -162,7 +162,7 @@ def rows_of(item: BenchmarkResult, samples: dict[str, FloatArray], before: list[
             _rtf(f"{where}, dragged", samples["drag"], goal),
             _plain(f"{prefix} camera frame", samples["capture"], 1e3, "ms"),
             _plain(f"{prefix} perception", samples["perceive"], 1e3, "ms"),
-            _plain(f"{prefix} keep of {measure.EPISODE_TICKS} ticks", samples["keep"], 1e3, "ms"),
+            _plain(f"{prefix} keep of {measure.EPISODE_STEPS} steps", samples["keep"], 1e3, "ms"),
         ]
     goals = {"in the air": AIR_GOAL, "dragged": TABLE_GOAL, "flat": TABLE_GOAL}
     if item.kind == "fine physics":
@@ -187,12 +187,12 @@ def _sight_rows(samples: dict[str, FloatArray]) -> list[BenchmarkRow]:
     return [_beside(f"percept / {name}", samples["percept"], other, "ms") for name, other in others.items()]
 
 
-def _rtf(name: str, tick_wall_s: FloatArray, baseline: float) -> BenchmarkRow:
-    value = TICK_S / float(np.median(tick_wall_s))
-    return BenchmarkRow(name=name, value=value, unit=RTF, baseline=baseline, samples=len(tick_wall_s))
+def _rtf(name: str, step_wall_s: FloatArray, baseline: float) -> BenchmarkRow:
+    value = STEP_S / float(np.median(step_wall_s))
+    return BenchmarkRow(name=name, value=value, unit=RTF, baseline=baseline, samples=len(step_wall_s))
 
 
-def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER_TICK) -> BenchmarkRow:
+def _beside(name: str, ours_s: FloatArray, theirs_s: FloatArray, unit: str = PER_STEP) -> BenchmarkRow:
     """The ratio is the median of those of neighbouring blocks, which a busy machine slows alike."""
     theirs = float(np.median(theirs_s))
     ratio = float(np.median(ours_s / theirs_s))

@@ -1,6 +1,6 @@
 """What `layflat bench` measures; each function once in a fresh process, on one core.
 
-Wall time is that of blocks of whole ticks; of several blocks the median counts, so that what else the machine does
+Wall time is that of blocks of whole steps; of several blocks the median counts, so that what else the machine does
 now and then does not. Blocks that are compared with each other alternate.
 """
 
@@ -30,42 +30,44 @@ from layflat.sim.config import SimConfig
 from layflat.sim.simulation import ClothSimulation
 
 SEED = 0
-BLOCK_TICKS = 5
-SETTLE_TICKS = 1
+BLOCK_STEPS = 5
+SETTLE_STEPS = 1
 """At the beginning of each block, not measured."""
 BLOCKS, FEWER_BLOCKS, DRAG_BLOCKS = 8, 4, 4
 DRAG_STEP_M = 0.003
 LAY_STEP_M = (0.014, 0.010)
-"""Forward and down in a tick while the cloth is laid down."""
-SEEING_TICKS = 12
+"""Forward and down in a step while the cloth is laid down."""
+SEEING_STEPS = 12
 SEEING_BLOCKS = 3
 FRAMES = 30
 GP_POINTS = 400
 """About what five demonstrations leave."""
-EPISODE_TICKS = 100
+EPISODE_STEPS = 100
 """Of the episode whose keeping is timed: about what a demonstration has."""
 
 
-def physics(task: RobotName, cloth: str, blocks: int = BLOCKS, ticks: int = BLOCK_TICKS) -> dict[str, FloatArray]:
-    """Without a camera. Wall s per tick: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
+def physics(task: RobotName, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_STEPS) -> dict[str, FloatArray]:
+    """Without a camera. Wall s per step: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
     bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))
     try:
         bench.reset(SEED)
-        samples = _side_by_side(bench, "air", blocks, ticks)
+        samples = _side_by_side(bench, "air", blocks, n_steps)
         lay_down(bench)
         drag = _moves(task, DRAG_STEP_M, 0.0)
-        samples["drag"] = np.array([_ours(bench, drag, ticks) for _ in range(DRAG_BLOCKS)])
-        samples |= _side_by_side(bench, "flat", blocks, ticks)
+        samples["drag"] = np.array([_ours(bench, drag, n_steps) for _ in range(DRAG_BLOCKS)])
+        samples |= _side_by_side(bench, "flat", blocks, n_steps)
         return samples
     finally:
         bench.close()
 
 
-def seeing(task: RobotName, cloth: str, folder: Path | None = None, ticks: int = SEEING_TICKS) -> dict[str, FloatArray]:
+def seeing(
+    task: RobotName, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS
+) -> dict[str, FloatArray]:
     """With camera, perception and recording, on the table.
 
-    Wall s per tick of ``rollout``, with the share of a tick in keeping the episode: ``flat``, ``drag``. Wall s each
-    of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_TICKS, durable in ``folder``).
+    Wall s per step of ``rollout``, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
+    of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_STEPS, durable in ``folder``).
     """
     bench = ClothSimulation(SimConfig(task=task, cloth=cloth))
     try:
@@ -74,24 +76,24 @@ def seeing(task: RobotName, cloth: str, folder: Path | None = None, ticks: int =
         with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
             path = Path(place) / "session.h5"
             with SessionRecorder(path, task=task, cloth=cloth) as recorder:
-                return _seeing(bench, recorder, ticks)
+                return _seeing(bench, recorder, n_steps)
     finally:
         bench.close()
 
 
-def _seeing(bench: ClothSimulation, recorder: SessionRecorder, ticks: int) -> dict[str, FloatArray]:
+def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
     task = bench.settings.task
     policies: dict[str, Policy] = {
         "drag": DragPolicy(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
         "flat": ZeroPolicy(task),
     }
     walls: dict[str, list[float]] = {}
-    episode = rollout(bench, ZeroPolicy(task), seed=SEED, max_ticks=2)
+    episode = rollout(bench, ZeroPolicy(task), seed=SEED, max_steps=2)
     for name, policy in policies.items():
         for _ in range(SEEING_BLOCKS):
             began = time.perf_counter()
-            episode = rollout(bench, policy, seed=SEED, max_ticks=ticks)
-            walls.setdefault(name, []).append((time.perf_counter() - began) / ticks)
+            episode = rollout(bench, policy, seed=SEED, max_steps=n_steps)
+            walls.setdefault(name, []).append((time.perf_counter() - began) / n_steps)
     kept = lengthened(episode)
     keep = _repeat(lambda: recorder.keep(kept), 5)
     frames = [bench.camera.capture() for _ in range(3)]
@@ -148,11 +150,11 @@ def random_model(task: RobotName, points: int = GP_POINTS) -> GpModel:
     )
 
 
-def lay_down(bench: ClothSimulation, most_ticks: int = 100) -> None:
+def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
     """Down until the free edge touches, then forward and down until the held edge is at rest height."""
     task, spec = bench.settings.task, bench.settings.spec
     forward, down = LAY_STEP_M
-    for _ in range(most_ticks):
+    for _ in range(most_steps):
         height = float(bench.holder.position()[2])
         if height < spec.margin_m + 0.002:
             break
@@ -165,34 +167,34 @@ def lay_down(bench: ClothSimulation, most_ticks: int = 100) -> None:
         bench.step(_moves(task, 0.0, 0.0))
 
 
-def _side_by_side(bench: ClothSimulation, name: str, blocks: int, ticks: int) -> dict[str, FloatArray]:
-    """Ticks without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
+def _side_by_side(bench: ClothSimulation, name: str, blocks: int, n_steps: int) -> dict[str, FloatArray]:
+    """Steps without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
     zeros = _moves(bench.settings.task, 0.0, 0.0)
-    walls = [(_bare(bench, ticks), _ours(bench, zeros, ticks)) for _ in range(blocks)]
+    walls = [(_bare(bench, n_steps), _ours(bench, zeros, n_steps)) for _ in range(blocks)]
     bare, ours = np.array(walls).T
     return {name: ours, f"{name} bare": bare}
 
 
-def _ours(bench: ClothSimulation, action: FloatArray, ticks: int) -> float:
-    """Wall s per tick."""
-    for _ in range(SETTLE_TICKS):
+def _ours(bench: ClothSimulation, action: FloatArray, n_steps: int) -> float:
+    """Wall s per step."""
+    for _ in range(SETTLE_STEPS):
         bench.step(action)
     began = time.perf_counter()
-    for _ in range(ticks):
+    for _ in range(n_steps):
         bench.step(action)
-    return (time.perf_counter() - began) / ticks
+    return (time.perf_counter() - began) / n_steps
 
 
-def _bare(bench: ClothSimulation, ticks: int) -> float:
-    """Wall s per tick of stepping alone."""
+def _bare(bench: ClothSimulation, n_steps: int) -> float:
+    """Wall s per step of stepping alone."""
     world, substeps = bench.cloth.world, bench.settings.substeps
     bench.holder.rest()
-    for _ in range(SETTLE_TICKS * substeps):
+    for _ in range(SETTLE_STEPS * substeps):
         world.step()
     began = time.perf_counter()
-    for _ in range(ticks * substeps):
+    for _ in range(n_steps * substeps):
         world.step()
-    return (time.perf_counter() - began) / ticks
+    return (time.perf_counter() - began) / n_steps
 
 
 def _repeat(work: Callable[[], object], times: int) -> FloatArray:
@@ -225,6 +227,6 @@ def _moves(task: RobotName, dx: float, dz: float) -> FloatArray:
 
 
 def lengthened(episode: Episode) -> Episode:
-    """With its ticks repeated up to EPISODE_TICKS."""
-    times = -(-EPISODE_TICKS // len(episode.steps))
-    return replace(episode, steps=(episode.steps * times)[:EPISODE_TICKS])
+    """With its steps repeated up to EPISODE_STEPS."""
+    times = -(-EPISODE_STEPS // len(episode.steps))
+    return replace(episode, steps=(episode.steps * times)[:EPISODE_STEPS])

@@ -45,14 +45,14 @@ from layflat.sim.simulation import ClothSimulation
 
 TASK: RobotName = "pickers"
 CLOTH = "towel"
-TICKS = 24
+STEPS = 24
 REPEATS = 5
 EPISODES = 1000
 """In the session whose opening is timed."""
 READ = 100
 """Episodes of it that are read."""
 SHARE_GOAL = 2.0
-"""Percent of a tick that recording may cost on the thread that controls."""
+"""Percent of a step that recording may cost on the thread that controls."""
 OPEN_GOAL_S = 2.0
 """For 10,000 episodes."""
 SECONDS = {"recording": 20.0, "opening": 30.0}
@@ -74,22 +74,22 @@ class _Timed:
     running: EpisodeWriter
     walls_s: list[float] = field(default_factory=list)
 
-    def on_tick(self, step: Step, tick: int) -> None:
+    def on_step(self, step: Step, step_index: int) -> None:
         began = time.perf_counter()
-        self.running.on_tick(step, tick)
+        self.running.on_step(step, step_index)
         self.walls_s.append(time.perf_counter() - began)
 
 
-def recording(folder: Path | None = None, ticks: int = TICKS) -> dict[str, FloatArray]:
+def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, FloatArray]:
     """An episode of 320x240 RGB-D, recorded while the cloth is dragged.
 
-    Wall s per tick: ``tick`` (all of it), ``hand over`` (recording, on the loop's thread), ``journal`` (processor time
+    Wall s per step: ``step`` (all of it), ``hand over`` (recording, on the loop's thread), ``journal`` (processor time
     of both threads). MB/s: ``keep`` (durable) and ``raw`` (h5py, one file, no packing, flushed to the disk). MB:
     ``size``, and by packing ``size none|lzf|gzip 1|gzip 4``; processor s of packing ``pack none|...``.
     """
     with _place(folder) as place:
         with SessionRecorder(place / "s.h5", task=TASK, cloth=CLOTH, keep_images=True) as recorder:
-            samples, episode = _record(recorder, ticks)
+            samples, episode = _record(recorder, n_steps)
             samples["journal"] = np.array([_journal_alone(recorder, episode) for _ in range(REPEATS)])
             episode = lengthened(episode)
             arrays = arrays_of(episode, keep_images=True)
@@ -105,12 +105,12 @@ def recording(folder: Path | None = None, ticks: int = TICKS) -> dict[str, Float
 
 
 def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, FloatArray]:
-    """A session of made-up episodes without images, of 84 ticks and 285 nodes.
+    """A session of made-up episodes without images, of 84 steps and 285 nodes.
 
     Wall s: ``open`` (all that info needs), ``read`` (one episode), ``arrays`` (two data sets of one episode). MB:
     ``growth`` of the process while READ episodes are read one after another.
     """
-    episode = _made_up(ticks=84, nodes=285)
+    episode = _made_up(n_steps=84, nodes=285)
     with _place(folder) as place:
         path = place / "s.h5"
         write_copies(path, episode, episodes)
@@ -157,10 +157,10 @@ def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
             ("read an episode without images", 1e3 * middle["read"], "ms", None, READ),
             ("memory while reading", middle["growth"], "MB", None, 1),
         ]
-    share, cpu = (100 * middle[key] / middle["tick"] for key in ("hand over", "journal"))
+    share, cpu = (100 * middle[key] / middle["step"] for key in ("hand over", "journal"))
     lines: list[Line] = [
-        ("recording, loop's thread", share, "% of a tick", SHARE_GOAL, len(samples["hand over"])),
-        ("recording, both threads", cpu, "% of a tick", None, REPEATS),
+        ("recording, loop's thread", share, "% of a step", SHARE_GOAL, len(samples["hand over"])),
+        ("recording, both threads", cpu, "% of a step", None, REPEATS),
         ("keep, images, durable", middle["keep"], "MB / s", middle["raw"], REPEATS),
     ]
     for packing in list(PACKINGS)[1:]:
@@ -172,7 +172,7 @@ def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
     return lines
 
 
-def _record(recorder: SessionRecorder, ticks: int) -> tuple[dict[str, FloatArray], Episode]:
+def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArray], Episode]:
     bench = ClothSimulation(SimConfig(task=TASK, cloth=CLOTH))
     timed: list[_Timed] = []
 
@@ -185,16 +185,16 @@ def _record(recorder: SessionRecorder, ticks: int) -> tuple[dict[str, FloatArray
         lay_down(bench)
         policy = DragPolicy(TASK, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
         began = time.perf_counter()
-        episode = rollout(bench, policy, seed=SEED, images=True, max_ticks=ticks, begin=begin)
+        episode = rollout(bench, policy, seed=SEED, images=True, max_steps=n_steps, begin=begin)
         wall_s = time.perf_counter() - began
     finally:
         bench.close()
     timed[0].running.discard()
-    return {"tick": np.array([wall_s / ticks]), "hand over": np.array(timed[0].walls_s)}, episode
+    return {"step": np.array([wall_s / n_steps]), "hand over": np.array(timed[0].walls_s)}, episode
 
 
 def _journal_alone(recorder: SessionRecorder, episode: Episode) -> float:
-    """Processor time per tick of handing over, packing, writing and flushing."""
+    """Processor time per step of handing over, packing, writing and flushing."""
     running = recorder.begin(episode)
     began = time.process_time()
     for step in episode.steps:
@@ -223,33 +223,35 @@ def _packed(
     return {f"pack {name}": np.array([spent_s]), f"size {name}": np.array([path.stat().st_size / 1e6])}
 
 
-def _made_up(*, ticks: int, nodes: int) -> Episode:
+def _made_up(*, n_steps: int, nodes: int) -> Episode:
     """Of the shape of a real one, without physics."""
     rng = np.random.default_rng(SEED)
 
-    def observation(tick: int) -> Observation:
+    def observation(step_index: int) -> Observation:
         corners = rng.uniform(-0.3, 0.6, (2, 3))
         return Observation(
-            time_s=0.1 * tick,
+            time_s=0.1 * step_index,
             corner_positions=corners,
             holder_position=corners.mean(axis=0),
             word=np.array([1.0, 0.0]),
             word_strength=0.1,
-            contact_portion=tick / ticks,
+            contact_portion=step_index / n_steps,
         )
 
-    def truth(tick: int) -> GroundTruth:
+    def truth(step_index: int) -> GroundTruth:
         return GroundTruth(
-            nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=tick / ticks, flat_area=tick / ticks
+            nodes=rng.normal(0, 0.2, (nodes, 3)),
+            contact_portion_true=step_index / n_steps,
+            flat_area=step_index / n_steps,
         )
 
     steps = [
         Step(
-            observation=observation(tick),
-            truth=truth(tick),
+            observation=observation(step_index),
+            truth=truth(step_index),
             action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, action_size(TASK)),
         )
-        for tick in range(ticks)
+        for step_index in range(n_steps)
     ]
     return Episode(
         task=TASK,
@@ -257,8 +259,8 @@ def _made_up(*, ticks: int, nodes: int) -> Episode:
         seed=SEED,
         source="scripted",
         steps=tuple(steps),
-        final_observation=observation(ticks),
-        final_truth=truth(ticks),
+        final_observation=observation(n_steps),
+        final_truth=truth(n_steps),
         stopped_by="converged",
         outcome="success",
     )

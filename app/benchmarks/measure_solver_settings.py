@@ -57,8 +57,8 @@ def lines_of(across: int, samples: Mapping[str, FloatArray]) -> list[Line]:
 
 def _stepped(world: BareLayflat | BareSimulation, simulated_s: float) -> float:
     """Wall s per simulated s."""
-    steps = round(simulated_s / world.step_s)
+    steps = round(simulated_s / world.substep_s)
     began = time.perf_counter()
     for _ in range(steps):
         world.step()
-    return (time.perf_counter() - began) / (steps * world.step_s)
+    return (time.perf_counter() - began) / (steps * world.substep_s)

@@ -75,11 +75,11 @@ class BareSimulation:
     """A cloth of ``across`` x ``across`` nodes by a recipe, in a world of its own, in one situation."""
 
     def __init__(self, recipe: SolverSettings, across: int, situation: Situation) -> None:
-        self.step_s = 1 / recipe.rate_hz
+        self.substep_s = 1 / recipe.rate_hz
         self._client: int = bullet.connect(bullet.DIRECT)
         bullet.resetSimulation(bullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=self._client)
         bullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=self._client, **(recipe.engine or {}))
-        bullet.setTimeStep(self.step_s, physicsClientId=self._client)
+        bullet.setTimeStep(self.substep_s, physicsClientId=self._client)
         bullet.setGravity(0, 0, -9.8, physicsClientId=self._client)
         bullet.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=self._client)
         bullet.loadURDF("plane.urdf", physicsClientId=self._client)
@@ -130,8 +130,8 @@ class BareLayflat:
     """Our own cloth in the same situation, in its own world, without holder, drag or guard."""
 
     def __init__(self, spec: ClothSpec, situation: Situation) -> None:
-        self._world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
-        self.step_s = self._world.step_s
+        self._world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
+        self.substep_s = self._world.substep_s
         if situation == "flat":
             self._cloth = Cloth(self._world, spec, spec.flat_nodes(z_m=spec.margin_m + DROP_M))
             return

@@ -89,8 +89,8 @@ def filter_(
     outcome: Outcome = None,
     source: Annotated[str | None, typer.Option(help="Only episodes from this source, such as scripted.")] = None,
     cloth: Annotated[str | None, typer.Option(help="Only episodes with this cloth.")] = None,
-    min_ticks: Annotated[int | None, typer.Option(callback=maybe_count, help="At least so many ticks.")] = None,
-    max_ticks: Annotated[int | None, typer.Option(callback=maybe_count, help="At most so many ticks.")] = None,
+    min_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="At least so many steps.")] = None,
+    max_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="At most so many steps.")] = None,
     min_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at least this, 0..1.")] = None,
     max_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at most this, 0..1.")] = None,
     force: Force = False,
@@ -105,7 +105,7 @@ def filter_(
         outcome=outcome,
         source=source,
         cloth=cloth,
-        ticks=(min_ticks, max_ticks),
+        n_steps=(min_steps, max_steps),
         contact=(min_contact, max_contact),
         force=force,
     )
@@ -120,7 +120,7 @@ def merge(
 ) -> None:
     """Put several sessions into one.
 
-    They agree in task, cloth and tick; an episode that is in two of them is taken once.
+    They agree in task, cloth and step; an episode that is in two of them is taken once.
     """
     from layflat.app.commands.dataset_operations import merge as run
 
@@ -132,12 +132,12 @@ def trim(
     path: DataFile,
     episode: Episode,
     out: Session,
-    start: Annotated[int, typer.Option(help="First tick to keep.")] = 0,
-    stop: Annotated[int | None, typer.Option(help="Tick after the last to keep; the end by default.")] = None,
+    start: Annotated[int, typer.Option(help="First step to keep.")] = 0,
+    stop: Annotated[int | None, typer.Option(help="Step after the last to keep; the end by default.")] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Cut an episode to some of its ticks.
+    """Cut an episode to some of its steps.
 
     All other episodes stay as they are.
     """

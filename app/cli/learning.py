@@ -90,7 +90,7 @@ def train(
         PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
     ] = "gp-word",
     intervention_weight: Annotated[
-        int, typer.Option(min=1, metavar="W", help="How often each tick counts in which a person corrected a policy.")
+        int, typer.Option(min=1, metavar="W", help="How often each step counts in which a person corrected a policy.")
     ] = 1,
     seed: Seed = 0,
     force: Force = False,

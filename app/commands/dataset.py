@@ -58,7 +58,7 @@ def export(
         else:
             from layflat.data.exchange.csv_export import export_csv
 
-            print(f"exported {len(names)} episodes, {export_csv(session, out, names=names)} ticks {out}")
+            print(f"exported {len(names)} episodes, {export_csv(session, out, names=names)} steps {out}")
 
 
 def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> None:

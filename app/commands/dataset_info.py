@@ -77,11 +77,11 @@ def stats(path: Path, *, json: Path | None, force: bool) -> None:
 def print_page(session: Session, infos: Mapping[str, DemoInfo], out: Console) -> None:
     """Session, counts, ranges, and the episodes one by one as far as they fit."""
     rows = list(infos.values())
-    ticks = [row.ticks for row in rows]
+    n_steps = [row.n_steps for row in rows]
     seconds = sum(row.duration_s for row in rows)
-    out.print(f"{session.path}: {len(rows)} episodes, {sum(ticks)} ticks, {seconds:.0f} s simulated", markup=False)
+    out.print(f"{session.path}: {len(rows)} episodes, {sum(n_steps)} steps, {seconds:.0f} s simulated", markup=False)
     out.print(
-        f"task {session.task}, cloth {session.cloth}, tick {session.tick_s} s, descriptor {session.descriptor},"
+        f"task {session.task}, cloth {session.cloth}, step {session.step_s} s, descriptor {session.descriptor},"
         f" schema {_listed(row.version for row in rows)}, images in {sum(row.images for row in rows)}",
         markup=False,
     )
@@ -101,7 +101,7 @@ def print_page(session: Session, infos: Mapping[str, DemoInfo], out: Console) ->
 def ranges(rows: Sequence[DemoInfo]) -> dict[str, list[float]]:
     """What the page gives the range of, by its name there."""
     return {
-        "ticks": [float(row.ticks) for row in rows],
+        "steps": [float(row.n_steps) for row in rows],
         "contact at start": [row.contact_start for row in rows],
         "contact at end": [row.contact_final for row in rows],
         "mesh contact at end": [row.contact_true_final for row in rows],
@@ -113,7 +113,7 @@ def episode_table(
     infos: Mapping[str, DemoInfo], befell: Callable[[str], Sequence[DisturbanceRecord]] = lambda name: ()
 ) -> Table:
     """``befell`` is asked of the disturbed episodes that are shown."""
-    table = Table("episode", "seed", "source", "outcome", "stopped by", "disturbance", "ticks", "contact", "flat area")
+    table = Table("episode", "seed", "source", "outcome", "stopped by", "disturbance", "steps", "contact", "flat area")
     names = list(infos)
     shown = names if len(names) <= ROWS_MAX else [*names[: ROWS_MAX // 2], "", *names[-ROWS_MAX // 2 :]]
     for name in shown:
@@ -123,18 +123,18 @@ def episode_table(
         row = infos[name]
         contact = f"{100 * row.contact_start:.0f} to {100 * row.contact_final:.0f} %"
         disturbed = row.disturbance if row.disturbance == "none" else told(row.disturbance, befell(name))
-        cells = (str(row.seed), row.source, row.outcome, row.stopped_by, disturbed, str(row.ticks), contact)
+        cells = (str(row.seed), row.source, row.outcome, row.stopped_by, disturbed, str(row.n_steps), contact)
         table.add_row(name, *cells, f"{row.flat_area_final:.3f}")
     return table
 
 
 def told(disturbance: str, befell: Sequence[DisturbanceRecord]) -> str:
     """Which disturbances, and when they began: "thesis at 61, 95", "gusts: wind at 5, push at 40"."""
-    ticks: dict[str, list[str]] = {}
+    first_steps: dict[str, list[str]] = {}
     for record in befell:
-        ticks.setdefault(record.name, []).append(str(record.first_tick))
-    parts = ", ".join(f"{name} at {', '.join(begun)}" for name, begun in ticks.items())
-    return parts if list(ticks) == [disturbance] else ": ".join(filter(None, (disturbance, parts)))
+        first_steps.setdefault(record.name, []).append(str(record.first_step))
+    parts = ", ".join(f"{name} at {', '.join(begun)}" for name, begun in first_steps.items())
+    return parts if list(first_steps) == [disturbance] else ": ".join(filter(None, (disturbance, parts)))
 
 
 def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, Any]:
@@ -143,16 +143,16 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
     def befell(name: str) -> list[dict[str, Any]]:
         if infos[name].disturbance == "none":
             return []
-        keys = ("name", "first_tick", "last_tick")
+        keys = ("name", "first_step", "last_step")
         return [{key: getattr(record, key) for key in keys} for record in session.disturbances(name)]
 
     return {
         "file": str(session.path),
         "task": session.task,
         "cloth": session.cloth,
-        "tick_s": session.tick_s,
+        "step_s": session.step_s,
         "descriptor": session.descriptor,
-        "ticks": sum(row.ticks for row in infos.values()),
+        "steps": sum(row.n_steps for row in infos.values()),
         "outcomes": Counter(row.outcome for row in infos.values()),
         "sources": Counter(row.source for row in infos.values()),
         "episodes": [{"name": name, **vars(row), "disturbances": befell(name)} for name, row in infos.items()],

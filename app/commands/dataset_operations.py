@@ -50,7 +50,7 @@ def filter_episodes(
     outcome: Outcome | None,
     source: str | None,
     cloth: str | None,
-    ticks: tuple[int | None, int | None],
+    n_steps: tuple[int | None, int | None],
     contact: tuple[float | None, float | None],
     force: bool,
 ) -> None:
@@ -65,7 +65,7 @@ def filter_episodes(
         out,
         source=source,
         cloth=cloth,
-        length=_limits("ticks", ticks),
+        length=_limits("steps", n_steps),
         final_contact=_limits("contact", contact),
         names=names,
         force=force,
@@ -95,13 +95,13 @@ def merge(paths: Sequence[Path], out: Path, *, force: bool) -> None:
 
 
 def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, force: bool) -> None:
-    """Cut an episode to ticks ``start`` to ``stop - 1``."""
+    """Cut an episode to steps ``start`` to ``stop - 1``."""
     validators.writable_file(out, force=force)
     name = schema.demo_name(episode)
     with open_session(path) as session:
         before = session.info(name)
-    cut = operations.trim(path, out, name=name, start=start, stop=before.ticks if stop is None else stop, force=force)
-    print(f"wrote {name} with {cut.ticks} of {before.ticks} ticks, {cut.outcome} {out}")
+    cut = operations.trim(path, out, name=name, start=start, stop=before.n_steps if stop is None else stop, force=force)
+    print(f"wrote {name} with {cut.n_steps} of {before.n_steps} steps, {cut.outcome} {out}")
 
 
 def repair(path: Path, out: Path | None, *, force: bool) -> None:

@@ -17,7 +17,7 @@ import pandas as pd
 
 from layflat.app.commands.record import keep_all
 from layflat.app.commands.train import successful_demonstrations
-from layflat.app.media.frames import contact_sheet, disturbance_ticks, frame_strip, placing_ticks
+from layflat.app.media.frames import contact_sheet, disturbance_steps, frame_strip, placing_steps
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.png import write_png
 from layflat.app.report.demo import FRAME_WIDTH, ReportInput, TaskResults, pictured_run, write_report
@@ -93,7 +93,7 @@ def run_demo(
             _write_rows(out, [e for r in results for group in r.runs.values() for e in group])
         progress.phase("report", items=1)
         content = ReportInput(tasks=tuple(results), provenance=capture_provenance(), seed=seed, notes=tuple(notes))
-        write_report(report, content, tick=progress.status)
+        write_report(report, content, on_progress=progress.status)
         _draw_frames(out / "frames.png", results[0])
         progress.advance()
     print(f"report: {report}")
@@ -220,9 +220,14 @@ def _draw_frames(path: Path, results: TaskResults) -> None:
     run = pictured_run(results.runs[FINISHER])
     if run is None:  # its first episode was lost; the report says so
         return
-    placing, repair = placing_ticks(run), disturbance_ticks(run)
+    placing, repair = placing_steps(run), disturbance_steps(run)
     rows = [[placing[k] for k in (0, 3, 5, 7, 9)], [repair[k] for k in (2, 3, 4, 6, 9)] if repair else []]
-    write_png(path, contact_sheet([frame_strip(run, ticks, results.draw, FRAME_WIDTH) for ticks in rows if ticks]))
+    write_png(
+        path,
+        contact_sheet(
+            [frame_strip(run, step_indices, results.draw, FRAME_WIDTH) for step_indices in rows if step_indices]
+        ),
+    )
 
 
 def _words(episode: Episode) -> str:

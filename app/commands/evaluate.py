@@ -74,7 +74,7 @@ def evaluate(
         progress.phase("episodes", items=plan.episodes)
         results = run_batch(plan, out, engine=on, force=force, progress=progress)
         progress.phase("report")
-        page = write_evaluation(results, videos=videos, tick=progress.status)
+        page = write_evaluation(results, videos=videos, on_progress=progress.status)
     show(results.summary)
     print(f"results: {out}")
     print(f"report: {page}")

@@ -108,9 +108,9 @@ def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | Non
 
 
 def strip_frames(episode: Episode, drawer: PerceptionOverlay, width: int) -> list[frames.Frame]:
-    """Ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their tick."""
-    strip = frames.frame_strip(episode, frames.placing_ticks(episode), drawer, width)
-    return [replace(frame, word=f"tick {frame.tick}:") for frame in strip]
+    """Ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their step."""
+    strip = frames.frame_strip(episode, frames.placing_steps(episode), drawer, width)
+    return [replace(frame, word=f"step {frame.step}:") for frame in strip]
 
 
 def _content(
@@ -132,7 +132,7 @@ def _content(
 def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """n, and mean, min, max and ci95 (None where there is none) of contact at the start, the end, and in the mesh."""
     summary: dict[str, Any] = {"n": len(rows)}
-    for column in ("contact_start", "contact_final", "contact_final_true", "flat_area_final", "ticks"):
+    for column in ("contact_start", "contact_final", "contact_final_true", "flat_area_final", "steps"):
         values = statistics(np.array([row[column] for row in rows], dtype=float))
         known = {name: None if np.isnan(value) else value for name, value in values.items()}
         summary[column] = {name: known[name] for name in ("mean", "min", "max")} | {
@@ -144,7 +144,7 @@ def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def show(episodes: Sequence[Episode]) -> None:
     """Print one line per episode and their mean on stdout."""
     table = Table(title=None)
-    for name in ("seed", "start", "mesh start", "final", "mesh final", "flat area", "ticks", "stopped by"):
+    for name in ("seed", "start", "mesh start", "final", "mesh final", "flat area", "steps", "stopped by"):
         table.add_column(name, justify="right")
     lines = []
     for episode in episodes:
@@ -155,7 +155,7 @@ def show(episodes: Sequence[Episode]) -> None:
             row["contact_final"],
             row["contact_final_true"],
             row["flat_area_final"],
-            row["ticks"],
+            row["steps"],
         )
         lines.append(line)
         table.add_row(str(episode.seed), *_cells(line, "d"), episode.stopped_by)
@@ -165,6 +165,6 @@ def show(episodes: Sequence[Episode]) -> None:
     console().print(table)
 
 
-def _cells(line: Sequence[Any], ticks_form: str) -> list[str]:
-    *contacts, area, ticks = line
-    return [*(f"{100 * c:.1f} %" for c in contacts), f"{area:.3f}", format(ticks, ticks_form)]
+def _cells(line: Sequence[Any], steps_form: str) -> list[str]:
+    *contacts, area, n_steps = line
+    return [*(f"{100 * c:.1f} %" for c in contacts), f"{area:.3f}", format(n_steps, steps_form)]

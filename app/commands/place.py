@@ -138,12 +138,12 @@ def _results(
 def show(episodes: list[Episode]) -> None:
     """Print one line per episode on stdout."""
     table = Table(title=None)
-    for name in ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "ticks", "stopped by"):
+    for name in ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "steps", "stopped by"):
         table.add_column(name, justify="right")
     for episode in episodes:
         row = episode_metrics(episode)
         contacts = [row["contact_placed"], row["contact_disturbed"], row["contact_final"], row["contact_final_true"]]
         cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
         flat = f"{row['flat_area_final']:.3f}"
-        table.add_row(str(episode.seed), *cells, flat, str(row["ticks"]), episode.stopped_by)
+        table.add_row(str(episode.seed), *cells, flat, str(row["steps"]), episode.stopped_by)
     console().print(table)

@@ -106,7 +106,7 @@ def ticket_of(job: EpisodeConfig) -> JournalHandle:
 
 def kept_line(kept: SavedEpisode) -> str:
     """What was kept, in the words of the contract; it is durable by then."""
-    return f"kept {kept.name} {kept.outcome} {kept.ticks} ticks contact {end_contact(kept):.2f} {kept.path}"
+    return f"kept {kept.name} {kept.outcome} {kept.n_steps} steps contact {end_contact(kept):.2f} {kept.path}"
 
 
 def end_contact(kept: SavedEpisode) -> float:

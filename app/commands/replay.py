@@ -30,13 +30,13 @@ from layflat.sim.physics.bullet.world import SimError
 from layflat.sim.simulation import ClothSimulation
 
 Mode: TypeAlias = Literal["state", "action"]
-TICK_WALL_S = 0.08
-"""Expected wall time of a tick, for the first estimate of the time left."""
+STEP_WALL_S = 0.08
+"""Expected wall time of a step, for the first estimate of the time left."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Divergence:
-    """How far a rerun is from the recording, at the start of each common tick and after the last."""
+    """How far a rerun is from the recording, at the start of each common step and after the last."""
 
     node_error_m: FloatArray
     """(T + 1,) m: the largest distance of a cloth node from where it was."""
@@ -45,10 +45,10 @@ class Divergence:
     contact_error: FloatArray
     """(T + 1,) difference of the camera's contact portion, rerun minus recording."""
     identical: bool
-    """Nodes, corners and contact are the same to the bit, and so is the number of ticks."""
+    """Nodes, corners and contact are the same to the bit, and so is the number of steps."""
 
     @property
-    def first_tick(self) -> int | None:
+    def first_step(self) -> int | None:
         """The first moment at which anything differs, or None."""
         errors = self.node_error_m + self.corner_error_m + np.abs(self.contact_error)
         return int(np.flatnonzero(errors)[0]) if errors.any() else None
@@ -93,7 +93,7 @@ def read_episode(path: Path, number: int) -> Episode:
 def rerun(recorded: Episode) -> Episode:
     """The recorded actions once more, from the same start, in a process that has never stepped a simulation."""
     _check_can_run(recorded)
-    with Progress({"replay": TICK_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
+    with Progress({"replay": STEP_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
         progress.phase("replay")
         try:
             again: Episode = pool.schedule(_rerun_here, args=[recorded], timeout=JOB_LIMIT_S).result()
@@ -109,9 +109,9 @@ def _check_can_run(recorded: Episode) -> None:
     validators.one_of("cloth", recorded.cloth, CLOTHS)
     if recorded.seed < 0:
         raise UsageError(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
-    if recorded.first_tick > 0:
+    if recorded.first_step > 0:
         raise UsageError(
-            f"the episode's first {recorded.first_tick} ticks were cut off, so it cannot be run again from its start;"
+            f"the episode's first {recorded.first_step} steps were cut off, so it cannot be run again from its start;"
             " replay it with --mode state"
         )
     settings = settings_of(recorded)
@@ -145,7 +145,7 @@ def settings_of(recorded: Episode) -> SimConfig:
         if known.get(name) is not type(value):
             raise UsageError(f"the episode's bench has {name} {value!r}, which this version does not know")
     try:
-        return SimConfig(**(told | {"task": recorded.task, "cloth": recorded.cloth, "tick_s": recorded.tick_s}))
+        return SimConfig(**(told | {"task": recorded.task, "cloth": recorded.cloth, "step_s": recorded.step_s}))
     except SimError as error:
         raise UsageError(f"the episode's bench is none of this version: {error}") from None
 
@@ -181,7 +181,7 @@ def state_report(episode: Episode) -> dict[str, Any]:
         "row": episode_metrics(episode),
         "disturbances": [vars(record) for record in episode.disturbances],
         "forces_n": [step.force_n.tolist() for step in episode.steps],
-        "per_tick": {
+        "per_step": {
             "phase": [step.phase for step in episode.steps],
             "time_s": [seen.time_s for seen in observations],
             "corner_positions_m": [seen.corner_positions.tolist() for seen in observations],
@@ -200,10 +200,10 @@ def action_report(recorded: Episode, again: Episode, divergence: Divergence) -> 
         "max_node_error_m": float(divergence.node_error_m.max()),
         "max_corner_error_m": float(divergence.corner_error_m.max()),
         "max_contact_error": float(np.abs(divergence.contact_error).max()),
-        "first_divergent_tick": divergence.first_tick,
-        "ticks": len(recorded.steps),
-        "ticks_again": len(again.steps),
-        "per_tick": {
+        "first_divergent_step": divergence.first_step,
+        "steps": len(recorded.steps),
+        "steps_again": len(again.steps),
+        "per_step": {
             "node_error_m": divergence.node_error_m.tolist(),
             "corner_error_m": divergence.corner_error_m.tolist(),
             "contact_error": divergence.contact_error.tolist(),
@@ -222,7 +222,7 @@ def changed_versions(recorded: Episode) -> Mapping[str, list[str]]:
 
 def print_state(episode: Episode) -> None:
     """One line per phase: when, and how the cloth lay."""
-    table = Table("phase", "ticks", "time", "contact", "mesh contact", "flat area")
+    table = Table("phase", "steps", "time", "contact", "mesh contact", "flat area")
     seen, truths = episode.observations(), episode.truths()
     for phase in PHASES:
         bounds = episode.phase_bounds(phase)
@@ -250,12 +250,12 @@ def print_state(episode: Episode) -> None:
 def print_divergence(recorded: Episode, again: Episode, divergence: Divergence) -> None:
     """One line: identical, or where and how far not; and what has changed since."""
     if divergence.identical:
-        print(f"identical over {len(recorded.steps)} ticks: nodes, corners and contact to the bit")
+        print(f"identical over {len(recorded.steps)} steps: nodes, corners and contact to the bit")
         return
     if len(recorded.steps) != len(again.steps):
-        print(f"the recording has {len(recorded.steps)} ticks; the replay ended after {len(again.steps)}")
-    if divergence.first_tick is not None:
-        print(f"diverges at tick {divergence.first_tick}: {', '.join(differences(divergence))}")
+        print(f"the recording has {len(recorded.steps)} steps; the replay ended after {len(again.steps)}")
+    if divergence.first_step is not None:
+        print(f"diverges at step {divergence.first_step}: {', '.join(differences(divergence))}")
     for name, (then, now) in changed_versions(recorded).items():
         print(f"{name} was {then}, now it is {now}")
 

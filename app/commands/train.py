@@ -51,7 +51,7 @@ def train(
     show(learned, model)
     if corrected:
         times = "once" if intervention_weight == 1 else f"{intervention_weight} times"
-        print(f"{corrected} ticks in which a person corrected a policy count {times} each")
+        print(f"{corrected} steps in which a person corrected a policy count {times} each")
     return learned
 
 
@@ -65,7 +65,7 @@ def successful_demonstrations(path: Path) -> list[Episode]:
             raise UsageError(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
         episodes = [session.episode(name, images=False) for name in names]
     if not any(episode.steps for episode in episodes):
-        raise UsageError(f"the demonstrations in {path} hold no ticks; record some with `layflat record`")
+        raise UsageError(f"the demonstrations in {path} hold no steps; record some with `layflat record`")
     return [episode for episode in episodes if episode.steps]
 
 
@@ -82,7 +82,7 @@ def show(model: TrainedModel, path: Path) -> None:
     console.print(table)
     kernel = f"kernel {model.hyper.kernel}; " if isinstance(model, GpModel) else ""
     console.print(
-        f"{model.points} {model.made_of} of {model.points_available} ticks in {model.demonstrations} demonstrations; "
+        f"{model.points} {model.made_of} of {model.points_available} steps in {model.demonstrations} demonstrations; "
         f"inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}",
         highlight=False,
         soft_wrap=True,

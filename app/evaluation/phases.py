@@ -11,7 +11,7 @@ from layflat.data.types import Episode, Phase
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseSpan:
-    """Ticks of one phase on end."""
+    """Steps of one phase on end."""
 
     phase: Phase
     first: int
@@ -33,9 +33,11 @@ class DisturbanceOutcome:
 
 
 def phase_spans(episode: Episode) -> tuple[PhaseSpan, ...]:
-    """The whole episode; empty for one without ticks."""
+    """The whole episode; empty for one without steps."""
     phases = [step.phase for step in episode.steps]
-    begins = [tick for tick, phase in enumerate(phases) if tick == 0 or phase != phases[tick - 1]]
+    begins = [
+        step_index for step_index, phase in enumerate(phases) if step_index == 0 or phase != phases[step_index - 1]
+    ]
     return tuple(
         PhaseSpan(phase=phases[first], first=first, after=after)
         for first, after in zip(begins, [*begins[1:], len(phases)], strict=True)
@@ -45,7 +47,7 @@ def phase_spans(episode: Episode) -> tuple[PhaseSpan, ...]:
 def disturbance_outcomes(episode: Episode) -> tuple[DisturbanceOutcome, ...]:
     """Every disturbance that ended; its repair may be missing, and then ends where it began.
 
-    A disturbance after which nothing moved for a tick and the next one form one stretch, so count as one.
+    A disturbance after which nothing moved for a step and the next one form one stretch, so count as one.
     """
     contact = np.clip(episode.contact(), 0.0, 1.0)
     parts = phase_spans(episode)

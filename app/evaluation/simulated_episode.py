@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from layflat.app.evaluation.plan import DisturbanceCase, PolicySpec, WorkItem
 from layflat.app.workers.make_policy import make_policy
-from layflat.app.workers.rollout import PLACE_TICKS, run_disturbances, run_until_stop
+from layflat.app.workers.rollout import PLACE_STEPS, run_disturbances, run_until_stop
 from layflat.app.workers.runner import EpisodeRunner
 from layflat.app.workers.schedule import DisturbanceScheduler
 from layflat.data.types import Episode, StoppedBy
@@ -27,7 +27,7 @@ class SimulatedEpisode:
         bench.reset(group.seed)
         began = time.monotonic()
         self._run = EpisodeRunner(bench, policy_of(entrant, bench), seed=group.seed)
-        self._max_ticks = PLACE_TICKS if entrant.controller is None else wrinkle_removal.TICKS
+        self._max_steps = PLACE_STEPS if entrant.controller is None else wrinkle_removal.STEPS
         self._stopped_by: StoppedBy | None = None
         self._wall_s = time.monotonic() - began
 
@@ -40,13 +40,13 @@ class SimulatedEpisode:
             self._place(watch)
         began = time.monotonic()
         self._run.disturbance = case.name
-        episode = self._run.episode(run_disturbances(self._run, watch, self._stopped_by or "tick_limit"))
+        episode = self._run.episode(run_disturbances(self._run, watch, self._stopped_by or "step_limit"))
         # Not the time in which this process waited for the forks before this one.
         return replace(episode, wall_s=self._wall_s + time.monotonic() - began)
 
     def _place(self, watch: DisturbanceScheduler) -> None:
         began = time.monotonic()
-        self._stopped_by = run_until_stop(self._run, watch, max_ticks=self._max_ticks)
+        self._stopped_by = run_until_stop(self._run, watch, max_steps=self._max_steps)
         self._wall_s += time.monotonic() - began
 
 

@@ -11,7 +11,7 @@ A suite is a list of cases, each of which is an episode of its own beside the un
     [[case.disturbance]]
     like = "push"                   # one of layflat.sim.disturbances.presets, of which the lines below change something; or kind = ...
     scale = [0.5, 1.5]              # ranges are drawn by the episode's seed: the same for every policy
-    when = { contact = 0.5 }        # or { tick = 30 }, or "stopped", which is what it is without a line
+    when = { contact = 0.5 }        # or { step = 30 }, or "stopped", which is what it is without a line
     repeats = 2
 """
 
@@ -109,12 +109,12 @@ def _when(value: object, where: str) -> Trigger:
         return Trigger()
     if isinstance(value, dict) and len(value) == 1:
         ((moment, number),) = value.items()
-        if moment in ("tick", "contact") and isinstance(number, (int, float)) and not isinstance(number, bool):
+        if moment in ("step", "contact") and isinstance(number, (int, float)) and not isinstance(number, bool):
             try:
                 return Trigger(moment=moment, value=number)
             except UsageError as error:
                 raise UsageError(f"{where}: {error}") from None
-    raise UsageError(f'{where}: when is {value!r}; it must be "stopped", {{ tick = 30 }} or {{ contact = 0.5 }}')
+    raise UsageError(f'{where}: when is {value!r}; it must be "stopped", {{ step_index = 30 }} or {{ contact = 0.5 }}')
 
 
 def _spec(table: Mapping[str, Any], name: str, where: str) -> DisturbanceSpec:

@@ -42,7 +42,7 @@ class ForkableEpisode(Protocol):
 
 
 EpisodeFactory: TypeAlias = Callable[[WorkItem], ForkableEpisode]
-"""Begins a group's episode: the bench is reset, no tick has passed."""
+"""Begins a group's episode: the bench is reset, no step has passed."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class Curves:
     task: RobotName
     outcome: Outcome
     time_s: FloatArray
-    """(T + 1,) s, 0 at the first tick."""
+    """(T + 1,) s, 0 at the first step."""
     disturbances_s: tuple[float, ...]
     """When each disturbance began."""
     pulls_s: tuple[float, ...]
@@ -64,16 +64,20 @@ def curves_of(name: str, episode: Episode) -> Curves:
     word = np.array([o.word for o in seen])
     angle = np.degrees(np.arctan2(word[:, 1], word[:, 0]))
     held = [-1 if step.pull is None else step.pull.node for step in episode.steps]
-    pulled = [tick for tick, node in enumerate(held) if node >= 0 and (tick == 0 or held[tick - 1] != node)]
+    pulled = [
+        step_index
+        for step_index, node in enumerate(held)
+        if node >= 0 and (step_index == 0 or held[step_index - 1] != node)
+    ]
     taken = _runs([step.intervention for step in episode.steps])
     return Curves(
         name=name,
         task=episode.task,
         outcome=episode.outcome,
-        time_s=episode.tick_s * np.arange(len(seen), dtype=np.float64),
-        disturbances_s=tuple(episode.tick_s * begun for begun, _ in disturbed_spans(episode)),
-        pulls_s=tuple(episode.tick_s * tick for tick in pulled),
-        interventions_s=tuple((episode.tick_s * first, episode.tick_s * end) for first, end in taken),
+        time_s=episode.step_s * np.arange(len(seen), dtype=np.float64),
+        disturbances_s=tuple(episode.step_s * begun for begun, _ in disturbed_spans(episode)),
+        pulls_s=tuple(episode.step_s * step_index for step_index in pulled),
+        interventions_s=tuple((episode.step_s * first, episode.step_s * end) for first, end in taken),
         corners_m=np.array([o.corner_positions for o in seen]),
         holder_m=np.array([o.holder_position for o in seen]),
         actions_m=actions_of(episode.steps),
@@ -83,7 +87,7 @@ def curves_of(name: str, episode: Episode) -> Curves:
 
 
 def _runs(marked: Sequence[bool]) -> list[tuple[int, int]]:
-    """First tick of each unbroken series that is marked, and the tick after its last."""
+    """First step of each unbroken series that is marked, and the step after its last."""
     edges = np.flatnonzero(np.diff([False, *marked, False]))
     return [(int(first), int(end)) for first, end in edges.reshape(-1, 2)]
 
@@ -176,7 +180,7 @@ def _draw_paths(axis: Axes, episodes: Sequence[Curves]) -> None:
 
 
 def _draw_starts(axis: Axes, episodes: Sequence[Curves]) -> None:
-    """Where the holder was at the first tick; the cross is their mean with one standard deviation to each side."""
+    """Where the holder was at the first step; the cross is their mean with one standard deviation to each side."""
     starts = 1000 * np.array([curves.holder_m[0, [0, 2]] for curves in episodes])
     colours = [COLOURS[curves.outcome] for curves in episodes]
     axis.scatter(starts[:, 0], starts[:, 1], s=22, c=colours, linewidths=0, alpha=0.8)
@@ -190,14 +194,14 @@ def _draw_starts(axis: Axes, episodes: Sequence[Curves]) -> None:
 
 
 def _draw_actions(axis: Axes, episodes: Sequence[Curves]) -> None:
-    """Every component of the displacement, each tick; bold where it is the mean over the episodes."""
+    """Every component of the displacement, each step; bold where it is the mean over the episodes."""
     for column, name in enumerate(ACTION_NAMES[episodes[0].task]):
         colour = AXIS_COLOURS[name[1]]
         style = LINE_STYLES[name.endswith("2")]
         tracks = [(curves.time_s[:-1], 1000 * curves.actions_m[:, column]) for curves in episodes]
         _draw_tracks(axis, tracks, colour, style, label=name)
     axis.set_title("actions")
-    axis.set_ylabel("displacement (mm per tick)")
+    axis.set_ylabel("displacement (mm per step)")
     axis.legend(loc="best", ncols=2, frameon=True, facecolor="white", edgecolor="none", framealpha=0.8, fontsize=8)
 
 

@@ -47,16 +47,16 @@ def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode
 
     with Progress({"film": FRAME_S * count}) as progress:
         progress.phase("film")
-        return write_video(path, told(), fps=1.0 / episode.tick_s)
+        return write_video(path, told(), fps=1.0 / episode.step_s)
 
 
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     """What was, as a person in front of the robot saw it; drawn from the nodes, one frame for each observation."""
     with ReplayScene(episode.task, episode.cloth) as stage:
-        for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+        for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             image = stage.render(truth.nodes, seen.holder_position, WIDTH, HEIGHT)
             contact = min(max(seen.contact_portion, 0.0), 1.0)
-            yield video_frame(image, WIDTH, f"{caption(episode, tick)}  contact {100 * contact:.0f} %")
+            yield video_frame(image, WIDTH, f"{caption(episode, step_index)}  contact {100 * contact:.0f} %")
 
 
 def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
@@ -67,9 +67,9 @@ def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     drawer = PerceptionOverlay()
     with ExitStack() as stack:
         stage: ReplayScene | None = None
-        for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+        for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             if seen.rgb is None or seen.depth is None:
                 stage = stage or stack.enter_context(ReplayScene(episode.task, episode.cloth))
                 rgb, depth = stage.capture(truth.nodes, seen.holder_position)
                 seen = replace(seen, rgb=rgb, depth=depth)
-            yield video_frame(drawer(seen), WIDTH, caption(episode, tick))
+            yield video_frame(drawer(seen), WIDTH, caption(episode, step_index))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.support.metrics import disturbed_spans, placed_tick
+from layflat.app.support.metrics import disturbed_spans, placed_step
 from layflat.data.types import Episode, Observation
 
 Draw = Callable[[Observation], NDArray[np.uint8]]
@@ -24,7 +24,7 @@ PHASE_WORDS = {"place": "placing", "disturb": "disturbance", "repair": "repair"}
 class Frame:
     """One picture of a strip."""
 
-    tick: int
+    step: int
     image: NDArray[np.uint8]
     word: str
     """What is going on: "placing", "stopped", "disturbance", ..."""
@@ -39,13 +39,13 @@ def draw_plain(observation: Observation) -> NDArray[np.uint8]:
     return observation.rgb
 
 
-def placing_ticks(episode: Episode) -> list[int]:
+def placing_steps(episode: Episode) -> list[int]:
     """Ten moments from the start to the end of the place phase."""
-    end = placed_tick(episode)
+    end = placed_step(episode)
     return _spread(0, end if end is not None else len(episode.steps), STRIP_FRAMES)
 
 
-def disturbance_ticks(episode: Episode) -> list[int]:
+def disturbance_steps(episode: Episode) -> list[int]:
     """Ten moments: start, middle and stop of placing, twice in the (last) disturbance, then the repair to its end."""
     spans = disturbed_spans(episode)
     if not spans:
@@ -55,45 +55,47 @@ def disturbance_ticks(episode: Episode) -> list[int]:
     return [*before, (begin + over + 1) // 2, over, *_spread(over, len(episode.steps), REPAIR_FRAMES + 1)[1:]]
 
 
-def frame_strip(episode: Episode, ticks: Sequence[int], draw: Draw, width: int) -> list[Frame]:
-    """The frames at (or nearest to) ``ticks`` that have an image, ``width`` pixels wide; empty where none has one."""
+def frame_strip(episode: Episode, step_indices: Sequence[int], draw: Draw, width: int) -> list[Frame]:
+    """The frames at (or nearest to) ``steps`` that have an image, ``width`` pixels wide; empty where none has one."""
     observations = episode.observations()
-    pictured = np.array([tick for tick, o in enumerate(observations) if o.rgb is not None])
+    pictured = np.array([step_index for step_index, o in enumerate(observations) if o.rgb is not None])
     if not len(pictured):
         return []
-    found = [int(pictured[np.abs(pictured - tick).argmin()]) for tick in ticks]
+    found = [int(pictured[np.abs(pictured - step_index).argmin()]) for step_index in step_indices]
     return [
         Frame(
-            tick=tick,
-            image=_resized(draw(observations[tick]), width),
-            word=frame_label(episode, tick),
-            contact=min(observations[tick].contact_portion, 1.0),
-            time_s=tick * episode.tick_s,
+            step=step_index,
+            image=_resized(draw(observations[step_index]), width),
+            word=frame_label(episode, step_index),
+            contact=min(observations[step_index].contact_portion, 1.0),
+            time_s=step_index * episode.step_s,
         )
-        for tick in found
+        for step_index in found
     ]
 
 
-def frame_label(episode: Episode, tick: int) -> str:
+def frame_label(episode: Episode, step_index: int) -> str:
     """One or two words on what goes on at a moment."""
-    if tick == 0:
+    if step_index == 0:
         return "start"
-    if tick == placed_tick(episode):
+    if step_index == placed_step(episode):
         return "stopped"
-    if tick >= len(episode.steps):
+    if step_index >= len(episode.steps):
         return "end"
-    if any(tick == over for _, over in disturbed_spans(episode)):
+    if any(step_index == over for _, over in disturbed_spans(episode)):
         return "disturbed"
-    return PHASE_WORDS[episode.steps[tick].phase]
+    return PHASE_WORDS[episode.steps[step_index].phase]
 
 
-def active_disturbances(episode: Episode, tick: int) -> str:
-    """What acts on the cloth in a tick, and who decides: "wind 0.40 N", "a hand 0.12 N, a person decides", or ""."""
-    if tick >= len(episode.steps):
+def active_disturbances(episode: Episode, step_index: int) -> str:
+    """What acts on the cloth in a step, and who decides: "wind 0.40 N", "a hand 0.12 N, a person decides", or ""."""
+    if step_index >= len(episode.steps):
         return ""
-    step = episode.steps[tick]
+    step = episode.steps[step_index]
     spans = disturbed_spans(episode)
-    acting = [r.name for r, (begun, over) in zip(episode.disturbances, spans, strict=False) if begun <= tick < over]
+    acting = [
+        r.name for r, (begun, over) in zip(episode.disturbances, spans, strict=False) if begun <= step_index < over
+    ]
     names = [*acting, *(["a hand"] if step.pull is not None else [])]
     force = float(np.linalg.norm(step.force_n))
     told = " and ".join(names) + (f" {force:.2f} N" if names and force else "")
@@ -103,14 +105,14 @@ def active_disturbances(episode: Episode, tick: int) -> str:
 
 def video_frames(episode: Episode, draw: Draw, width: int) -> Iterator[NDArray[np.uint8]]:
     """Every observation with an image, ``width`` pixels wide, with the phase written on it."""
-    for tick, observation in enumerate(episode.observations()):
+    for step_index, observation in enumerate(episode.observations()):
         if observation.rgb is not None:
-            yield video_frame(draw(observation), width, caption(episode, tick))
+            yield video_frame(draw(observation), width, caption(episode, step_index))
 
 
-def caption(episode: Episode, tick: int) -> str:
+def caption(episode: Episode, step_index: int) -> str:
     """What goes on at a moment, and what befalls the cloth."""
-    return "  ".join(filter(None, (frame_label(episode, tick), active_disturbances(episode, tick))))
+    return "  ".join(filter(None, (frame_label(episode, step_index), active_disturbances(episode, step_index))))
 
 
 def video_frame(image: NDArray[np.uint8], width: int, text: str) -> NDArray[np.uint8]:
@@ -136,7 +138,7 @@ def _bordered(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _spread(first: int, last: int, count: int) -> list[int]:
-    return [int(tick) for tick in np.linspace(first, last, count).round()]
+    return [int(step_index) for step_index in np.linspace(first, last, count).round()]
 
 
 def _resized(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

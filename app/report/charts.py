@@ -19,8 +19,8 @@ from layflat.data.types import Episode, FloatArray
 
 QUARTILES = (25.0, 50.0, 75.0)
 JITTER = 0.12
-CURVE_TICKS = 600
-"""Ticks of an episode that a curve keeps at most: 60 s of simulated time."""
+CURVE_STEPS = 600
+"""Steps of an episode that a curve keeps at most: 60 s of simulated time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class Curve:
     """Camera contact (0..1) of one episode over time."""
 
     time_s: FloatArray
-    """(T + 1,), 0 when placing ended, or at the first tick where the episode has no disturbance."""
+    """(T + 1,), 0 when placing ended, or at the first step where the episode has no disturbance."""
     contact: FloatArray
     spans_s: tuple[tuple[float, float], ...]
     """Begin and end of each disturbance."""
@@ -38,11 +38,11 @@ def curve_of(episode: Episode) -> Curve:
     """What a figure keeps of an episode, a few kilobytes."""
     parts = [part for part in phase_spans(episode) if part.phase == "disturb"]
     zero = parts[0].first if parts else 0
-    ticks = np.arange(len(episode.steps) + 1, dtype=np.float64)
+    step_times = np.arange(len(episode.steps) + 1, dtype=np.float64)
     return Curve(
-        time_s=(ticks - zero) * episode.tick_s,
+        time_s=(step_times - zero) * episode.step_s,
         contact=np.clip(episode.contact(), 0.0, 1.0),
-        spans_s=tuple(((p.first - zero) * episode.tick_s, (p.after - zero) * episode.tick_s) for p in parts),
+        spans_s=tuple(((p.first - zero) * episode.step_s, (p.after - zero) * episode.step_s) for p in parts),
     )
 
 
@@ -128,7 +128,7 @@ def quartiles_over_time(group: Sequence[Curve]) -> tuple[FloatArray, FloatArray]
     """Times (T,) s and the quartiles (3, T) of the contact portion, from when half of the runs have begun."""
     step_s = float(np.median(np.diff(group[0].time_s))) if len(group[0].time_s) > 1 else 0.1
     first = float(np.median([curve.time_s[0] for curve in group]))
-    grid = np.arange(first, max(curve.time_s[-1] for curve in group) + step_s / 2, step_s)[:CURVE_TICKS]
+    grid = np.arange(first, max(curve.time_s[-1] for curve in group) + step_s / 2, step_s)[:CURVE_STEPS]
     known = np.array([np.interp(grid, curve.time_s, curve.contact, left=np.nan) for curve in group])
     there = np.isfinite(known).any(axis=0)
     return grid[there], np.nanpercentile(known[:, there], QUARTILES, axis=0)

@@ -16,7 +16,7 @@ from layflat.app.report.figures import SubplotSpec, VectorFieldModel
 from layflat.app.report.html_assets import film_uri, png_uri, strip_view, template
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.support.atomic_write import write_text
-from layflat.app.support.metrics import disturbed_tick
+from layflat.app.support.metrics import disturbed_step
 from layflat.data.types import FLAT_AREA, Episode, Provenance, RobotName
 
 FRAME_WIDTH = 300
@@ -36,7 +36,7 @@ ABOUT = {
     "gp-finish+recovery+steady": "Past the thesis: the same processes until the cloth is flat; folds are lifted",
 }
 
-Tick = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +66,9 @@ class ReportInput:
     """Sentences for the reader: what fell short, what was cut."""
 
 
-def write_report(path: Path, content: ReportInput, *, tick: Tick | None = None) -> None:
-    """Write the page, whole or not at all; ``tick`` hears a clause for each part that is being made."""
-    say = tick or (lambda text: None)
+def write_report(path: Path, content: ReportInput, *, on_progress: OnProgress | None = None) -> None:
+    """Write the page, whole or not at all; ``step`` hears a clause for each part that is being made."""
+    say = on_progress or (lambda text: None)
     page = template("demo.html.j2").render(
         tasks=[_task_view(results, say) for results in content.tasks],
         provenance=content.provenance,
@@ -82,11 +82,11 @@ def write_report(path: Path, content: ReportInput, *, tick: Tick | None = None) 
 def pictured_run(runs: Sequence[Episode]) -> Episode | None:
     """The run to show: the first with images, one with a disturbance before one without."""
     with_images = [run for run in runs if frames.has_images(run)]
-    disturbed = [run for run in with_images if disturbed_tick(run) is not None]
+    disturbed = [run for run in with_images if disturbed_step(run) is not None]
     return next(iter(disturbed + with_images), None)
 
 
-def _task_view(results: TaskResults, say: Tick) -> dict[str, Any]:
+def _task_view(results: TaskResults, say: OnProgress) -> dict[str, Any]:
     """All that the template needs of one task; pictures as data URIs."""
     runs = {name: results.runs[name] for name in tables.order(results.runs) if results.runs[name]}
     all_runs = [run for group in runs.values() for run in group]
@@ -103,7 +103,7 @@ def _task_view(results: TaskResults, say: Tick) -> dict[str, Any]:
         "cards": _cards(results, runs),
         "placing": tables.placing_table(runs),
         "disturbance": tables.disturbance_table(runs)
-        if any(disturbed_tick(run) is not None for run in all_runs)
+        if any(disturbed_step(run) is not None for run in all_runs)
         else None,
         "every_run": tables.seeds_table(runs),
         "curves": png_uri(figures.contact_over_time(runs)) if runs else None,
@@ -139,17 +139,17 @@ def _cards(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> list[
     return cards
 
 
-def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: Tick) -> dict[str, Any]:
+def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: OnProgress) -> dict[str, Any]:
     """Strips and film of one policy."""
     run = pictured_run(runs)
     view: dict[str, Any] = {"name": name, "about": ABOUT.get(name, "Comparator"), "run": None}
     if run is None:
         return view
     say(f"{run.task}: pictures of {name}")
-    view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "ticks": len(run.steps)}
-    view["placing"] = strip_view(frames.frame_strip(run, frames.placing_ticks(run), draw, FRAME_WIDTH))
-    view["disturbance"] = strip_view(frames.frame_strip(run, frames.disturbance_ticks(run), draw, FRAME_WIDTH))
-    view["film"] = film_uri(frames.video_frames(run, draw, FILM_WIDTH), fps=1.0 / run.tick_s)
+    view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "steps": len(run.steps)}
+    view["placing"] = strip_view(frames.frame_strip(run, frames.placing_steps(run), draw, FRAME_WIDTH))
+    view["disturbance"] = strip_view(frames.frame_strip(run, frames.disturbance_steps(run), draw, FRAME_WIDTH))
+    view["film"] = film_uri(frames.video_frames(run, draw, FILM_WIDTH), fps=1.0 / run.step_s)
     return view
 
 
@@ -158,7 +158,7 @@ def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[
     learned = [episode for episode in results.demonstrations if episode.outcome == "success" and episode.steps]
     if not results.models or not learned:
         return None
-    disturbed = [run.contact()[tick] for run in _flatten(runs) if (tick := disturbed_tick(run)) is not None]
+    disturbed = [run.contact()[step_index] for run in _flatten(runs) if (step_index := disturbed_step(run)) is not None]
     panels = []
     for name in tables.order(results.models):
         model = results.models[name]

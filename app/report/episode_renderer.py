@@ -35,22 +35,26 @@ class EpisodeRenderer:
     ) -> None:
         self._stack.close()
 
-    def frame_strip(self, episode: Episode, ticks: Sequence[int], width: int) -> tuple[Frame, ...]:
-        """Frames at ``ticks`` of ``observations()``, with contact and WORD drawn; none of a cloth that is unknown."""
+    def frame_strip(self, episode: Episode, step_indices: Sequence[int], width: int) -> tuple[Frame, ...]:
+        """Frames at ``steps`` of ``observations()``, with contact and WORD drawn; none of a cloth that is unknown."""
         if not drawable(episode):
             return ()
         seen, truths = list(episode.observations()), episode.truths()
-        for tick in set(ticks):
-            seen[tick] = self._pictured(episode, seen[tick], truths[tick])
+        for step_index in set(step_indices):
+            seen[step_index] = self._pictured(episode, seen[step_index], truths[step_index])
         steps = tuple(
             replace(step, observation=observation) for step, observation in zip(episode.steps, seen, strict=False)
         )
-        return tuple(frame_strip(replace(episode, steps=steps, final_observation=seen[-1]), ticks, self._drawer, width))
+        return tuple(
+            frame_strip(replace(episode, steps=steps, final_observation=seen[-1]), step_indices, self._drawer, width)
+        )
 
     def film(self, episode: Episode, width: int) -> Iterator[NDArray[np.uint8]]:
         """Every observation as in ``strip``, with what goes on written on it."""
-        for tick, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
-            yield video_frame(self._drawer(self._pictured(episode, seen, truth)), width, frame_label(episode, tick))
+        for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+            yield video_frame(
+                self._drawer(self._pictured(episode, seen, truth)), width, frame_label(episode, step_index)
+            )
 
     def _pictured(self, episode: Episode, seen: Observation, truth: GroundTruth) -> Observation:
         if seen.rgb is not None and seen.depth is not None:
@@ -74,7 +78,7 @@ def drawable(episode: Episode) -> bool:
     return True
 
 
-def key_ticks(episode: Episode, count: int) -> list[int]:
+def key_steps(episode: Episode, count: int) -> list[int]:
     """``count`` moments: the start, the end of every stretch of one phase, and the longest ones' middles.
 
     Where there are more stretches than room, the last ones.

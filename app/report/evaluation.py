@@ -14,8 +14,8 @@ import pandas as pd
 from layflat.app.report import charts
 from layflat.app.report.blocks import Block, Card, Figure, FrameStrip, Page, Section, TableBlock, Text, VideoBlock
 from layflat.app.report.comparison_sentences import compared, difference_sentence, paired_table
-from layflat.app.report.episode_renderer import EpisodeRenderer, drawable, key_ticks
-from layflat.app.report.page import Tick, write_page
+from layflat.app.report.episode_renderer import EpisodeRenderer, drawable, key_steps
+from layflat.app.report.page import OnProgress, write_page
 from layflat.app.report.result_tables import GROUP_NOTE, every_table, failed_table, group_table, policies_of
 from layflat.app.report.tables import percent, points
 from layflat.app.report.thesis_numbers import BASELINE
@@ -54,14 +54,14 @@ class ResultsFolder(ResultsLike, Protocol):
         """As in summary.json; empty while the batch runs for the first time."""
 
 
-def write_evaluation(results: ResultsFolder, *, videos: bool = False, tick: Tick | None = None) -> Path:
+def write_evaluation(results: ResultsFolder, *, videos: bool = False, on_progress: OnProgress | None = None) -> Path:
     """Write the page of a batch into its folder; ``videos`` films best, median and worst. Returns the page's path."""
     path = results.folder / "report.html"
     with EpisodeRenderer() as painter:
         page = evaluation_page(
             results, painter, title=f"Evaluation: {results.folder.resolve().name}", made=_made(results), videos=videos
         )
-        write_page(path, page, tick=tick)
+        write_page(path, page, on_progress=on_progress)
     return path
 
 
@@ -146,16 +146,18 @@ def example_strips(
     for policy in policies_of(rows):
         for name, row in examples(rows[rows["policy"] == policy]):
             episode = results.episode(row["run"])
-            ticks = key_ticks(episode, STRIP_FRAMES)
+            step_indices = key_steps(episode, STRIP_FRAMES)
             caption = (
                 f"{name}: seed {row['seed']}, final contact {percent(row['contact_final'])}, flat area "
                 f"{row['flat_area_final']:.3f}, {row['stopped_by']}"
             )
             if drawable(episode):
-                yield FrameStrip(frames=painter.frame_strip(episode, ticks, STRIP_WIDTH), tag=policy, caption=caption)
+                yield FrameStrip(
+                    frames=painter.frame_strip(episode, step_indices, STRIP_WIDTH), tag=policy, caption=caption
+                )
                 if videos:
                     frames = partial(painter.film, episode, FILM_WIDTH)
-                    yield VideoBlock(frames=frames, fps=1.0 / episode.tick_s, tag=policy, caption=caption)
+                    yield VideoBlock(frames=frames, fps=1.0 / episode.step_s, tag=policy, caption=caption)
 
 
 def _section(

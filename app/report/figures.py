@@ -52,7 +52,7 @@ DPI = 160
 ZOOM_BEFORE_S = 3.0
 
 BANDWIDTH_M = 0.02
-"""Width of the Gaussian that averages the other inputs over the demonstrations' ticks near a point of the plane."""
+"""Width of the Gaussian that averages the other inputs over the demonstrations' steps near a point of the plane."""
 MARGIN_M = 0.06
 GRID = (27, 17)
 
@@ -106,15 +106,15 @@ def contact_over_time(runs: Mapping[str, Sequence[Episode]]) -> bytes:
 def times(episode: Episode) -> FloatArray:
     """(len(steps) + 1,) s, 0 at the beginning of the disturbance where there is one."""
     bounds = episode.phase_bounds("disturb")
-    ticks = np.arange(len(episode.steps) + 1, dtype=np.float64)
-    return (ticks - (bounds[0] if bounds else 0)) * episode.tick_s
+    steps = np.arange(len(episode.steps) + 1, dtype=np.float64)
+    return (steps - (bounds[0] if bounds else 0)) * episode.step_s
 
 
 def mean_curve(group: Sequence[Episode]) -> tuple[FloatArray, FloatArray]:
     """Times and mean contact portion, from when half of the runs have begun; later they keep their last value."""
-    tick_s = group[0].tick_s
+    step_s = group[0].step_s
     starts = [times(run)[0] for run in group]
-    grid = np.arange(np.median(starts), max(times(run)[-1] for run in group) + tick_s / 2, tick_s)
+    grid = np.arange(np.median(starts), max(times(run)[-1] for run in group) + step_s / 2, step_s)
     curves = [np.interp(grid, times(run), run.contact(), left=np.nan) for run in group]
     return grid, np.nanmean(curves, axis=0)
 
@@ -128,8 +128,8 @@ def _draw_runs(axis: Axes, group: Sequence[Episode], colour: str, label: str) ->
 
 
 def _mark_disturbance(axes: Sequence[Axes], runs: Sequence[Episode]) -> None:
-    spans = [(run.phase_bounds("disturb"), run.tick_s) for run in runs]
-    length_s = float(np.mean([(bounds[1] - bounds[0]) * tick_s for bounds, tick_s in spans if bounds]))
+    spans = [(run.phase_bounds("disturb"), run.step_s) for run in runs]
+    length_s = float(np.mean([(bounds[1] - bounds[0]) * step_s for bounds, step_s in spans if bounds]))
     for axis in axes:
         axis.axvspan(0, length_s, color="#f3d9d6", linewidth=0, zorder=0)
         axis.axvline(0, color="#b3372b", linewidth=1)
@@ -163,7 +163,7 @@ def attractor_field(task: RobotName, panels: Sequence[SubplotSpec], demonstratio
     """Mean displacement (arrows) over its standard deviation (shade) in the xz plane, with the demonstrations.
 
     Thesis, Figure 4-1; in the pickers task of picker 1. The inputs that are not in the plane are, at each point, the
-    average over the demonstrations' ticks near it, unless a panel holds them.
+    average over the demonstrations' steps near it, unless a panel holds them.
     """
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10.4, 3.5 if len(panels) > 1 else 4.2), layout="constrained")
@@ -191,7 +191,7 @@ def attractor_field(task: RobotName, panels: Sequence[SubplotSpec], demonstratio
         )
         if shade is not None:
             figure.colorbar(
-                shade, ax=axes, shrink=0.75, pad=0.01, label="standard deviation (mm per tick)", format="%.1f"
+                shade, ax=axes, shrink=0.75, pad=0.01, label="standard deviation (mm per step)", format="%.1f"
             )
         return _png(figure)
 

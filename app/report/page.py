@@ -11,12 +11,12 @@ from layflat.app.report.html_assets import film_uri, png_uri, strip_view, templa
 from layflat.app.report.tables import Table
 from layflat.app.support.atomic_write import write_text
 
-Tick = Callable[[str], None]
+OnProgress = Callable[[str], None]
 
 
-def write_page(path: Path, page: Page, *, tick: Tick | None = None) -> None:
-    """Write the page, whole or not at all; ``tick`` hears of each section."""
-    say = tick or (lambda text: None)
+def write_page(path: Path, page: Page, *, on_progress: OnProgress | None = None) -> None:
+    """Write the page, whole or not at all; ``step`` hears of each section."""
+    say = on_progress or (lambda text: None)
     views = []
     for section in page.sections:
         say(section.short or section.title)

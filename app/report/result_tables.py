@@ -40,7 +40,7 @@ EVERY_HEADER = (
     "regained",
     "mesh contact",
     "flat area",
-    "ticks",
+    "steps",
     "stopped by",
     "wall",
 )
@@ -93,7 +93,7 @@ def every_table(rows: pd.DataFrame) -> Table:
                 points(_float(row["gain"])),
                 percent(_float(row["contact_final_true"])),
                 _ratio(_float(row["flat_area_final"])),
-                f"{_float(row['ticks']):.0f}",
+                f"{_float(row['n_steps']):.0f}",
                 str(row["stopped_by"]),
                 f"{_float(row['wall_s']):.1f} s",
             )
@@ -102,7 +102,7 @@ def every_table(rows: pd.DataFrame) -> Table:
 
 
 def failed_table(rows: pd.DataFrame) -> Table:
-    """What went wrong, by policy and reason: crashed, diverged, cut off by the tick limit, or not flat at the end."""
+    """What went wrong, by policy and reason: crashed, diverged, cut off by the step limit, or not flat at the end."""
     lines = []
     for policy in policies_of(rows):
         group = rows[rows["policy"] == policy]
@@ -117,7 +117,7 @@ def failures(rows: pd.DataFrame) -> pd.Series:
     """What went wrong with each row, "" where nothing did."""
     kinds = pd.Series("", index=rows.index, dtype=object)
     kinds[~with_measures(rows)["success"]] = "not flat at the end"
-    kinds[rows["stopped_by"] == "tick_limit"] = "cut off by the tick limit"
+    kinds[rows["stopped_by"] == "step_limit"] = "cut off by the step limit"
     kinds[rows["stopped_by"] == "interrupted"] = "interrupted"
     kinds[rows["unstable"].fillna(False).astype(bool)] = "diverged"
     kinds[rows["crashed"].astype(bool)] = "crashed"

@@ -10,7 +10,7 @@ import numpy as np
 
 from layflat.app.report import thesis_numbers
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.app.support.metrics import disturbed_tick, episode_metrics, placed_tick
+from layflat.app.support.metrics import disturbed_step, episode_metrics, placed_step
 from layflat.app.support.statistics import statistics
 from layflat.data.types import FLAT_AREA, Episode, FloatArray
 
@@ -62,7 +62,7 @@ def disturbance_table(runs: Mapping[str, Sequence[Episode]]) -> Table:
         for number, cells in enumerate(THESIS_DISTURBANCE.get(policy, ()), start=1):
             gained = points(cells[2] - cells[1])
             lines.append((f"{policy}, thesis {number}", "", *map(percent, cells), gained, "", "", ""))
-        disturbed = [run for run in runs[policy] if disturbed_tick(run) is not None]
+        disturbed = [run for run in runs[policy] if disturbed_step(run) is not None]
         if disturbed:
             lines.append((policy, *_disturbance_cells(disturbed)))
     return Table(header, tuple(lines), tuple("thesis" not in line[0] for line in lines))
@@ -72,7 +72,7 @@ def seeds_table(runs: Mapping[str, Sequence[Episode]]) -> Table:
     """One row per run, nothing left out."""
     header = (
         "policy", "seed", "disturbance", "placed", "disturbed", "final", "regained", "mesh contact", "flat area",
-        "ticks", "stopped by", "simulated", "wall",
+        "steps", "stopped by", "simulated", "wall",
     )  # fmt: skip
     lines = []
     for policy in order(runs):
@@ -89,7 +89,7 @@ def seeds_table(runs: Mapping[str, Sequence[Episode]]) -> Table:
                     points(gain_of(run)),
                     percent(row["contact_final_true"]),
                     ratio(row["flat_area_final"]),
-                    str(row["ticks"]),
+                    str(row["steps"]),
                     row["stopped_by"],
                     f"{row['sim_s']:.1f} s",
                     f"{row['wall_s']:.1f} s",
@@ -151,7 +151,7 @@ def interval(low: float, high: float, form: str) -> str:
 
 
 def _placing_cells(runs: Sequence[Episode]) -> tuple[str, ...]:
-    ends = [(run, end) for run, end in ((run, placed_tick(run)) for run in runs) if end is not None]
+    ends = [(run, end) for run, end in ((run, placed_step(run)) for run in runs) if end is not None]
     contact = statistics(placed_contacts(runs))
     truths = [run.truths()[end] for run, end in ends]
     area = statistics(np.array([truth.flat_area for truth in truths]))

@@ -16,7 +16,7 @@ from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.media.frames import Frame
 from layflat.app.report.blocks import Block, Figure, FrameStrip
 from layflat.app.report.charts import Curve, curve_of
-from layflat.app.report.episode_renderer import EpisodeRenderer, drawable, key_ticks
+from layflat.app.report.episode_renderer import EpisodeRenderer, drawable, key_steps
 from layflat.app.report.evaluation import contact_curves
 from layflat.app.report.tables import percent, ratio
 from layflat.app.reproduce.artifact_store import ArtifactStore
@@ -56,7 +56,7 @@ class EpisodeDigest:
     curve: Curve
     disturbance_outcomes: tuple[DisturbanceOutcome, ...]
     mesh_start: float
-    """Contact of the mesh at the first tick."""
+    """Contact of the mesh at the first step."""
 
 
 class ExperimentResults:
@@ -131,7 +131,7 @@ class ExperimentResults:
                 yield FrameStrip(frames=self._frames(episode), tag=policy, caption=_caption(row))
 
     def _frames(self, episode: Episode) -> tuple[Frame, ...]:
-        return self.painter.frame_strip(episode, key_ticks(episode, STRIP_FRAMES), STRIP_WIDTH)
+        return self.painter.frame_strip(episode, key_steps(episode, STRIP_FRAMES), STRIP_WIDTH)
 
     def _rows_of(self, trial: Trial) -> pd.DataFrame:
         if trial.name not in self._rows:

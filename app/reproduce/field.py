@@ -34,7 +34,7 @@ def show(material: ExperimentResults) -> ExperimentOutput:
             "proportional) over its standard "
             f"deviation (grey: unsure), with the {len(learned)} demonstrations it learned from. Inputs outside the "
             "plane are, at each point, those of "
-            f"the demonstrations' ticks near it."
+            f"the demonstrations' steps near it."
         )
         blocks.append(Figure(png=png, alt=f"attractor field, {trial.task}", caption=caption))
         near, far, sure, unsure = _near_and_far(trial.task, panels[0], learned)
@@ -43,7 +43,7 @@ def show(material: ExperimentResults) -> ExperimentOutput:
                 what=f"the prediction fades, and its variance grows, away from the demonstrations ({trial.task})",
                 source="chapters 4-2-2, 4-2-3, Figure 4-1",
                 thesis="yes",
-                ours=f"{1000 * near:.1f} mm a tick near (std {1000 * sure:.1f} mm), {1000 * far:.1f} mm far away "
+                ours=f"{1000 * near:.1f} mm a step near (std {1000 * sure:.1f} mm), {1000 * far:.1f} mm far away "
                 f"(std {1000 * unsure:.1f} mm)",
                 holds=YES if far < near and unsure > sure else NO,
             )

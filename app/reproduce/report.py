@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from layflat.app.report.blocks import Page, Section, TableBlock
-from layflat.app.report.page import Tick, write_markdown, write_page
+from layflat.app.report.page import OnProgress, write_markdown, write_page
 from layflat.app.report.tables import Table
 from layflat.app.reproduce.experiment_results import Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
@@ -23,9 +23,9 @@ CLAIMS_NOTE = (
 )
 
 
-def write_reports(out: Path, material: ExperimentResults, *, tick: Tick | None = None) -> Path:
-    """Write both; ``tick`` hears of each experiment. Returns the page's path."""
-    say = tick or (lambda text: None)
+def write_reports(out: Path, material: ExperimentResults, *, on_progress: OnProgress | None = None) -> Path:
+    """Write both; ``step`` hears of each experiment. Returns the page's path."""
+    say = on_progress or (lambda text: None)
     shown: list[tuple[Experiment, ExperimentOutput]] = []
     for experiment in EXPERIMENTS.values():
         shown.append((experiment, experiment.show(material)))

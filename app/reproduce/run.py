@@ -51,7 +51,7 @@ def reproduce(
                 run_trial(trial, out, workshop, seed, progress, workers=workers)
         progress.phase("report", items=len(EXPERIMENTS))
         with ExperimentResults(out, size, workshop) as material:
-            page = write_reports(out, material, tick=lambda text: progress.advance(status=text))
+            page = write_reports(out, material, on_progress=lambda text: progress.advance(status=text))
     print(f"report: {page}")
     return page
 

@@ -27,7 +27,7 @@ COLUMNS = (
     "contact_final",
     "contact_final_true",
     "flat_area_final",
-    "ticks",
+    "steps",
     "stopped_by",
     "unstable",
     "crashed",
@@ -36,14 +36,14 @@ COLUMNS = (
 )
 
 
-def placed_tick(episode: Episode) -> int | None:
+def placed_step(episode: Episode) -> int | None:
     """Index into ``observations()`` of the moment the place phase ended, or None where there is no such phase."""
     bounds = episode.phase_bounds("place")
     return bounds[1] if bounds else None
 
 
-def disturbed_tick(episode: Episode) -> int | None:
-    """As placed_tick, of the moment the last disturbance was over: the end, where the episode ended before."""
+def disturbed_step(episode: Episode) -> int | None:
+    """As placed_step, of the moment the last disturbance was over: the end, where the episode ended before."""
     spans = disturbed_spans(episode)
     return spans[-1][1] if spans else None
 
@@ -54,7 +54,7 @@ def disturbed_spans(episode: Episode) -> tuple[tuple[int, int], ...]:
     Where none is told of, a phase ``disturb`` counts as one.
     """
     end = len(episode.steps)
-    told = ((r.first_tick, end if r.last_tick is None else r.last_tick + 1) for r in episode.disturbances)
+    told = ((r.first_step, end if r.last_step is None else r.last_step + 1) for r in episode.disturbances)
     bounds = episode.phase_bounds("disturb")
     return tuple(told) or ((bounds,) if bounds else ())
 
@@ -93,8 +93,8 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
     """One row in the order of COLUMNS; contact portions in 0..1 (noise above 1 is cut off), None for no moment."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
 
-    def at(tick: int | None) -> float | None:
-        return None if tick is None else float(contact[tick])
+    def at(step_index: int | None) -> float | None:
+        return None if step_index is None else float(contact[step_index])
 
     return {
         "policy": episode.source,
@@ -103,16 +103,16 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
         "seed": episode.seed,
         "disturbance": episode.disturbance,
         "contact_start": float(contact[0]),
-        "contact_placed": at(placed_tick(episode)),
-        "contact_disturbed": at(disturbed_tick(episode)),
+        "contact_placed": at(placed_step(episode)),
+        "contact_disturbed": at(disturbed_step(episode)),
         "contact_final": float(contact[-1]),
         "contact_final_true": episode.final_truth.contact_portion_true,
         "flat_area_final": episode.final_truth.flat_area,
-        "ticks": len(episode.steps),
+        "steps": len(episode.steps),
         "stopped_by": episode.stopped_by,
         "unstable": episode.unstable,
         "crashed": episode.stopped_by == "crashed",
-        "sim_s": len(episode.steps) * episode.tick_s,
+        "sim_s": len(episode.steps) * episode.step_s,
         "wall_s": episode.wall_s,
     }
 
@@ -120,7 +120,7 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
 def crashed_metrics(*, policy: str, task: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
     """The row of an episode that did not come back, with the reason beside."""
     known = {"policy": policy, "task": task, "cloth": cloth, "seed": seed, "disturbance": disturbance}
-    came = {"ticks": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
+    came = {"steps": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
     return dict.fromkeys(COLUMNS) | known | came | {"reason": reason}
 
 

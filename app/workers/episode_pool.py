@@ -78,7 +78,7 @@ class EpisodeFailure:
 
 def run_episode(job: EpisodeConfig) -> Episode:
     """Run one episode here and now; call it once in a process."""
-    from layflat.app.workers.rollout import PLACE_TICKS, rollout
+    from layflat.app.workers.rollout import PLACE_STEPS, rollout
 
     start: Start = "hanging" if job.flatten is None else "crumpled"
     descriptor = job.descriptor if job.model is None else job.model.descriptor
@@ -92,7 +92,7 @@ def run_episode(job: EpisodeConfig) -> Episode:
             seed=job.seed,
             disturbance=job.disturbance,
             images=job.images,
-            max_ticks=PLACE_TICKS if job.flatten is None else wrinkle_removal.TICKS,
+            max_steps=PLACE_STEPS if job.flatten is None else wrinkle_removal.STEPS,
         )
         return run() if job.ticket is None else _with_journal(run, job.ticket)
     finally:

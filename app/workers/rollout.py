@@ -10,14 +10,14 @@ from layflat.app.support.provenance import capture_provenance
 from layflat.app.workers.runner import EpisodeRunner, StepCallback
 from layflat.app.workers.schedule import DisturbanceScheduler, ScheduledDisturbance
 from layflat.data.types import Episode, StoppedBy
-from layflat.policy.base import Policy, extra_ticks
+from layflat.policy.base import Policy, extra_steps
 from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.simulation import ClothSimulation
 
-PLACE_TICKS = 160
-REPAIR_TICKS = 80
-DISTURB_TICKS = 60
+PLACE_STEPS = 160
+REPAIR_STEPS = 80
+DISTURB_STEPS = 60
 """A disturbance that is not over by then is cut off."""
 
 
@@ -29,7 +29,7 @@ def rollout(
     disturbance: str = "none",
     schedule: Sequence[ScheduledDisturbance] = (),
     images: bool = False,
-    max_ticks: int = PLACE_TICKS,
+    max_steps: int = PLACE_STEPS,
     hooks: Sequence[StepCallback] = (),
     begin: Callable[[Episode], StepCallback] | None = None,
 ) -> Episode:
@@ -44,27 +44,27 @@ def rollout(
         disturbance = "+".join(dict.fromkeys(item.spec.name for item in schedule)) or "none"
     run = EpisodeRunner(bench, policy, seed=seed, disturbance=disturbance, images=images, hooks=hooks, begin=begin)
     watch = DisturbanceScheduler(schedule)
-    stopped_by = run_until_stop(run, watch, max_ticks=max_ticks)
+    stopped_by = run_until_stop(run, watch, max_steps=max_steps)
     return run.episode(run_disturbances(run, watch, stopped_by))
 
 
 def run_until_stop(
-    run: EpisodeRunner, watch: DisturbanceScheduler | None = None, *, max_ticks: int = PLACE_TICKS
+    run: EpisodeRunner, watch: DisturbanceScheduler | None = None, *, max_steps: int = PLACE_STEPS
 ) -> StoppedBy:
     """Let the policy place until it stops; what falls due meanwhile acts while it goes on, one after another.
 
-    Each disturbance gives it REPAIR_TICKS more. One that is not over when the policy stops is waited for, and the
+    Each disturbance gives it REPAIR_STEPS more. One that is not over when the policy stops is waited for, and the
     policy goes on.
     """
-    watch, max_ticks = watch or DisturbanceScheduler(), max_ticks + extra_ticks(run.policy)
-    while run.ticks < max_ticks + REPAIR_TICKS * len(run.disturbances):
-        due = None if run.disturbed else watch.now(run.ticks, run.seen.contact_portion)
+    watch, max_steps = watch or DisturbanceScheduler(), max_steps + extra_steps(run.policy)
+    while run.n_steps < max_steps + REPAIR_STEPS * len(run.disturbances):
+        due = None if run.disturbed else watch.now(run.n_steps, run.seen.contact_portion)
         if due is not None:
             run.disturb(due.spec, due.repeat)
-        stop = run.tick("place")
+        stop = run.step("place")
         if stop is not None:
             return stop if stop == "unstable" or not run.disturbed else _wait_and_repair(run)
-    return "tick_limit" if not run.disturbed else _wait_and_repair(run)
+    return "step_limit" if not run.disturbed else _wait_and_repair(run)
 
 
 def run_disturbances(run: EpisodeRunner, watch: DisturbanceScheduler, stopped_by: StoppedBy) -> StoppedBy:
@@ -84,26 +84,26 @@ def run_disturbances(run: EpisodeRunner, watch: DisturbanceScheduler, stopped_by
 
 def _wait_and_repair(run: EpisodeRunner) -> StoppedBy:
     """Until the disturbance is over, and then until the policy stops again."""
-    stopped_by = run.phase("disturb", DISTURB_TICKS)
+    stopped_by = run.phase("disturb", DISTURB_STEPS)
     if stopped_by != "unstable":
         run.policy.resume()
-        stopped_by = run.phase("repair", REPAIR_TICKS + extra_ticks(run.policy))
+        stopped_by = run.phase("repair", REPAIR_STEPS + extra_steps(run.policy))
     return stopped_by
 
 
 def replay_actions(bench: ClothSimulation, recorded: Episode) -> Episode:
-    """Do again what was done in ``recorded``, tick by tick; the same physics gives the same episode to the bit.
+    """Do again what was done in ``recorded``, step by step; the same physics gives the same episode to the bit.
 
     The bench must have been reset to the episode's seed. Disturbances begin where they began, and end when they end;
-    pulls are repeated tick by tick.
+    pulls are repeated step by step.
     """
     began = time.monotonic()
     run = EpisodeRunner(bench, ReplayPolicy(recorded), seed=recorded.seed)
-    befell = {record.first_tick: record for record in recorded.disturbances}
-    for tick, step in enumerate(recorded.steps):
-        if tick in befell:
-            run.disturb_as(befell[tick])
-        if run.tick(step.phase, step.pull, step.intervention) is not None:
+    befell = {record.first_step: record for record in recorded.disturbances}
+    for step_index, step in enumerate(recorded.steps):
+        if step_index in befell:
+            run.disturb_as(befell[step_index])
+        if run.step(step.phase, step.pull, step.intervention) is not None:
             break
     again = run.episode(recorded.stopped_by, recorded.outcome)
     return replace(

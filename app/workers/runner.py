@@ -1,4 +1,4 @@
-"""Run: one episode in the making, tick by tick; whoever drives it decides when it is paused, disturbed or over."""
+"""Run: one episode in the making, step by step; whoever drives it decides when it is paused, disturbed or over."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from layflat.sim.simulation import ClothSimulation
 
 
 class StepCallback(Protocol):
-    """Hears of each tick: progress, windows, films."""
+    """Hears of each step: progress, windows, films."""
 
-    def on_tick(self, step: Step, tick: int) -> None: ...
+    def on_step(self, step: Step, step_index: int) -> None: ...
 
 
 @runtime_checkable
 class DisturbanceCallback(StepCallback, Protocol):
-    """A hook that also hears of what befalls the cloth between two ticks."""
+    """A hook that also hears of what befalls the cloth between two steps."""
 
     def on_disturbance(self, records: Sequence[DisturbanceRecord]) -> None: ...
 
@@ -44,7 +44,7 @@ class EpisodeRunner:
     """One episode in the making, on a bench that has been reset to ``seed``.
 
     With ``images`` each step keeps the camera's frame (about 0.5 MB). ``begin`` is told the episode before its first
-    tick, and makes a hook of it: a journal (``SessionRecorder.begin``). ``disturbance`` names what is to befall the
+    step, and makes a hook of it: a journal (``SessionRecorder.begin``). ``disturbance`` names what is to befall the
     cloth ("none", a disturbance, a suite), for the record.
     """
 
@@ -74,14 +74,14 @@ class EpisodeRunner:
         """By the machine's clock, for the wall time of the whole."""
         policy.reset(seed)
         self.seen = bench.observe()
-        """What the next tick begins with."""
+        """What the next step begins with."""
         self.truth = bench.truth()
         self._beginning = self._describe_beginning(disturbance)
         if begin is not None:
             self._hooks = (*self._hooks, begin(self._beginning))
 
     @property
-    def ticks(self) -> int:
+    def n_steps(self) -> int:
         return len(self.steps)
 
     @property
@@ -89,11 +89,11 @@ class EpisodeRunner:
         """A disturbance still acts, or the cloth has not come to rest after it."""
         return self.bench.disturbed
 
-    def tick(self, phase: Phase, pull: DragTarget | None = None, intervention: bool = False) -> StoppedBy | None:
+    def step(self, phase: Phase, pull: DragTarget | None = None, intervention: bool = False) -> StoppedBy | None:
         """observe (done before) -> decide -> step -> record; says why the phase is over, or None.
 
         In the phase ``disturb`` nobody decides: the holder rests. ``pull`` is what a person draws the cloth by in this
-        tick; ``intervention`` marks that a person decided it although a policy has the lead.
+        step; ``intervention`` marks that a person decided it although a policy has the lead.
         """
         action, std, hand = self._zeros, None, None
         if phase != "disturb":
@@ -126,11 +126,11 @@ class EpisodeRunner:
             self._note_end()
         self.seen, self.truth = self.bench.observe(), self.bench.truth()
         for hook in self._hooks:
-            hook.on_tick(step, len(self.steps))
+            hook.on_step(step, len(self.steps))
         return None
 
     def disturb(self, what: str | DisturbanceSpec, repeat: int = 0) -> None:
-        """Begin a disturbance; it acts from the next tick on. Each ``repeat`` has a chance of its own."""
+        """Begin a disturbance; it acts from the next step on. Each ``repeat`` has a chance of its own."""
         self.bench.disturb(what, self.seed, repeat)
         self._note_beginning(what if isinstance(what, str) else what.name)
 
@@ -144,15 +144,15 @@ class EpisodeRunner:
             self.bench.disturbance.plan = DisturbanceTrajectory.recorded(record.plan, self.bench.settings.spec)
         self._note_beginning(record.name)
 
-    def phase(self, phase: Phase, ticks: int) -> StoppedBy:
-        """Ticks until the phase is over; says why."""
-        for _ in range(ticks):
-            stop = self.tick(phase)
+    def phase(self, phase: Phase, n_steps: int) -> StoppedBy:
+        """Steps until the phase is over; says why."""
+        for _ in range(n_steps):
+            stop = self.step(phase)
             if stop is not None:
                 return stop
             if phase == "disturb" and not self.disturbed:
                 break
-        return "tick_limit"
+        return "step_limit"
 
     def episode(self, stopped_by: StoppedBy, outcome: Outcome | None = None) -> Episode:
         """What there is of it; the outcome is judged by how flat the cloth lies where nobody says otherwise."""
@@ -162,7 +162,7 @@ class EpisodeRunner:
             self._beginning,
             disturbance=self.disturbance,
             steps=tuple(self.steps),
-            disturbances=tuple(record for record in self.disturbances if record.first_tick < len(self.steps)),
+            disturbances=tuple(record for record in self.disturbances if record.first_step < len(self.steps)),
             final_observation=self._kept(self.seen),
             final_truth=self.truth,
             stopped_by=stopped_by,
@@ -171,7 +171,7 @@ class EpisodeRunner:
         )
 
     def _describe_beginning(self, disturbance: str) -> Episode:
-        """The episode as far as it is known before its first tick."""
+        """The episode as far as it is known before its first step."""
         bench, settings = self.bench, self.bench.settings
         return Episode(
             task=settings.task,
@@ -183,7 +183,7 @@ class EpisodeRunner:
             final_truth=self.truth,
             stopped_by="interrupted",
             outcome="partial",
-            tick_s=settings.tick_s,
+            step_s=settings.step_s,
             descriptor=settings.descriptor,
             disturbance=disturbance,
             start=bench.start,
@@ -214,18 +214,18 @@ class EpisodeRunner:
         self._note_end()
         acting = self.bench.disturbance
         if acting is not None:
-            record = DisturbanceRecord(name=name, first_tick=len(self.steps), plan=acting.plan.described())
+            record = DisturbanceRecord(name=name, first_step=len(self.steps), plan=acting.plan.described())
             self.disturbances.append(record)
             self._tell()
 
     def _note_end(self) -> None:
-        """The last disturbance was over with the last tick; one that never acted has not been."""
+        """The last disturbance was over with the last step; one that never acted has not been."""
         last = self.disturbances[-1] if self.disturbances else None
-        if last is None or last.last_tick is not None:
+        if last is None or last.last_step is not None:
             return
         self.disturbances.pop()
-        if last.first_tick < len(self.steps):
-            self.disturbances.append(replace(last, last_tick=len(self.steps) - 1))
+        if last.first_step < len(self.steps):
+            self.disturbances.append(replace(last, last_step=len(self.steps) - 1))
         self._tell()
 
     def _tell(self) -> None:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 from layflat.app.support.errors import UsageError
 from layflat.sim.disturbances.presets import DisturbanceSpec
 
-TriggerKind: TypeAlias = Literal["stopped", "tick", "contact"]
+TriggerKind: TypeAlias = Literal["stopped", "step", "contact"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,21 +17,21 @@ class Trigger:
     """The moment at which a disturbance begins."""
 
     moment: TriggerKind = "stopped"
-    """After the policy has stopped, at a tick of placing, or when the camera first sees a contact portion."""
+    """After the policy has stopped, at a step of placing, or when the camera first sees a contact portion."""
     value: float = 0.0
-    """The tick, or the contact portion."""
+    """The step, or the contact portion."""
 
     def __post_init__(self) -> None:
-        if self.moment == "tick" and not (self.value >= 0 and float(self.value).is_integer()):
-            raise UsageError(f"a disturbance is to begin at tick {self.value}; it must be a whole number from 0 on")
+        if self.moment == "step" and not (self.value >= 0 and float(self.value).is_integer()):
+            raise UsageError(f"a disturbance is to begin at step {self.value}; it must be a whole number from 0 on")
         if self.moment == "contact" and not 0 <= self.value <= 1:
             raise UsageError(f"a disturbance is to begin at contact {self.value}; it must be a portion from 0 to 1")
 
-    def reached(self, tick: int, contact: float) -> bool:
-        """Whether it comes before this tick of placing, with the contact portion that the camera sees now."""
+    def reached(self, step_index: int, contact: float) -> bool:
+        """Whether it comes before this step of placing, with the contact portion that the camera sees now."""
         if self.moment == "stopped":
             return False
-        return (tick if self.moment == "tick" else contact) >= self.value
+        return (step_index if self.moment == "step" else contact) >= self.value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,10 +70,10 @@ class DisturbanceScheduler:
                 else:
                     self._later.append(due)
 
-    def now(self, tick: int, contact: float) -> DueDisturbance | None:
-        """What is to begin before this tick of placing; it is not told twice."""
+    def now(self, step_index: int, contact: float) -> DueDisturbance | None:
+        """What is to begin before this step of placing; it is not told twice."""
         for place, (when, due) in enumerate(self._waiting):
-            if when.reached(tick, contact):
+            if when.reached(step_index, contact):
                 del self._waiting[place]
                 return due
         return None
@@ -81,10 +81,10 @@ class DisturbanceScheduler:
     def after_stop(self) -> Iterator[DueDisturbance]:
         """What is left when the policy has stopped, in the schedule's order.
 
-        A tick that was not reached comes now: the cloth lies as it would then. A contact portion that was never
+        A step that was not reached comes now: the cloth lies as it would then. A contact portion that was never
         reached does not come.
         """
-        missed = [due for when, due in self._waiting if when.moment == "tick"]
+        missed = [due for when, due in self._waiting if when.moment == "step"]
         self._waiting.clear()
         while left := sorted([*missed, *self._later], key=lambda due: due.repeat):
             missed, self._later = [], left[1:]

@@ -10,7 +10,7 @@ from layflat.data.atomic_files import PART_SUFFIX, atomic_path
 from layflat.data.session.reader import Session
 from layflat.data.types import ACTION_NAMES, DataError, Episode, FloatArray, Observation, RobotName, Step
 
-EPISODES_CSV, TICKS_CSV = "episodes.csv", "ticks.csv"
+EPISODES_CSV, STEPS_CSV = "episodes.csv", "steps.csv"
 EPISODE_COLUMNS = (
     "episode",
     "task",
@@ -20,8 +20,8 @@ EPISODE_COLUMNS = (
     "outcome",
     "stopped_by",
     "disturbance",
-    "ticks",
-    "tick_s",
+    "steps",
+    "step_s",
     "contact_start",
     "contact_end",
     "contact_true_end",
@@ -34,39 +34,39 @@ _BEFELL = (*(f"force_{axis}_n" for axis in "xyz"), "pull_node", *(f"pull_{axis}_
 _TRUE = ("contact_portion_true", "flat_area")
 
 
-def tick_columns(task: RobotName) -> tuple[str, ...]:
-    """Columns of ticks.csv; the actions are displacements in metres."""
+def step_columns(task: RobotName) -> tuple[str, ...]:
+    """Columns of steps.csv; the actions are displacements in metres."""
     actions = tuple(f"{name}_m" for name in ACTION_NAMES[task])
     stds = tuple(f"std_{name}" for name in actions)
-    return ("episode", "tick", "phase", *_SEEN, *_TRUE, *actions, *stds, *_BEFELL)
+    return ("episode", "step", "phase", *_SEEN, *_TRUE, *actions, *stds, *_BEFELL)
 
 
 def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None) -> int:
-    """Write ``episodes.csv`` and ``ticks.csv`` into ``folder``, which is made; returns the number of ticks.
+    """Write ``episodes.csv`` and ``steps.csv`` into ``folder``, which is made; returns the number of steps.
 
-    Numbers have as many digits as it takes to read back the same bits. Each episode has one more row than ticks: the
+    Numbers have as many digits as it takes to read back the same bits. Each episode has one more row than steps: the
     last, without phase and action, is what was seen after them. Images and cloth nodes are left out.
     """
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     folder.mkdir(parents=True, exist_ok=True)
-    targets = [folder / EPISODES_CSV, folder / TICKS_CSV]
+    targets = [folder / EPISODES_CSV, folder / STEPS_CSV]
     asides = [target.with_name(f".{target.name}{PART_SUFFIX}") for target in targets]
     count = 0
     with (
         atomic_path(targets[0], asides[0]),
         atomic_path(targets[1], asides[1]),
         asides[0].open("x", newline="", encoding="utf-8") as about,
-        asides[1].open("x", newline="", encoding="utf-8") as ticks,
+        asides[1].open("x", newline="", encoding="utf-8") as steps,
     ):
-        about_rows, tick_rows = csv.writer(about), csv.writer(ticks)
+        about_rows, step_rows = csv.writer(about), csv.writer(steps)
         about_rows.writerow(EPISODE_COLUMNS)
-        tick_rows.writerow(tick_columns(session.task))
+        step_rows.writerow(step_columns(session.task))
         for name in chosen:
             episode = session.episode(name, images=False)
             about_rows.writerow(_episode_row(name, episode))
-            tick_rows.writerows(_tick_rows(name, episode))
+            step_rows.writerows(_step_rows(name, episode))
             count += len(episode.steps)
     return count
 
@@ -83,7 +83,7 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
         episode.stopped_by,
         episode.disturbance,
         len(episode.steps),
-        float(episode.tick_s),
+        float(episode.step_s),
         float(contact[0]),
         float(contact[-1]),
         float(end.contact_portion_true),
@@ -91,18 +91,18 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
     ]
 
 
-def _tick_rows(name: str, episode: Episode) -> Iterator[list[object]]:
+def _step_rows(name: str, episode: Episode) -> Iterator[list[object]]:
     size = len(ACTION_NAMES[episode.task])
     truths = episode.truths()
-    for tick, seen in enumerate(episode.observations()):
-        true = [float(truths[tick].contact_portion_true), float(truths[tick].flat_area)]
+    for step_index, seen in enumerate(episode.observations()):
+        true = [float(truths[step_index].contact_portion_true), float(truths[step_index].flat_area)]
         phase: str = ""
         done: list[object] = [""] * (2 * size + len(_BEFELL))
-        if tick < len(episode.steps):
-            step = episode.steps[tick]
+        if step_index < len(episode.steps):
+            step = episode.steps[step_index]
             phase = step.phase
             done = [*step.action.tolist(), *_plain(step.action_std, size), *_befell(step)]
-        yield [name, tick, phase, *_seen(seen), *true, *done]
+        yield [name, step_index, phase, *_seen(seen), *true, *done]
 
 
 def _seen(seen: Observation) -> list[float]:

@@ -1,8 +1,8 @@
 """To a LeRobot data set, version 3.0, with pyarrow alone: lerobot itself needs a Python that PyBullet does not run on.
 
-A frame holds what was seen before a tick and the action that followed. What only the simulator knows (nodes, true
+A frame holds what was seen before a step and the action that followed. What only the simulator knows (nodes, true
 contact, flat area) is left out: every ``observation.*`` column is something that a policy may see. The observation
-after the last tick has no action and is left out, too. Numbers are float32, as LeRobot's policies expect them; images
+after the last step has no action and is left out, too. Numbers are float32, as LeRobot's policies expect them; images
 keep every bit (rgb as PNG, depth as TIFF of float32 metres).
 """
 
@@ -69,9 +69,9 @@ def export_lerobot(
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / INFO).is_file():
         raise DataError(f"{folder} holds something else than a LeRobot data set; choose another folder")
-    fps = round(1.0 / session.tick_s)
-    if fps < 1 or abs(fps * session.tick_s - 1.0) > 1e-9:
-        raise DataError(f"a tick is {session.tick_s} s; LeRobot needs a whole number of frames per second")
+    fps = round(1.0 / session.step_s)
+    if fps < 1 or abs(fps * session.step_s - 1.0) > 1e-9:
+        raise DataError(f"a step is {session.step_s} s; LeRobot needs a whole number of frames per second")
     aside = folder.with_name(f".{folder.name}.{os.getpid()}{PART_SUFFIX}")
     shutil.rmtree(aside, ignore_errors=True)
     try:

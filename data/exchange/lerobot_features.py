@@ -86,7 +86,7 @@ def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
 
 
 def frames_of(episode: Episode, features: tuple[Feature, ...], *, name: str) -> dict[str, NDArray[Any]]:
-    """Columns by key, one row for each tick; without those that count."""
+    """Columns by key, one row for each step; without those that count."""
     seen = [step.observation for step in episode.steps]
     count = len(seen)
     columns: dict[str, NDArray[Any]] = {

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object
-from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
+from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_steps
 from layflat.data.format.encode import attributes_of
 from layflat.data.format.migrate import PLAN, disturbances_from_2
 from layflat.data.format.structure_checks import check_claim, check_hard_links, check_stored_here
@@ -27,7 +27,7 @@ from layflat.data.types import (
     ACTION_LIMIT_M,
     FLAT_AREA,
     ROBOTS,
-    TICK_S,
+    STEP_S,
     DataError,
     Episode,
     GroundTruth,
@@ -43,9 +43,9 @@ UNKNOWN_SEED = -1
 """Of an episode whose file does not tell: it can be shown and learned from, but its start cannot be made again."""
 UNKNOWN_SOURCE = "imported"
 _TOLD = (
-    schema.TASK, schema.CLOTH, schema.TICK_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
+    schema.TASK, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
     schema.DISTURBANCES, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.BENCH,
-    schema.FIRST_TICK, schema.PROVENANCE,
+    schema.FIRST_STEP, schema.PROVENANCE,
 )  # fmt: skip
 """What only an attribute can tell; all others follow from the arrays, or are made anew."""
 
@@ -73,12 +73,12 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     attributes[schema.PROVENANCE] = json.dumps(
         nothing | json_object({schema.PROVENANCE: "{}"} | told, schema.PROVENANCE)
     )
-    if not float(attributes[schema.TICK_S]) > 0:
-        raise DataError(f"attribute {schema.TICK_S} is {attributes[schema.TICK_S]}; it must be above 0")
+    if not float(attributes[schema.STEP_S]) > 0:
+        raise DataError(f"attribute {schema.STEP_S} is {attributes[schema.STEP_S]}; it must be above 0")
     phases = _phases(rows, len(actions))
     if schema.DISTURBANCES not in told:
         attributes[schema.DISTURBANCES] = disturbances_from_2({PLAN: _plan(group)} | attributes, phases)
-    known = without_ticks(attributes, observations[-1], truths[-1])
+    known = without_steps(attributes, observations[-1], truths[-1])
     return replace(known, steps=_steps(rows, actions, observations, truths, phases), initial_joints=joints)
 
 
@@ -92,10 +92,10 @@ def _unknown(task: RobotName, observations: list[Observation], truths: list[Grou
         steps=(),
         final_observation=observations[-1],
         final_truth=truths[-1],
-        stopped_by="tick_limit",
+        stopped_by="step_limit",
         # By what the recorder goes by.
         outcome="success" if truths[-1].flat_area > FLAT_AREA else "failure",
-        tick_s=_tick_s(observations),
+        step_s=_step_s(observations),
     )
 
 
@@ -140,11 +140,11 @@ def _task(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> RobotN
     )
 
 
-def _tick_s(observations: list[Observation]) -> float:
-    """From the times that were recorded, where all ticks are equally long; else the usual length."""
+def _step_s(observations: list[Observation]) -> float:
+    """From the times that were recorded, where all steps are equally long; else the usual length."""
     steps = np.diff([observation.time_s for observation in observations])
     even = steps.min() > 0 and np.allclose(steps, steps[0], rtol=1e-4)
-    return float(np.round(steps.mean(), 6)) if even else TICK_S
+    return float(np.round(steps.mean(), 6)) if even else STEP_S
 
 
 class _Rows:
@@ -193,7 +193,7 @@ def _observations(rows: _Rows, count: int) -> list[Observation]:
                 f" both must be alike, with a row for each of {count} actions"
             )
         if not np.array_equal(before[1:], later[:-1]):
-            raise DataError(f"{after} is not {key} one tick later; an episode is one unbroken series")
+            raise DataError(f"{after} is not {key} one step later; an episode is one unbroken series")
         found[field.key] = np.concatenate([before, later[-1:]])
     return observations_of(found)
 

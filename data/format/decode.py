@@ -41,12 +41,12 @@ def read_demo(group: h5py.Group, *, images: bool) -> Episode:
     observations = _observations(group, images=images)
     truths = _truths(group)
     _check_copies(attributes, observations, truths)
-    beginning = without_ticks(attributes, observations[-1], truths[-1])
+    beginning = without_steps(attributes, observations[-1], truths[-1])
     joints = group[schema.JOINTS][()] if schema.JOINTS in group else np.zeros(0)
     return replace(beginning, steps=_steps(group, observations, truths), initial_joints=joints)
 
 
-def without_ticks(attributes: Mapping[str, Attribute], observation: Observation, truth: GroundTruth) -> Episode:
+def without_steps(attributes: Mapping[str, Attribute], observation: Observation, truth: GroundTruth) -> Episode:
     """Everything of an episode that the attributes of its demo hold."""
     provenance = json_object(attributes, schema.PROVENANCE)
     return Episode(
@@ -59,7 +59,7 @@ def without_ticks(attributes: Mapping[str, Attribute], observation: Observation,
         final_truth=truth,
         stopped_by=cast(StoppedBy, attributes[schema.STOPPED_BY]),
         outcome=cast(Outcome, attributes[schema.OUTCOME]),
-        tick_s=float(attributes[schema.TICK_S]),
+        step_s=float(attributes[schema.STEP_S]),
         disturbance=str(attributes[schema.DISTURBANCE]),
         wall_s=float(attributes[schema.WALL_S]),
         start={key: float(value) for key, value in json_object(attributes, schema.START).items()},
@@ -67,7 +67,7 @@ def without_ticks(attributes: Mapping[str, Attribute], observation: Observation,
         descriptor=str(attributes[schema.DESCRIPTOR]),
         bench=json_object(attributes, schema.BENCH),
         disturbances=disturbances_of(attributes),
-        first_tick=int(attributes[schema.FIRST_TICK]),
+        first_step=int(attributes[schema.FIRST_STEP]),
     )
 
 
@@ -77,12 +77,12 @@ def disturbances_of(attributes: Mapping[str, Attribute]) -> tuple[DisturbanceRec
 
 
 def _disturbance(told: Mapping[str, Any]) -> DisturbanceRecord:
-    name, first, last, plan = (told.get(key) for key in ("name", "first_tick", "last_tick", "plan"))
+    name, first, last, plan = (told.get(key) for key in ("name", "first_step", "last_step", "plan"))
     known = type(name) is str and type(first) is int and type(last) in (int, type(None)) and type(plan) is dict
     if not known or len(told) != 4:
         raise DataError(
             f"attribute {schema.DISTURBANCES} holds {str(dict(told))[:80]!r}; each must have"
-            " name, first_tick, last_tick and plan"
+            " name, first_step, last_step and plan"
         )
     return DisturbanceRecord(**told)
 
@@ -106,7 +106,7 @@ def observations_of(rows: Mapping[str, NDArray[Any]]) -> list[Observation]:
 
 
 def _observations(group: h5py.Group, *, images: bool) -> list[Observation]:
-    """All N + 1: those before each tick, and the last of next_obs."""
+    """All N + 1: those before each step, and the last of next_obs."""
     rows: dict[str, NDArray[Any]] = {}
     for field in schema.OBSERVATION_FIELDS:
         key = f"{schema.OBS}/{field.key}"

@@ -30,7 +30,7 @@ PACKING = {"compression": "gzip", "compression_opts": 1}
 LIBVER = ("v110", "v110")
 """The oldest format of HDF5 that carries checksums in its own structures, so that damage is noticed; h5py reads it."""
 INT64_MAX = 2**63 - 1
-AGREED = (schema.TASK, schema.CLOTH, schema.TICK_S, schema.DESCRIPTOR)
+AGREED = (schema.TASK, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
 """Attributes in which all episodes of a session agree."""
 
 
@@ -44,7 +44,7 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.NUM_SAMPLES: len(episode.steps),
         schema.TASK: episode.task,
         schema.CLOTH: episode.cloth,
-        schema.TICK_S: float(episode.tick_s),
+        schema.STEP_S: float(episode.step_s),
         schema.DESCRIPTOR: episode.descriptor,
         schema.ACTION_LIMIT: ACTION_LIMIT_M,
         schema.SEED: int(episode.seed),
@@ -57,7 +57,7 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.WALL_S: float(episode.wall_s),
         schema.START: _json(start, schema.START),
         schema.BENCH: _json(episode.bench, schema.BENCH),
-        schema.FIRST_TICK: int(episode.first_tick),
+        schema.FIRST_STEP: int(episode.first_step),
         schema.CONTACT_START: float(observations[0].contact_portion),
         schema.CONTACT_FINAL: float(observations[-1].contact_portion),
         schema.CONTACT_TRUE_FINAL: float(truth.contact_portion_true),
@@ -75,7 +75,7 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
     """Every data set of the demo by its key; images only where asked for and there."""
     steps = episode.steps
     if not steps:
-        raise DataError("the episode has no ticks; there is nothing to keep")
+        raise DataError("the episode has no steps; there is nothing to keep")
     action_m = np.array([step.action for step in steps])
     _check_actions(action_m)
     unknown_std = np.full(action_m.shape[1], np.nan)
@@ -106,7 +106,7 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
 
 
 def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
-    """Forces, pulls and interventions: those that any tick has."""
+    """Forces, pulls and interventions: those that any step has."""
     forces = np.array([step.force_n for step in steps])
     nodes = np.array([-1 if step.pull is None else step.pull.node for step in steps])
     nowhere = np.full(3, np.nan)
@@ -153,13 +153,13 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
 
 
 def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None) -> None:
-    """Write all rows; where ``before`` has them one tick later, its packed bytes are taken: half the work."""
+    """Write all rows; where ``before`` has them one step later, its packed bytes are taken: half the work."""
     ready = 0
     if before is not None:
         ready, rest = len(rows) - 1, (0,) * (rows.ndim - 1)
-        for tick in range(ready):
-            mask, chunk = before.id.read_direct_chunk((tick + 1, *rest))
-            dataset.id.write_direct_chunk((tick, *rest), chunk, mask)
+        for step_index in range(ready):
+            mask, chunk = before.id.read_direct_chunk((step_index + 1, *rest))
+            dataset.id.write_direct_chunk((step_index, *rest), chunk, mask)
     if rows.size:
         dataset[ready:] = rows[ready:]
 
@@ -201,9 +201,9 @@ def _observed(observations: tuple[Observation, ...], *, keep_images: bool) -> di
 
 
 def _check_images(key: str, images: list[NDArray[Any] | None]) -> None:
-    missing = [tick for tick, image in enumerate(images) if image is None]
+    missing = [step_index for step_index, image in enumerate(images) if image is None]
     if missing:
-        raise DataError(f"{key} is missing at tick {missing[0]} but not at others; all ticks need it, or none")
+        raise DataError(f"{key} is missing at step {missing[0]} but not at others; all steps need it, or none")
     shapes = {image.shape for image in images if image is not None}
     if len(shapes) != 1:
         raise DataError(f"{key} changes its shape within the episode ({sorted(shapes)}); it must stay the same")
@@ -211,10 +211,10 @@ def _check_images(key: str, images: list[NDArray[Any] | None]) -> None:
 
 def _check_actions(action_m: NDArray[np.float64]) -> None:
     """Clipping here would record something that was not done."""
-    tick, axis = np.unravel_index(np.abs(action_m).argmax(), action_m.shape)
-    if abs(action_m[tick, axis]) > ACTION_LIMIT_M:
+    step_index, axis = np.unravel_index(np.abs(action_m).argmax(), action_m.shape)
+    if abs(action_m[step_index, axis]) > ACTION_LIMIT_M:
         raise DataError(
-            f"tick {tick}: action component {axis} is {action_m[tick, axis]:.6g} m;"
+            f"step {step_index}: action component {axis} is {action_m[step_index, axis]:.6g} m;"
             f" it must be within +-{ACTION_LIMIT_M} m"
         )
 

@@ -2,8 +2,8 @@
 
 Files are never changed by reading; whatever writes a session anew (appending, merging, repairing) writes the present
 version. Version 1 (layflat 0.1) stored text at variable length, and knew neither descriptor, bench, joints, plan of the
-disturbance, first_tick and operator, nor the copies of contact and area among the attributes. Version 2 (layflat 0.2)
-knew one disturbance, whose ticks only the phases tell, and neither forces, pulls nor interventions.
+disturbance, first_step and operator, nor the copies of contact and area among the attributes. Version 2 (layflat 0.2)
+knew one disturbance, whose steps only the phases tell, and neither forces, pulls nor interventions.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NEW_IN_2 = (
     schema.DESCRIPTOR,
     PLAN,
     schema.BENCH,
-    schema.FIRST_TICK,
+    schema.FIRST_STEP,
     schema.CONTACT_START,
     schema.CONTACT_FINAL,
     schema.CONTACT_TRUE_FINAL,
@@ -47,7 +47,7 @@ DEMO_TYPES: Mapping[int, Mapping[str, type]] = {
 }
 """Attributes by version; the data sets are the same, but for those that are optional."""
 VERSIONS = tuple(DEMO_TYPES)
-_OVER = ("converged", "threshold", "tick_limit")
+_OVER = ("converged", "threshold", "step_limit")
 """How an episode stops in which everything that began came to its end."""
 
 
@@ -69,7 +69,7 @@ def upgraded_demo(attributes: Mapping[str, Attribute], group: h5py.Group) -> dic
         schema.DESCRIPTOR: "word",
         PLAN: "{}",
         schema.BENCH: "{}",
-        schema.FIRST_TICK: 0,
+        schema.FIRST_STEP: 0,
         schema.CONTACT_START: float(group[contact[0]][0, 0]),
         schema.CONTACT_FINAL: float(group[contact[1]][-1, 0]),
         schema.CONTACT_TRUE_FINAL: float(group[schema.CONTACT_TRUE][-1, 0]),
@@ -79,7 +79,7 @@ def upgraded_demo(attributes: Mapping[str, Attribute], group: h5py.Group) -> dic
 
 
 def from_2(attributes: Mapping[str, Attribute], phases: NDArray[Any]) -> dict[str, Attribute]:
-    """Attributes of version 2 with the phases (N,) of its ticks, as bytes."""
+    """Attributes of version 2 with the phases (N,) of its steps, as bytes."""
     there = {key: value for key, value in attributes.items() if key != PLAN}
     text = disturbances_from_2(attributes, phases)
     return {**there, schema.VERSION: schema.SCHEMA_VERSION, schema.DISTURBANCES: text}
@@ -87,15 +87,15 @@ def from_2(attributes: Mapping[str, Attribute], phases: NDArray[Any]) -> dict[st
 
 def disturbances_from_2(attributes: Mapping[str, Attribute], phases: NDArray[Any]) -> str:
     """The one disturbance there was, as text; none where the episode ended before it."""
-    ticks = np.flatnonzero(phases == b"disturb")
-    if attributes[schema.DISTURBANCE] == "none" or not ticks.size:
+    n_steps = np.flatnonzero(phases == b"disturb")
+    if attributes[schema.DISTURBANCE] == "none" or not n_steps.size:
         return json.dumps([])
-    last = int(ticks[-1])
+    last = int(n_steps[-1])
     over = last + 1 < len(phases) or attributes[schema.STOPPED_BY] in _OVER
     record = DisturbanceRecord(
         name=str(attributes[schema.DISTURBANCE]),
-        first_tick=int(ticks[0]),
-        last_tick=last if over else None,
+        first_step=int(n_steps[0]),
+        last_step=last if over else None,
         plan=json_object(attributes, PLAN),
     )
     return disturbances_text([record])

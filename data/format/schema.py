@@ -1,6 +1,6 @@
 """Every key, type, unit and frame of a session file, spelled once.
 
-A session file is a robomimic data set. ``N`` is the number of ticks of an episode, ``A`` the size of an action,
+A session file is a robomimic data set. ``N`` is the number of steps of an episode, ``A`` the size of an action,
 ``D`` three times the number of cloth nodes, ``J`` the number of joints, ``H`` and ``W`` an image's height and width::
 
     /data                 attributes: SESSION_ATTRIBUTES
@@ -9,7 +9,7 @@ A session file is a robomimic data set. ``N`` is the number of ticks of an episo
     /index                what is known of each demo without opening it (layflat.data.session.index); may be missing
 
 Whatever a policy may see lies under ``obs`` and ``next_obs``; what only the simulator knows is ``states`` and
-``truth/``. The observation after the last tick is the last row of ``next_obs``.
+``truth/``. The observation after the last step is the last row of ``next_obs``.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ENV_ARGS = "env_args"
 SCHEMA_NAME = "schema"
 TASK = "task"
 CLOTH = "cloth"
-TICK_S = "tick_s"
+STEP_S = "step_s"
 DESCRIPTOR = "descriptor"
 """What obs/word was computed by."""
 VERSION = "schema_version"
@@ -63,13 +63,13 @@ SUCCESS = "success"
 STOPPED_BY = "stopped_by"
 DISTURBANCE = "disturbance"
 DISTURBANCES = "disturbances"
-"""JSON list of objects: name, first_tick, last_tick (null: not over), plan (an object)."""
+"""JSON list of objects: name, first_step, last_step (null: not over), plan (an object)."""
 WALL_S = "wall_s"
 START = "start"
 """JSON object: name -> number."""
 BENCH = "bench"
 """JSON object: settings of the bench."""
-FIRST_TICK = "first_tick"
+FIRST_STEP = "first_step"
 CONTACT_START = "contact_start"
 CONTACT_FINAL = "contact_final"
 CONTACT_TRUE_FINAL = "contact_true_final"
@@ -99,7 +99,7 @@ SESSION_ATTRIBUTES: dict[str, type] = {
     VERSION: int,
     TASK: str,
     CLOTH: str,
-    TICK_S: float,
+    STEP_S: float,
     DESCRIPTOR: str,
     ACTION_LIMIT: float,
     TOTAL: int,
@@ -111,7 +111,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     NUM_SAMPLES: int,
     TASK: str,
     CLOTH: str,
-    TICK_S: float,
+    STEP_S: float,
     DESCRIPTOR: str,
     ACTION_LIMIT: float,
     SEED: int,
@@ -124,7 +124,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     WALL_S: float,
     START: str,
     BENCH: str,
-    FIRST_TICK: int,
+    FIRST_STEP: int,
     CONTACT_START: float,
     CONTACT_FINAL: float,
     CONTACT_TRUE_FINAL: float,
@@ -150,7 +150,7 @@ class Field:
     """Names of the columns; empty where the task, the cloth or the image decides on them."""
     optional: bool = False
     absent: float | None = None
-    """What every tick has where the data set is missing."""
+    """What every step has where the data set is missing."""
     packed: bool = False
     """Compressed without loss: worth its time for images only."""
 
@@ -160,15 +160,15 @@ ACTIONS = "actions"
 ACTION_M = "action_m"
 """The displacement itself: dividing by the limit and multiplying again does not give back every bit."""
 ACTION_STD = "action_std"
-"""NaN in all columns of a tick whose policy gave no confidence."""
+"""NaN in all columns of a step whose policy gave no confidence."""
 PHASE = "phase"
 REWARDS = "rewards"
-"""Camera contact portion after the tick minus before it: an episode's rewards sum to what it gained, and a policy that
+"""Camera contact portion after the step minus before it: an episode's rewards sum to what it gained, and a policy that
 only sees pixels is paid by pixels. Grades come from ``truth/``."""
 DONES = "dones"
-"""1 on the last tick, 0 before."""
+"""1 on the last step, 0 before."""
 STATES = "states"
-"""Cloth nodes before the tick, (x, y, z) of node 0, then of node 1, ..."""
+"""Cloth nodes before the step, (x, y, z) of node 0, then of node 1, ..."""
 FINAL_STATE = f"{TRUTH}/final_state"
 CONTACT_TRUE = f"{TRUTH}/contact_portion_true"
 FLAT_AREA = f"{TRUTH}/flat_area"
@@ -181,7 +181,7 @@ INTERVENTION = "intervention"
 HAND = "hand_m"
 """NaN where no hand drew the holder; of one hand, the second place is NaN.
 
-These five are missing where no tick has any."""
+These five are missing where no step has any."""
 RGB = "rgb"
 DEPTH = "depth"
 
@@ -216,7 +216,7 @@ OBSERVATION_FIELDS: tuple[Field, ...] = (
         packed=True,
     ),
 )
-"""Under ``obs`` as it was before a tick, under ``next_obs`` after it; keys are the names in layflat.data.types.Observation."""
+"""Under ``obs`` as it was before a step, under ``next_obs`` after it; keys are the names in layflat.data.types.Observation."""
 
 
 def _under(group: str) -> tuple[Field, ...]:

@@ -166,7 +166,7 @@ def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], foun
     wrong = {
         key: ", ".join(map(str, v)) for key, v in allowed.items() if key in attributes and attributes[key] not in v
     }
-    for key, least in ((schema.NUM_SAMPLES, 1), (schema.FIRST_TICK, 0)):
+    for key, least in ((schema.NUM_SAMPLES, 1), (schema.FIRST_STEP, 0)):
         if int(attributes.get(key, least)) < least:
             wrong[key] = f"at least {least}"
     for key, right in wrong.items():
@@ -188,8 +188,8 @@ def _inspect_members(group: h5py.Group, found: Violations) -> None:
 
 def _lengths(attributes: Mapping[str, Attribute]) -> dict[str, int]:
     """The letters of shapes that the attributes decide on."""
-    ticks, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in ROBOTS if t == attributes[schema.TASK])
-    return {"N": ticks, "N+1": ticks + 1, "A": action_size(task)}
+    n_steps, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in ROBOTS if t == attributes[schema.TASK])
+    return {"N": n_steps, "N+1": n_steps + 1, "A": action_size(task)}
 
 
 def _inspect_consistency(group: h5py.Group, lengths: Mapping[str, int], found: Violations) -> None:

@@ -104,13 +104,13 @@ def _check_actions(group: h5py.Group) -> None:
 def _check_dones(group: h5py.Group) -> None:
     dones = group[schema.DONES][()]
     if dones[:-1].any() or dones[-1] != 1:
-        raise DataError("must be 1 on the last tick and 0 before")
+        raise DataError("must be 1 on the last step and 0 before")
 
 
 def _check_rewards(group: h5py.Group) -> None:
     gained = group["next_obs/contact_portion"][:, 0] - group["obs/contact_portion"][:, 0]
     if not np.allclose(group[schema.REWARDS][()], gained, rtol=0, atol=1e-9):
-        raise DataError("is not what the contact portion gains in each tick")
+        raise DataError("is not what the contact portion gains in each step")
 
 
 def _check_unit(group: h5py.Group) -> None:
@@ -126,7 +126,7 @@ def _check_time(group: h5py.Group, *, unstable: bool) -> None:
     passed = np.diff(time)
     back = np.flatnonzero((passed < 0) | ((passed == 0) & ~(unstable & (np.arange(len(passed)) == len(passed) - 1))))
     if back.size:
-        raise DataError(f"does not rise after tick {back[0]}")
+        raise DataError(f"does not rise after step {back[0]}")
 
 
 def _check_pulls(group: h5py.Group) -> None:
@@ -148,7 +148,7 @@ def _check_next(group: h5py.Group, key: str) -> None:
     for start, rows in _blocks(following):
         rows = rows[: len(now) - 1 - start]
         if not np.array_equal(rows, now[start + 1 : start + 1 + len(rows)]):
-            raise DataError(f"is not {schema.OBS}/{key} of the following tick")
+            raise DataError(f"is not {schema.OBS}/{key} of the following step")
 
 
 def _check_copies(group: h5py.Group, info: DemoInfo) -> None:

@@ -21,10 +21,10 @@ class DemoInfo:
     task: RobotName
     cloth: str
     descriptor: str
-    tick_s: float
-    ticks: int
-    first_tick: int
-    """Above 0 where ticks before these were cut off."""
+    step_s: float
+    n_steps: int
+    first_step: int
+    """Above 0 where steps before these were cut off."""
     seed: int
     source: str
     outcome: Outcome
@@ -49,7 +49,7 @@ class DemoInfo:
     @property
     def duration_s(self) -> float:
         """Simulated time."""
-        return self.ticks * self.tick_s
+        return self.n_steps * self.step_s
 
 
 _PLAIN = {str: str, int: int, float: float, bool: bool}
@@ -62,7 +62,7 @@ def info_of(attributes: Mapping[str, Attribute], *, images: bool, version: int) 
     provenance = json_object(attributes, schema.PROVENANCE)
     same = {name: attributes[name] for name in FIELD_NAMES if name in attributes}
     values: dict[str, Any] = same | {
-        "ticks": attributes[schema.NUM_SAMPLES],
+        "steps": attributes[schema.NUM_SAMPLES],
         "created_utc": str(provenance.get("created_utc", "")),
         "operator": str(provenance.get("operator", "")),
         "images": images,

@@ -24,10 +24,10 @@ class EpisodeWriter:
         self._writer = ticket.begin(beginning)
 
     def step(self, step: Step) -> None:
-        """One tick that is over; DataError where the disk does not take it."""
+        """One step that is over; DataError where the disk does not take it."""
         self._writer.step(step)
 
-    def on_tick(self, step: Step, tick: int) -> None:
+    def on_step(self, step: Step, step_index: int) -> None:
         """As a hook of the loop."""
         self._writer.step(step)
 

@@ -1,13 +1,13 @@
 """The running episode's journal: an append-only file that gives back all but the last second of a killed recording.
 
 ``FILE.h5.parts/running-<uid>.journal`` is made of frames, each with the length and the checksum (CRC-32) of its bytes:
-first what is known when an episode begins, then one for each tick, at last one that says how it ended. Where a
-disturbance begins or is over, a frame between two ticks says what befell the cloth so far. A frame that is not whole
+first what is known when an episode begins, then one for each step, at last one that says how it ended. Where a
+disturbance begins or is over, a frame between two steps says what befell the cloth so far. A frame that is not whole
 ends the journal. Whoever writes it holds it locked.
 
 A thread of its own packs, writes and, twice a second, flushes to the disk: the loop's thread only hands over what is
-frozen anyway. Images are written as they are: half a megabyte a tick for the seconds of an episode, at less than what
-packing them would cost. When the disk is full, the next tick says so, and what was written remains.
+frozen anyway. Images are written as they are: half a megabyte a step for the seconds of an episode, at less than what
+packing them would cost. When the disk is full, the next step says so, and what was written remains.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ from layflat.data.types import (
 MAGIC = b"LAYFLAT journal 1\n"
 FRAME = struct.Struct("<IIc")
 """Bytes of content, CRC-32 of kind and content, kind."""
-BEGINNING, TICK, END, DISTURBED = b"B", b"T", b"E", b"D"
+BEGINNING, STEP, END, DISTURBED = b"B", b"T", b"E", b"D"
 SYNC_S = 0.5
 """Wall time after which what was written is flushed to the disk; with the flush itself well below a second."""
 WAITING_MAX = 64
-"""Ticks that may wait to be written before the loop has to wait: about 32 MB with images, six seconds of a person."""
+"""Steps that may wait to be written before the loop has to wait: about 32 MB with images, six seconds of a person."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,11 +62,11 @@ class JournalHandle:
     keep_images: bool
 
     def begin(self, beginning: Episode) -> JournalWriter:
-        """``beginning``: the episode as far as it is known, without ticks; its final observation is the first one."""
+        """``beginning``: the episode as far as it is known, without steps; its final observation is the first one."""
         return JournalWriter(self, beginning)
 
 
-class _Tick(NamedTuple):
+class _Step(NamedTuple):
     step: Step
     wall_s: float
 
@@ -82,7 +82,7 @@ class _Disturbed(NamedTuple):
     text: bytes
 
 
-_Item: TypeAlias = _Tick | _Last | _Disturbed
+_Item: TypeAlias = _Step | _Last | _Disturbed
 
 
 class JournalWriter:
@@ -96,7 +96,7 @@ class JournalWriter:
         self._dtype = record_dtype(self._lengths)
         self._problem: DataError | None = None
         self._closed = False
-        self._ticks = 0
+        self._n_steps = 0
         header = {
             "attributes": attributes_of(beginning, ticket.uid),
             "lengths": self._lengths,
@@ -108,21 +108,21 @@ class JournalWriter:
         self._thread.start()
 
     def step(self, step: Step) -> None:
-        """Hand over one tick; DataError where the journal cannot be written any more, or the tick does not fit."""
+        """Hand over one step; DataError where the journal cannot be written any more, or the step does not fit."""
         if self._problem is not None:
             raise self._problem
         if step.action.shape != (self._size,) or np.abs(step.action).max() > ACTION_LIMIT_M:
             raise DataError(f"the action is {step.action}; it must be {self._size} numbers within +-{ACTION_LIMIT_M} m")
         self._check_fits(step.observation, step.truth)
-        self._queue.put(_Tick(step, time.monotonic() - self._began))
-        self._ticks += 1
+        self._queue.put(_Step(step, time.monotonic() - self._began))
+        self._n_steps += 1
 
-    def on_tick(self, step: Step, tick: int) -> None:
+    def on_step(self, step: Step, step_index: int) -> None:
         """As a hook of the loop."""
         self.step(step)
 
     def on_disturbance(self, records: Sequence[DisturbanceRecord]) -> None:
-        """All that has befallen the cloth so far, in terms of the ticks that have been handed over."""
+        """All that has befallen the cloth so far, in terms of the steps that have been handed over."""
         if self._problem is not None:
             raise self._problem
         self._queue.put(_Disturbed(disturbances_text(records).encode("ascii")))
@@ -130,8 +130,8 @@ class JournalWriter:
     def finish(self, episode: Episode) -> None:
         """Say how it ended: from now on the journal gives back the whole episode. Never raises: it is told by keep."""
         with contextlib.suppress(DataError):
-            # The loop's hooks do not hear of a tick that ended in instability.
-            for step in episode.steps[self._ticks :]:
+            # The loop's hooks do not hear of a step that ended in instability.
+            for step in episode.steps[self._n_steps :]:
                 self.step(step)
             self._check_fits(episode.final_observation, episode.final_truth)
             attributes = json.dumps(attributes_of(episode, self.ticket.uid)).encode("ascii")
@@ -167,7 +167,7 @@ class JournalWriter:
     def _check_fits(self, observation: Observation, truth: GroundTruth) -> None:
         lengths = _lengths(observation, truth, self._size, keep_images=self.ticket.keep_images)
         if lengths != self._lengths:
-            raise DataError(f"the tick has {lengths}; the episode began with {self._lengths}")
+            raise DataError(f"the step has {lengths}; the episode began with {self._lengths}")
 
     def _write_on(self) -> None:
         unsynced_since: float | None = None
@@ -210,11 +210,11 @@ class JournalWriter:
         record[schema.HAND] = hand_row(step.hand_m)
         record[schema.PULL_TARGET] = np.nan if step.pull is None else step.pull.target_m
         _fill(record, step.observation, step.truth)
-        return frame(TICK, record.tobytes())
+        return frame(STEP, record.tobytes())
 
     def _failed(self, error: Exception) -> DataError:
         return WriteError(
-            f"{self.ticket.path} cannot be written: {os_reason(error)}; the ticks before, and all episodes that were"
+            f"{self.ticket.path} cannot be written: {os_reason(error)}; the steps before, and all episodes that were"
             " kept, are safe"
         )
 
@@ -239,7 +239,7 @@ def lengths_of(beginning: Episode, *, keep_images: bool) -> dict[str, int]:
 
 
 def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSION) -> np.dtype[Any]:
-    """One tick in bytes, as in this version of the schema (2 or later)."""
+    """One step in bytes, as in this version of the schema (2 or later)."""
     columns: list[tuple[str, str, tuple[int, ...]]] = []
     for field in schema.OBSERVATION_FIELDS:
         if all(isinstance(n, int) or n in lengths for n in field.shape[1:]):

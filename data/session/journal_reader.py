@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from layflat.data.atomic_files import lock_until_exit, unlock
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
-from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_ticks
+from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_steps
 from layflat.data.format.migrate import from_2
-from layflat.data.session.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, TICK, record_dtype
+from layflat.data.session.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, STEP, record_dtype
 from layflat.data.types import DataError, Episode, GroundTruth, Observation, Phase, Step, StoppedBy, disturbances_within
 
 JOURNAL_GLOB = "running-*.journal"
@@ -64,9 +64,9 @@ def orphaned_journals(path: Path) -> bool:
 
 
 def read_journal(path: Path, *, stopped_by: StoppedBy = "crashed") -> RecoveredEpisode | None:
-    """The episode of a journal up to its last whole frame; None where not even one tick was over.
+    """The episode of a journal up to its last whole frame; None where not even one step was over.
 
-    The observation that the last tick began with becomes the final one: what that tick led to is not known.
+    The observation that the last step began with becomes the final one: what that step led to is not known.
     ``stopped_by`` is what the episode is to say where its end is missing.
     """
     try:
@@ -104,23 +104,23 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
         raise DataError(f"it is of version {version} of the format, not {' or '.join(map(str, READ_VERSIONS))}")
     dtype = record_dtype(header["lengths"], int(version))
     if not 0 < dtype.itemsize <= RECORD_BYTES_MAX:
-        raise DataError(f"a tick of {dtype.itemsize} bytes cannot be")
-    ticks = [content for kind, content in frames if kind == TICK]
+        raise DataError(f"a step of {dtype.itemsize} bytes cannot be")
+    n_steps = [content for kind, content in frames if kind == STEP]
     end = next((content for kind, content in frames if kind == END), None)
     last = attributes if end is None else json.loads(end[dtype.itemsize :])
-    if end is not None and last[schema.NUM_SAMPLES] == len(ticks):
-        ticks.append(end[: dtype.itemsize])
+    if end is not None and last[schema.NUM_SAMPLES] == len(n_steps):
+        n_steps.append(end[: dtype.itemsize])
         attributes = last
     else:
-        end = None  # A tick was refused before the end.
-    if len(ticks) < 2:
+        end = None  # A step was refused before the end.
+    if len(n_steps) < 2:
         return None
-    records = np.frombuffer(b"".join(ticks), dtype)
+    records = np.frombuffer(b"".join(n_steps), dtype)
     befell = next((content for kind, content in reversed(frames) if kind == DISTURBED), None)
     if end is None and befell is not None:
         attributes = attributes | {schema.DISTURBANCES: befell.decode("ascii")}
     if version == 2:
-        # Of the tick that was going on, its phase is known: whether a disturbance was over.
+        # Of the step that was going on, its phase is known: whether a disturbance was over.
         phases = records["phase"][: None if end is None else -1]
         attributes = from_2(attributes if end is not None else attributes | {schema.STOPPED_BY: stopped_by}, phases)
     episode = _episode(attributes, records, header["joints"])
@@ -130,9 +130,9 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
 
 
 def _episode(attributes: Mapping[str, Attribute], records: NDArray[Any], joints: list[float]) -> Episode:
-    """The last record is the state after the last tick."""
+    """The last record is the state after the last step."""
     observations, truths = _observations(records), _truths(records)
-    episode = without_ticks(attributes, observations[-1], truths[-1])
+    episode = without_steps(attributes, observations[-1], truths[-1])
     told = set(records.dtype.names or ()) >= {*TOLD_BY_FEW}
     steps = tuple(
         Step(

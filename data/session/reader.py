@@ -57,8 +57,8 @@ class Session(Sequence[Episode]):
 
     task: RobotName
     cloth: str
-    tick_s: float
-    """Simulated seconds of one tick."""
+    step_s: float
+    """Simulated seconds of one step."""
     descriptor: str
     """What Observation.word was computed by."""
 
@@ -108,19 +108,19 @@ class Session(Sequence[Episode]):
             self._demo(name)
         return EpisodeView(self, tuple(names), images=images)
 
-    def array(self, name: str, key: str, ticks: slice = slice(None)) -> NDArray[Any]:
-        """Rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only those ticks are read."""
+    def array(self, name: str, key: str, n_steps: slice = slice(None)) -> NDArray[Any]:
+        """Rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only those steps are read."""
         with attribute_error_to(self._demo(name).file):
-            return read_rows(self.group(name), key, ticks)
+            return read_rows(self.group(name), key, n_steps)
 
     def arrays(self, keys: Sequence[str], names: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
-        """For learning: ``{key: (T, ...)}``, the ticks of these episodes (all by default) one after another.
+        """For learning: ``{key: (T, ...)}``, the steps of these episodes (all by default) one after another.
 
-        Keys are data sets with one row per tick (``obs/word``, ``next_obs/contact_portion``, ``action_m``, ``states``).
-        Always there: ``episode`` (T,), position in ``names``, and ``tick`` (T,) within the episode.
+        Keys are data sets with one row per step (``obs/word``, ``next_obs/contact_portion``, ``action_m``, ``states``).
+        Always there: ``episode`` (T,), position in ``names``, and ``step`` (T,) within the episode.
         """
         chosen = self.names if names is None else tuple(names)
-        lengths = [self.info(name).ticks for name in chosen]
+        lengths = [self.info(name).n_steps for name in chosen]
         return stacked(keys, lengths, (partial(self.array, name) for name in chosen))
 
     def select(self, *, outcome: Outcome | None = None, source: str | None = None) -> tuple[str, ...]:
@@ -241,21 +241,21 @@ class Session(Sequence[Episode]):
                 lines = {name: _checked_line(data, name, size) for name in names}
             for name, line in lines.items():
                 info = line.info
-                if (info.task, info.cloth, info.tick_s, info.descriptor) != self._agreed:
-                    raise DataError(f"/{schema.DATA}/{name} is not of the session's task, cloth, tick and descriptor")
+                if (info.task, info.cloth, info.step_s, info.descriptor) != self._agreed:
+                    raise DataError(f"/{schema.DATA}/{name} is not of the session's task, cloth, step and descriptor")
                 if info.uid not in skip:
                     demo = _Demo(opened=opened, key=name, file=file, line=line, checked=not indexed)
                     self._demos[self._free(name)] = demo
-            ticks = sum(line.info.ticks for line in lines.values())
-            if ticks != session[schema.TOTAL]:
-                raise DataError(f"attribute {schema.TOTAL} is {session[schema.TOTAL]}; its demos have {ticks} ticks")
+            n_steps = sum(line.info.n_steps for line in lines.values())
+            if n_steps != session[schema.TOTAL]:
+                raise DataError(f"attribute {schema.TOTAL} is {session[schema.TOTAL]}; its demos have {n_steps} steps")
             return indexed
 
     def _agree(self, session: dict[str, Attribute]) -> None:
         agreed = tuple(session[key] for key in AGREED)
         if not hasattr(self, "task"):
             self.task, self.cloth = cast(RobotName, agreed[0]), str(agreed[1])
-            self.tick_s, self.descriptor = float(agreed[2]), str(agreed[3])
+            self.step_s, self.descriptor = float(agreed[2]), str(agreed[3])
         elif agreed != self._agreed:
             raise DataError(
                 f"belongs to another session ({_described(agreed)}, not {_described(self._agreed)}); move it elsewhere"
@@ -264,7 +264,7 @@ class Session(Sequence[Episode]):
     @property
     def _agreed(self) -> tuple[Attribute, ...]:
         """In the order of AGREED."""
-        return self.task, self.cloth, self.tick_s, self.descriptor
+        return self.task, self.cloth, self.step_s, self.descriptor
 
     def _free(self, name: str) -> str:
         if name not in self._demos:
@@ -316,5 +316,5 @@ def _checked_line(data: h5py.Group, name: str, file_bytes: int) -> IndexLine:
 
 
 def _described(agreed: Sequence[object]) -> str:
-    task, cloth, tick_s, descriptor = agreed
-    return f"task {task}, cloth {cloth}, tick {tick_s} s, descriptor {descriptor}"
+    task, cloth, step_s, descriptor = agreed
+    return f"task {task}, cloth {cloth}, step {step_s} s, descriptor {descriptor}"

@@ -47,14 +47,14 @@ class SavedEpisode:
     """demo_<int>: its name in the session."""
     path: Path
     """The session's file."""
-    ticks: int
+    n_steps: int
     size_bytes: int
     outcome: Outcome
     contact_final: float
 
 
 class SessionRecorder:
-    """The one writer of a session. Appends where the file is there and agrees in task, cloth, tick and descriptor."""
+    """The one writer of a session. Appends where the file is there and agrees in task, cloth, step and descriptor."""
 
     def __init__(
         self, path: str | Path, *, task: RobotName, cloth: str, keep_images: bool = False, descriptor: str | None = None
@@ -76,7 +76,7 @@ class SessionRecorder:
         self._next = 0
         self._uids: set[str] = set()
         self._running: list[EpisodeWriter] = []
-        self._tick_s: float | None = None
+        self._step_s: float | None = None
         self._closed = False
         with writing(self.path):
             self._real = self.path.resolve()
@@ -103,7 +103,7 @@ class SessionRecorder:
     def begin(self, beginning: Episode) -> EpisodeWriter:
         """Record an episode while it runs in this process.
 
-        ``beginning`` is the episode as far as it is known: without ticks, its final observation being the first.
+        ``beginning`` is the episode as far as it is known: without steps, its final observation being the first.
         """
         self._check_open()
         self._check_fits(beginning)
@@ -168,7 +168,7 @@ class SessionRecorder:
                 there, wanted = getattr(session, key), getattr(self, key)
                 if wanted is not None and there != wanted:
                     raise DataError(f"{self.path} holds episodes with {key} {there}, not {wanted}; choose another file")
-            self._tick_s, self.descriptor = session.tick_s, session.descriptor
+            self._step_s, self.descriptor = session.step_s, session.descriptor
             self._next = 1 + max((schema.demo_number(name) for name in session.names), default=-1)
             self._uids = {info.uid for info in session.infos().values()}
 
@@ -205,7 +205,7 @@ class SessionRecorder:
             fsync_write(self._parts / f"{name}.h5", image)
         self._next += 1
         self._uids.add(uid)
-        self._tick_s, self.descriptor = episode.tick_s, episode.descriptor
+        self._step_s, self.descriptor = episode.step_s, episode.descriptor
         # The episode is safe already; should there be no room to assemble, its part stays until there is.
         with contextlib.suppress(DataError, OSError):
             if self._worth_assembling():
@@ -213,7 +213,7 @@ class SessionRecorder:
         return SavedEpisode(
             name=name,
             path=self.path,
-            ticks=len(episode.steps),
+            n_steps=len(episode.steps),
             size_bytes=len(image),
             outcome=episode.outcome,
             contact_final=episode.final_observation.contact_portion,
@@ -228,12 +228,12 @@ class SessionRecorder:
             ("task", self.task, episode.task),
             ("cloth", self.cloth, episode.cloth),
             ("descriptor", self.descriptor, episode.descriptor),
-            ("tick_s", self._tick_s, episode.tick_s),
+            ("step_s", self._step_s, episode.step_s),
         ):
             if wanted is not None and got != wanted:
                 raise DataError(f"the episode's {key} is {got}; all episodes of {self.path} have {wanted}")
-        if not episode.tick_s > 0:
-            raise DataError(f"the episode's tick_s is {episode.tick_s}; it must be above 0")
+        if not episode.step_s > 0:
+            raise DataError(f"the episode's step_s is {episode.step_s}; it must be above 0")
 
     def _worth_assembling(self) -> bool:
         """When the parts weigh as much as the file: so that all copying together stays in proportion to the data."""

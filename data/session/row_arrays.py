@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from layflat.data.format import schema
 from layflat.data.types import DataError
 
-PER_TICK = {field.key: field for field in schema.FIELDS if field.shape[0] == "N"}
-"""Data sets with one row per tick."""
+PER_STEP = {field.key: field for field in schema.FIELDS if field.shape[0] == "N"}
+"""Data sets with one row per step."""
 MAY_BE_UNKNOWN = (schema.ACTION_STD, schema.PULL_TARGET, schema.HAND)
 """NaN there says that there is none."""
 
 
-def read_rows(group: h5py.Group, key: str, ticks: slice) -> NDArray[Any]:
-    """Rows ``ticks`` of a data set of a checked demo; all of it where it has no row per tick."""
+def read_rows(group: h5py.Group, key: str, n_steps: slice) -> NDArray[Any]:
+    """Rows ``steps`` of a data set of a checked demo; all of it where it has no row per step."""
     field = next((field for field in schema.FIELDS if field.key == key), None)
     if field is None:
         raise DataError(
@@ -27,10 +27,10 @@ def read_rows(group: h5py.Group, key: str, ticks: slice) -> NDArray[Any]:
         )
     if key not in group and field.absent is not None:
         shape = (len(group[schema.PHASE]), *(n for n in field.shape[1:] if isinstance(n, int)))
-        return np.full(shape, field.absent, field.dtype)[ticks]
+        return np.full(shape, field.absent, field.dtype)[n_steps]
     if key not in group:
         raise DataError(f"{group.name} was recorded without {key}")
-    rows: NDArray[Any] = group[key][ticks]
+    rows: NDArray[Any] = group[key][n_steps]
     if rows.dtype.kind == "f" and key not in MAY_BE_UNKNOWN and not np.isfinite(rows).all():
         raise DataError(f"{group.name}/{key} holds a value that is not finite")
     return rows
@@ -41,18 +41,18 @@ def stacked(
 ) -> dict[str, NDArray[Any]]:
     """Rows of episodes of these lengths one after another; ``readers`` read a key of one episode each."""
     for key in keys:
-        if key not in PER_TICK:
-            raise DataError(f"{key!r} has no row per tick; those that have are {', '.join(PER_TICK)}")
+        if key not in PER_STEP:
+            raise DataError(f"{key!r} has no row per step; those that have are {', '.join(PER_STEP)}")
     found: dict[str, NDArray[Any]] = {
         "episode": np.repeat(np.arange(len(lengths)), lengths),
-        "tick": np.concatenate([np.arange(length) for length in lengths] or [np.zeros(0, int)]),
+        "step": np.concatenate([np.arange(length) for length in lengths] or [np.zeros(0, int)]),
     }
     start = 0
     for length, read in zip(lengths, readers, strict=True):
         for key in keys:
             rows = read(key)
             if key not in found:
-                found[key] = np.empty((len(found["tick"]), *rows.shape[1:]), rows.dtype)
+                found[key] = np.empty((len(found["step"]), *rows.shape[1:]), rows.dtype)
             whole = found[key]
             if whole.shape[1:] != rows.shape[1:]:
                 raise DataError(f"{key} has rows of {rows.shape[1:]} here and of {whole.shape[1:]} in others")

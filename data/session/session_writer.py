@@ -56,7 +56,7 @@ class SessionFile:
     def finish(self) -> None:
         """Totals, masks and index; call once, after the last demo."""
         lines = self._there | self._lines
-        self._data.attrs[schema.TOTAL] = sum(line.info.ticks for line in lines.values())
+        self._data.attrs[schema.TOTAL] = sum(line.info.n_steps for line in lines.values())
         write_masks(self._file, masks_of({name: line.info.outcome for name, line in lines.items()}))
         if not self._indexed and schema.INDEX in self._file:
             del self._file[schema.INDEX]

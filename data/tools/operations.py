@@ -28,7 +28,7 @@ from layflat.data.types import DataError, Episode, disturbances_within
 
 
 def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:
-    """All episodes of sessions that agree in task, cloth, tick and descriptor, in order; their names in ``target``.
+    """All episodes of sessions that agree in task, cloth, step and descriptor, in order; their names in ``target``.
 
     They are numbered anew; an episode that is in several of the files is taken once. Users' masks are carried over.
     """
@@ -106,7 +106,7 @@ def filter_session(
 ) -> tuple[str, ...]:
     """Episodes that meet all conditions (None: any), under the names that they had; their names.
 
-    ``length`` in ticks and ``final_contact`` in 0..1, as the camera saw it, are least and greatest allowed values.
+    ``length`` in steps and ``final_contact`` in 0..1, as the camera saw it, are least and greatest allowed values.
     """
     with open_session(path) as session:
         unknown = set(names or ()) - set(session.names)
@@ -119,7 +119,7 @@ def filter_session(
             and success in (None, info.success)
             and source in (None, info.source)
             and cloth in (None, info.cloth)
-            and _within(info.ticks, length)
+            and _within(info.n_steps, length)
             and _within(info.contact_final, final_contact)
         )
         if not chosen:
@@ -130,9 +130,9 @@ def filter_session(
 
 
 def trim(path: str | Path, target: str | Path, *, name: str, start: int, stop: int, force: bool = False) -> DemoInfo:
-    """The session with one episode cut to its ticks ``start`` to ``stop - 1``; what is known of that one now.
+    """The session with one episode cut to its steps ``start`` to ``stop - 1``; what is known of that one now.
 
-    It gets a uid of its own, since it is no longer the recording; ``first_tick`` says how many ticks are missing before
+    It gets a uid of its own, since it is no longer the recording; ``first_step`` says how many steps are missing before
     it. Without its end its outcome is ``partial`` and it was ``interrupted``.
     """
     with open_session(path) as session:
@@ -149,17 +149,17 @@ def trim(path: str | Path, target: str | Path, *, name: str, start: int, stop: i
 
 
 def trimmed(episode: Episode, start: int, stop: int) -> Episode:
-    """The ticks ``start`` to ``stop - 1`` of an episode."""
-    ticks = len(episode.steps)
-    if not 0 <= start < stop <= ticks:
-        raise DataError(f"ticks {start} to {stop} cannot be kept; the episode has ticks 0 to {ticks}")
+    """The steps ``start`` to ``stop - 1`` of an episode."""
+    n_steps = len(episode.steps)
+    if not 0 <= start < stop <= n_steps:
+        raise DataError(f"steps {start} to {stop} cannot be kept; the episode has steps 0 to {n_steps}")
     cut = replace(
         episode,
         steps=episode.steps[start:stop],
-        first_tick=episode.first_tick + start,
+        first_step=episode.first_step + start,
         disturbances=disturbances_within(episode.disturbances, start, stop),
     )
-    if stop == ticks:
+    if stop == n_steps:
         return cut
     after = episode.steps[stop]
     return replace(

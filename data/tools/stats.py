@@ -10,13 +10,13 @@ import numpy as np
 
 from layflat.data.format.schema import DEPTH, NEXT_OBS, RGB
 from layflat.data.session.reader import Session
-from layflat.data.session.row_arrays import PER_TICK
+from layflat.data.session.row_arrays import PER_STEP
 from layflat.data.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnStats:
-    """Of one data set, over all ticks of all episodes; each array has one value per column."""
+    """Of one data set, over all steps of all episodes; each array has one value per column."""
 
     unit: str
     count: int
@@ -32,18 +32,18 @@ class SessionStats:
     """What a session holds, in numbers."""
 
     episodes: int
-    ticks: int
+    n_steps: int
     outcomes: Mapping[str, int]
     sources: Mapping[str, int]
     disturbances: Mapping[str, int]
     lengths: FloatArray
-    """(E,) ticks of each episode, in the order of their names; so are the following."""
+    """(E,) steps of each episode, in the order of their names; so are the following."""
     contact_start: FloatArray
     contact_final: FloatArray
     contact_true_final: FloatArray
     flat_area_final: FloatArray
     columns: Mapping[str, ColumnStats]
-    """By data set: those with numbers per tick, without images and ``next_obs``."""
+    """By data set: those with numbers per step, without images and ``next_obs``."""
 
 
 def session_stats(session: Session, *, columns: bool = True) -> SessionStats:
@@ -55,11 +55,11 @@ def session_stats(session: Session, *, columns: bool = True) -> SessionStats:
 
     return SessionStats(
         episodes=len(infos),
-        ticks=sum(info.ticks for info in infos),
+        n_steps=sum(info.n_steps for info in infos),
         outcomes=Counter(info.outcome for info in infos),
         sources=Counter(info.source for info in infos),
         disturbances=Counter(info.disturbance for info in infos),
-        lengths=each("ticks"),
+        lengths=each("steps"),
         contact_start=each("contact_start"),
         contact_final=each("contact_final"),
         contact_true_final=each("contact_true_final"),
@@ -69,9 +69,9 @@ def session_stats(session: Session, *, columns: bool = True) -> SessionStats:
 
 
 def column_stats(session: Session) -> dict[str, ColumnStats]:
-    """Of all data sets that have numbers per tick, without images and ``next_obs``."""
+    """Of all data sets that have numbers per step, without images and ``next_obs``."""
     running: dict[str, _Running] = {}
-    for key, field in PER_TICK.items():
+    for key, field in PER_STEP.items():
         if np.dtype(field.dtype).kind in "Si" or key.startswith(NEXT_OBS) or key.endswith((f"/{RGB}", f"/{DEPTH}")):
             continue
         if field.absent is not None and not any(key in session.group(name) for name in session.names):

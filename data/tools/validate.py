@@ -108,11 +108,11 @@ def _inspect_session(
 ) -> None:
     """What lies between the demos; only where all of them could be read is a total of use."""
     complete = len(infos) == len(file[schema.DATA])
-    ticks = sum(info.ticks for info in infos.values())
-    if complete and ticks != session[schema.TOTAL]:
-        sentence = f"is {session[schema.TOTAL]}; the demos have {ticks} ticks together"
+    n_steps = sum(info.n_steps for info in infos.values())
+    if complete and n_steps != session[schema.TOTAL]:
+        sentence = f"is {session[schema.TOTAL]}; the demos have {n_steps} steps together"
         found.append(Violation(path=f"/{schema.DATA}@{schema.TOTAL}", sentence=sentence))
-    agreed = (schema.TASK, schema.CLOTH, schema.TICK_S, schema.DESCRIPTOR)
+    agreed = (schema.TASK, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
     for name, info in infos.items():
         for key in agreed:
             if getattr(info, key) != session[key]:

@@ -67,8 +67,8 @@ class DmpModel(TrainedModel):
 
     @property
     def step_u(self) -> float:
-        """What a tick is of the duration."""
-        return self.tick_s / self.duration_s
+        """What a step is of the duration."""
+        return self.step_s / self.duration_s
 
 
 @dataclass(frozen=True, kw_only=True)

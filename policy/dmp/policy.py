@@ -47,7 +47,7 @@ class DmpPolicy:
             self._motion: Motion = at_rest(self._start)
             self._commanded = self._start
         self._motion = advanced(self._motion, model.step_u, self._start, model.goal, model.weights)
-        # What the limit cuts off is made up for in the next ticks.
+        # What the limit cuts off is made up for in the next steps.
         action = np.clip(self._motion.position - self._commanded, -limit, limit)
         stop = self._stop.update(observation, action)
         if stop is not None:
@@ -72,8 +72,8 @@ def fit(
     """
     taught = build_training_set(episodes, layout)
     ways = [_way(episode, layout) for episode in episodes]
-    tick_s = taught.episodes[0].tick_s
-    goal, weights, duration_s = _learned(ways, tick_s)
+    step_s = taught.episodes[0].step_s
+    goal, weights, duration_s = _learned(ways, step_s)
     if progress is not None:
         progress(1, 1, f"{len(ways)} ways of {duration_s:.1f} s on average")
     return DmpModel(
@@ -81,22 +81,22 @@ def fit(
         goal=goal,
         weights=weights,
         duration_s=duration_s,
-        heldout_rmse_m=_held_out(episodes, ways, tick_s),
+        heldout_rmse_m=_held_out(episodes, ways, step_s),
     )
 
 
 def _way(episode: Episode, layout: FeatureLayout) -> FloatArray:
-    """(T + 1, A) m: where the holder was before each tick of placing, and after the last."""
+    """(T + 1, A) m: where the holder was before each step of placing, and after the last."""
     placed = [step for step in episode.steps if step.phase == "place"]
     if len(placed) < 2:
         raise PolicyError(
-            f"the demonstration of seed {episode.seed} holds {len(placed)} ticks of placing; 2 are needed"
+            f"the demonstration of seed {episode.seed} holds {len(placed)} steps of placing; 2 are needed"
         )
     after = [step.observation for step in episode.steps[len(placed) :]] or [episode.final_observation]
     return np.vstack([layout.matrix(placed), layout.vector(after[0])])
 
 
-def _learned(ways: Sequence[FloatArray], tick_s: float) -> tuple[FloatArray, FloatArray, float]:
+def _learned(ways: Sequence[FloatArray], step_s: float) -> tuple[FloatArray, FloatArray, float]:
     """Goal, weights and duration of what these ways have in common."""
     axes = ways[0].shape[1]
     responses, rests = [], []
@@ -113,17 +113,17 @@ def _learned(ways: Sequence[FloatArray], tick_s: float) -> tuple[FloatArray, Flo
     # In rows, as a file gives it back: sums of a transposed array differ in the last bit.
     weights: FloatArray = np.ascontiguousarray(np.linalg.solve(gram, response.T @ rest).T)
     goal = np.mean([way[-1] for way in ways], axis=0)
-    return goal, weights, tick_s * float(np.mean([len(way) - 1 for way in ways]))
+    return goal, weights, step_s * float(np.mean([len(way) - 1 for way in ways]))
 
 
-def _held_out(episodes: Sequence[Episode], ways: Sequence[FloatArray], tick_s: float) -> tuple[float, ...] | None:
-    """(A,) m per tick: error of the moves from a demonstration's own start, by a primitive learned from the others."""
+def _held_out(episodes: Sequence[Episode], ways: Sequence[FloatArray], step_s: float) -> tuple[float, ...] | None:
+    """(A,) m per step: error of the moves from a demonstration's own start, by a primitive learned from the others."""
     if len(ways) < 2:
         return None
     errors = []
     for k, (episode, way) in enumerate(zip(episodes, ways, strict=True)):
-        goal, weights, duration_s = _learned([*ways[:k], *ways[k + 1 :]], tick_s)
+        goal, weights, duration_s = _learned([*ways[:k], *ways[k + 1 :]], step_s)
         steps = len(way) - 1
-        moved = np.diff(path(way[0], goal, weights, step_u=tick_s / duration_s, steps=steps), axis=0)
+        moved = np.diff(path(way[0], goal, weights, step_u=step_s / duration_s, steps=steps), axis=0)
         errors.append(actions_of(episode.steps[:steps]) - moved)
     return tuple(float(value) for value in np.sqrt((np.vstack(errors) ** 2).mean(axis=0)))

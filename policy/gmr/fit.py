@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 MAX_COMPONENTS = 20
 POINTS_PER_COMPONENT = 20
-"""At least so many ticks for each component on average; with fewer it would describe single moves."""
+"""At least so many steps for each component on average; with fewer it would describe single moves."""
 REGULARISATION = 1e-4
-"""Added to the variances, in scaled units: 0.1 mm a tick, 1 mm, 0.002 of contact. Keeps a component from collapsing on
+"""Added to the variances, in scaled units: 0.1 mm a step, 1 mm, 0.002 of contact. Keeps a component from collapsing on
 columns that never move, such as the y of symmetrical pickers."""
 STARTS = 2
 MAX_ITERATIONS = 500
@@ -39,7 +39,7 @@ def fit(
     provenance: Provenance | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> GmrModel:
-    """Learn from whole demonstrations, all of one task, cloth and tick; ticks of phase ``disturb`` are left out."""
+    """Learn from whole demonstrations, all of one task, cloth and step; steps of phase ``disturb`` are left out."""
     taught = build_training_set(episodes, layout)
     joint = _joint(taught.inputs, taught.targets, layout)
     most = min(MAX_COMPONENTS, max(1, len(joint) // POINTS_PER_COMPONENT))
@@ -62,7 +62,7 @@ def mixture_of(joint: FloatArray, components: int, seed: int) -> GaussianMixture
         components, reg_covar=REGULARISATION, n_init=STARTS, max_iter=MAX_ITERATIONS, random_state=seed
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # identical ticks make fewer clusters than asked for
+        warnings.simplefilter("ignore", ConvergenceWarning)  # identical steps make fewer clusters than asked for
         return mixture.fit(joint)
 
 

@@ -58,7 +58,7 @@ class GmrModel(RegressionModel):
     input_scale: FloatArray
     """(D,) what each column is divided by."""
     output_scale_m: float
-    """What 1 means in the outputs, in m per tick."""
+    """What 1 means in the outputs, in m per step."""
     weights: FloatArray
     """(K,) above 0, sum 1."""
     means: FloatArray
@@ -78,7 +78,7 @@ class GmrModel(RegressionModel):
             raise PolicyError(f"weights sum to {self.weights.sum():g}; they must be above 0 and sum to 1")
         self._above_zero("output_scale_m")
         super().__post_init__()
-        self._components  # noqa: B018  a covariance that is none is refused here, not in the first tick
+        self._components  # noqa: B018  a covariance that is none is refused here, not in the first step
 
     @property
     def points(self) -> int:

@@ -22,23 +22,23 @@ from layflat.policy.features import FeatureLayout
 from layflat.policy.gp import init, sparse
 from layflat.policy.gp.kernel import Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
-from layflat.policy.trained_model import STOP_THRESHOLD_M, STOP_TICKS
+from layflat.policy.trained_model import STOP_STEPS, STOP_THRESHOLD_M
 from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, build_training_set
 
 LENGTH_SCALE_BOUNDS = (0.1, 5.0)
 """In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
-table; below, it would remember ticks instead of learning from them."""
+table; below, it would remember steps instead of learning from them."""
 VARIANCE_BOUNDS = (0.01, 25.0)
-"""Prior deviation of 1 mm to 50 mm a tick."""
+"""Prior deviation of 1 mm to 50 mm a step."""
 NOISE_BOUNDS = (1e-4, 0.25)
-"""Deviation of 0.1 mm to 5 mm a tick: less than the first no hand achieves, and more would drown the slowest move."""
+"""Deviation of 0.1 mm to 5 mm a step: less than the first no hand achieves, and more would drown the slowest move."""
 
 MAX_POINTS = 2000
-"""Training costs N^3 and a tick N^2; with more ticks the sparse form takes over, in which both cost N once."""
+"""Training costs N^3 and a step N^2; with more steps the sparse form takes over, in which both cost N once."""
 INDUCING_POINTS = 300
-"""Of the sparse form; on ten demonstrations (766 ticks) its moves are within 1.3 % of the full form's (rms)."""
+"""Of the sparse form; on ten demonstrations (766 steps) its moves are within 1.3 % of the full form's (rms)."""
 LIKELIHOOD_POINTS = 1000
-"""Hyperparameters of the full form are learned from at most so many ticks, thinned evenly; the rest are kept all."""
+"""Hyperparameters of the full form are learned from at most so many steps, thinned evenly; the rest are kept all."""
 START_POINTS = 300
 """So many are enough to say where the optimiser should begin."""
 MAX_ITERATIONS = 200
@@ -58,9 +58,9 @@ class FitOptions:
     max_points: int = MAX_POINTS
     inducing_points: int = INDUCING_POINTS
     stop_threshold_m: float = STOP_THRESHOLD_M
-    stop_ticks: int = STOP_TICKS
+    stop_steps: int = STOP_STEPS
     intervention_weight: int = 1
-    """How often each tick counts in which a person corrected a policy: 4 is as if it had been shown four times."""
+    """How often each step counts in which a person corrected a policy: 4 is as if it had been shown four times."""
 
     def __post_init__(self) -> None:
         least = {"starts": 1, "max_points": MIN_POINTS, "inducing_points": MIN_POINTS, "intervention_weight": 1}
@@ -79,7 +79,7 @@ def fit(
     provenance: Provenance | None = None,
     progress: Progress | None = None,
 ) -> GpModel:
-    """Learn from whole demonstrations, all of one task, cloth and tick; ticks of phase ``disturb`` are left out.
+    """Learn from whole demonstrations, all of one task, cloth and step; steps of phase ``disturb`` are left out.
 
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
     """
@@ -119,7 +119,7 @@ def fit(
         output_scale_m=OUTPUT_SCALE_M,
         hyper=hyper,
         stop_threshold_m=options.stop_threshold_m,
-        stop_ticks=options.stop_ticks,
+        stop_steps=options.stop_steps,
         heldout_rmse_m=None if alone else tuple(OUTPUT_SCALE_M * np.sqrt((errors**2).mean(axis=0))),
     )
 
@@ -154,7 +154,7 @@ def fit_hyperparameters(
         if progress is not None:
             name = names[a] if a < len(names) else f"output {a}"
             noise_mm = 1000 * OUTPUT_SCALE_M * math.sqrt(found[-1][2])
-            progress(a + 1, outputs, f"{name}: noise {noise_mm:.2f} mm a tick")
+            progress(a + 1, outputs, f"{name}: noise {noise_mm:.2f} mm a step")
     return Hyperparameters(
         kernel="se-ard" if ard else "se",
         length_scales=np.array([np.broadcast_to(length, size) for length, _, _ in found]),

@@ -42,10 +42,10 @@ class GpModel(RegressionModel):
     alpha: FloatArray
     """(A, N) weights of Eq. 4-5, in units of output_scale_m."""
     output_scale_m: float
-    """What 1 means in the processes' outputs, in m per tick."""
+    """What 1 means in the processes' outputs, in m per step."""
     hyper: Hyperparameters
     inner: FloatArray | None = None
-    """(A, M, M) L_B of the sparse form, see ``gp_sparse``; None: each tick is a point of its own."""
+    """(A, M, M) L_B of the sparse form, see ``gp_sparse``; None: each step is a point of its own."""
 
     def __post_init__(self) -> None:
         outputs = action_size(self.layout.task)
@@ -114,7 +114,7 @@ class GpModel(RegressionModel):
         )
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (M, A) each, in m per tick, for (M, D) inputs in natural units.
+        """Mean and standard deviation, (M, A) each, in m per step, for (M, D) inputs in natural units.
 
         The deviation includes the noise: it is that of what the demonstrator would do, as GPy's ``predict`` has it.
         """

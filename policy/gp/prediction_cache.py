@@ -1,10 +1,10 @@
-"""Predicting from factors that are computed once: what a tick of the closed loop costs is two products and no solve.
+"""Predicting from factors that are computed once: what a step of the closed loop costs is two products and no solve.
 
 For each output the inverse F of the lower factor of K + noise I is kept, so that with k = k(X, x*)
 
     mean = alpha^T k        var = variance - |F k|^2 + noise
 
-F is as large as K, but only half of it is read, and that once a tick: at some hundred points memory is the limit, not
+F is as large as K, but only half of it is read, and that once a step: at some hundred points memory is the limit, not
 arithmetic. (K + noise I)^-1 itself, as GPy keeps it, would be no cheaper, and loses the small deviations near the
 demonstrations to rounding: its condition is the square of F's.
 """
@@ -38,7 +38,7 @@ class PredictionCache:
     known: Sequence[FloatArray]
     """A times (N, N), lower, in columns: |F k|^2 is what the points take off the variance."""
     unknown: Sequence[FloatArray] | None = None
-    """Of the sparse form, the same: |F k|^2 is what the inducing points do not know of the ticks, and is added back."""
+    """Of the sparse form, the same: |F k|^2 is what the inducing points do not know of the steps, and is added back."""
 
     def predict(self, scaled: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, (M, A) each, for scaled inputs (M, D)."""
@@ -51,7 +51,7 @@ class PredictionCache:
         return mean, np.sqrt(np.maximum(variance, 0.0) + self.noise)
 
     def _at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(A,) mean and variance of the processes at one (D,): the tick of a closed loop."""
+        """(A,) mean and variance of the processes at one (D,): the step of a closed loop."""
         cross = self._cross(point)
         variance = self.variance - _squares(self.known, cross)
         if self.unknown is not None:

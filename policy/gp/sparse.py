@@ -1,12 +1,12 @@
-"""The sparse form of a Gaussian process, for more ticks than the full one can hold: what M inducing points know of N.
+"""The sparse form of a Gaussian process, for more steps than the full one can hold: what M inducing points know of N.
 
-Titsias 2009, as GPy's VarDTC. With L the lower factor of K_uu, s^2 the noise and K_uf between inducing points and ticks
+Titsias 2009, as GPy's VarDTC. With L the lower factor of K_uu, s^2 the noise and K_uf between inducing points and steps
 
     A = L^-1 K_uf / s        B = I + A A^T = L_B L_B^T
     alpha = L^-T L_B^-T L_B^-1 A y / s
     mean = k_u^T alpha       var = variance - |L^-1 k_u|^2 + |L_B^-1 L^-1 k_u|^2 + s^2
 
-With every tick an inducing point it is the full process.
+With every step an inducing point it is the full process.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def held_out_errors(
             inner = cholesky(inner, lower=True)
             rest = (power - white[:, own] @ targets[own, a]) / noise_std
             alpha = _solved(inner, rest)
-            # k_u^T L^-T is a tick's own column of A, times s.
+            # k_u^T L^-T is a step's own column of A, times s.
             errors[own, a] = targets[own, a] - noise_std * white[:, own].T @ alpha
     return errors
 

@@ -1,4 +1,4 @@
-"""Nearest neighbour: does what the demonstrator did in the most similar tick. The floor that learning has to beat."""
+"""Nearest neighbour: does what the demonstrator did in the most similar step. The floor that learning has to beat."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEAST_STD_M = 1e-4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NearestModel(RegressionModel):
-    """All demonstrated ticks."""
+    """All demonstrated steps."""
 
     FORMAT: ClassVar[str] = "layflat-nearest"
     ARRAYS: ClassVar[tuple[str, ...]] = ("inputs", "input_scale", "actions")
@@ -34,7 +34,7 @@ class NearestModel(RegressionModel):
     input_scale: FloatArray
     """(D,) what each column is divided by before distances are taken."""
     actions: FloatArray
-    """(N, A) m per tick."""
+    """(N, A) m per step."""
 
     def __post_init__(self) -> None:
         freeze(self, "inputs", (None, self.layout.size))
@@ -51,7 +51,7 @@ class NearestModel(RegressionModel):
         return len(self.inputs)
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The nearest tick's action, and the deviation among the NEIGHBOURS nearest; of equals the first."""
+        """The nearest step's action, and the deviation among the NEIGHBOURS nearest; of equals the first."""
         distances = cdist(self._queries(inputs) / self.input_scale, self.inputs / self.input_scale)
         near = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
         return self.actions[near[:, 0]], np.maximum(self.actions[near].std(axis=1), LEAST_STD_M)
@@ -66,7 +66,7 @@ def fit(
     provenance: Provenance | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> NearestModel:
-    """Keep all ticks of the demonstrations."""
+    """Keep all steps of the demonstrations."""
     taught = build_training_set(episodes, layout)
     model = NearestModel(
         **taught.shared(policy, seed, provenance),
@@ -80,5 +80,5 @@ def fit(
 
     model = replace(model, heldout_rmse_m=held_out_rmse(taught, without))
     if progress is not None:
-        progress(1, 1, f"{model.points} ticks kept")
+        progress(1, 1, f"{model.points} steps kept")
     return model

@@ -11,7 +11,7 @@ from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, StopRu
 X_LIMIT_M = 0.75
 """World x at which the camera's view ends."""
 DRAG_M = 0.005
-"""A drag along +x in one tick; well inside the 3..10 mm that the scripted demonstrator uses."""
+"""A drag along +x in one step; well inside the 3..10 mm that the scripted demonstrator uses."""
 FLAT_CONTACT = 0.985
 """Contact portion above which there is nothing left to pull out."""
 
@@ -35,7 +35,7 @@ class ZeroPolicy:
 
 
 class RandomPolicy:
-    """Each axis uniform in +-``limit_m``, drawn anew in each tick; never stops. ``planar``: nothing moves along z."""
+    """Each axis uniform in +-``limit_m``, drawn anew in each step; never stops. ``planar``: nothing moves along z."""
 
     name = "random"
 
@@ -89,7 +89,7 @@ def stretch_right(task: RobotName) -> DragPolicy:
 
 def drag_rule(task: RobotName) -> DragPolicy:
     """Three lines that repair about as well as a GP in the plane: drag +x while contact grows, then stop."""
-    stop = AnyOf(ContactReached(FLAT_CONTACT), NoContactGain(ticks=6), XLimit(X_LIMIT_M))
+    stop = AnyOf(ContactReached(FLAT_CONTACT), NoContactGain(n_steps=6), XLimit(X_LIMIT_M))
     return DragPolicy(task, name="drag-rule", stop=stop)
 
 

@@ -18,7 +18,7 @@ TOUCH_HEIGHT_M = 0.012
 BRAKE_ABOVE_M = 0.06
 DESCEND_STEP_M = 0.010
 TRAIL_STEP_M = (0.012, 0.004)
-"""Forward and down in one tick while the free edge begins to touch."""
+"""Forward and down in one step while the free edge begins to touch."""
 TRAIL_M = 0.05
 """The edge trails once it is this far behind the holder."""
 LAY_STEP_M = 0.012
@@ -37,20 +37,20 @@ ASIDE_X_M = (-0.07, 0.08)
 from one place everything that follows would happen at the same x, so that a learner could not tell what was done
 because of x from what was done because of contact."""
 ASIDE_STEP_M = (0.008, 0.004)
-"""Sideways and down in one tick on the way there."""
-ASIDE_TICKS = 12
+"""Sideways and down in one step on the way there."""
+ASIDE_STEPS = 12
 TREMOR_M = 0.0015
 TREMOR_MEMORY = 0.8
-"""A hand wanders by about 2 mm a tick, for about 5 ticks to the same side; what follows shows how to come back.
+"""A hand wanders by about 2 mm a step, for about 5 steps to the same side; what follows shows how to come back.
 Without it five demonstrations lie on one narrow path, and a policy that leaves it never returns."""
 STEADY_M = 0.10
 HELD_HEIGHT_M = 0.005
 DRAG_STEP_M = (0.004, 0.010)
 DRAG_GAIN_M = 0.06
 FLAT_CONTACT = 0.98
-GAIN_TICKS = 12
+GAIN_STEPS = 12
 DRAG_LIMIT_M = 0.10
-HOLD_TICKS = 12
+HOLD_STEPS = 12
 ALIGN_STEP_M = 0.006
 
 
@@ -84,7 +84,7 @@ class ScriptedDemonstrator:
         self._rng = rng
         self._tremor = np.zeros(2)
         self._aside_x = float(rng.uniform(*ASIDE_X_M))
-        self._aside_ticks = 0
+        self._aside_steps = 0
         self._phase = "aside"
         self.resume()
 
@@ -98,8 +98,8 @@ class ScriptedDemonstrator:
 
     def act(self, observation: Observation) -> Decision:
         if self._phase == "aside":
-            to_go, self._aside_ticks = self._aside_x - float(observation.holder_position[0]), self._aside_ticks + 1
-            if abs(to_go) > ASIDE_STEP_M[0] and self._aside_ticks <= ASIDE_TICKS:
+            to_go, self._aside_steps = self._aside_x - float(observation.holder_position[0]), self._aside_steps + 1
+            if abs(to_go) > ASIDE_STEP_M[0] and self._aside_steps <= ASIDE_STEPS:
                 dx, dz = np.sign(to_go) * ASIDE_STEP_M[0], -ASIDE_STEP_M[1]
                 return self._decide(observation, float(dx), dz, "going to where the descent begins")
             self._phase = "descend"
@@ -148,7 +148,7 @@ class ScriptedDemonstrator:
             self._best, self._since_gain = contact, 0
         else:
             self._since_gain += 1
-        if contact >= FLAT_CONTACT or self._since_gain >= GAIN_TICKS or x - self._drag_from_x > DRAG_LIMIT_M:
+        if contact >= FLAT_CONTACT or self._since_gain >= GAIN_STEPS or x - self._drag_from_x > DRAG_LIMIT_M:
             self._phase = "hold"
             return self._hold(observation)
         dx = float(np.clip(DRAG_GAIN_M * (1.0 - contact), *DRAG_STEP_M))
@@ -156,7 +156,7 @@ class ScriptedDemonstrator:
 
     def _hold(self, observation: Observation) -> Decision:
         self._held += 1
-        done = self._held > HOLD_TICKS
+        done = self._held > HOLD_STEPS
         zeros = np.zeros(action_size(self.task))
         return Decision(action=zeros, stop="converged" if done else None, reason="flat" if done else "holding")
 

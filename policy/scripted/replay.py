@@ -11,7 +11,7 @@ from layflat.policy.base import Decision
 class ReplayPolicy:
     """The actions of an episode in their order, whatever is seen; stops after the last.
 
-    The ticks of a disturbance are not among them: nobody decides there.
+    The steps of a disturbance are not among them: nobody decides there.
     """
 
     def __init__(self, episode: Episode) -> None:
@@ -28,7 +28,7 @@ class ReplayPolicy:
 
     def act(self, observation: Observation) -> Decision:
         if self._next >= len(self._steps):
-            return Decision(action=np.zeros(action_size(self.task)), stop="tick_limit", reason="the recording is over")
+            return Decision(action=np.zeros(action_size(self.task)), stop="step_limit", reason="the recording is over")
         self._next += 1
         step = self._steps[self._next - 1]
         return Decision(action=step.action, hand=step.hand_m, reason="as recorded")

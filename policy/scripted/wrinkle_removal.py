@@ -15,13 +15,13 @@ from layflat.policy.scripted.baselines import X_LIMIT_M, DragPolicy, RandomPolic
 from layflat.policy.stopping import AnyOf, ContactReached, StopRule, XLimit
 
 STEP_M = 0.010
-"""What a picker moves in one tick."""
+"""What a picker moves in one step."""
 FLAT_CONTACT = 0.99
-FLAT_TICKS = 6
+FLAT_STEPS = 6
 """Algorithm 2 goes on while contact is below 100 %, of which the camera's noise takes some tenths of a percent. Here it
-ends when the camera has said 99 % for six ticks: a taut cloth seemed to be full while a wrinkle was left."""
-TICKS = 60
-"""Ticks after which an episode of any controller ends."""
+ends when the camera has said 99 % for six steps: a taut cloth seemed to be full while a wrinkle was left."""
+STEPS = 60
+"""Steps after which an episode of any controller ends."""
 
 
 class WordFlatten:
@@ -61,7 +61,7 @@ class WordFlatten:
 
 
 def _flat_or_out_of_view() -> StopRule:
-    return AnyOf(ContactReached(FLAT_CONTACT, ticks=FLAT_TICKS), XLimit(X_LIMIT_M))
+    return AnyOf(ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS), XLimit(X_LIMIT_M))
 
 
 def _stretch_right() -> Policy:

@@ -12,27 +12,27 @@ from collections.abc import Iterator
 import numpy as np
 
 from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, RobotName
-from layflat.policy.base import Decision, Policy, extra_ticks
+from layflat.policy.base import Decision, Policy, extra_steps
 
 TRIES = 4
 """Times that the cloth is turned or lifted before the policy's stop is accepted."""
 FLAT_CONTACT = 0.97
-PLATEAU_TICKS = 24
-"""Contact is compared between the two halves of so many ticks; in a single tick its noise is 0.01."""
+PLATEAU_STEPS = 24
+"""Contact is compared between the two halves of so many steps; in a single step its noise is 0.01."""
 PLATEAU_GAIN = 0.005
 PLATEAU_FROM = 0.3
-SMOOTH_TICKS = 10
+SMOOTH_STEPS = 10
 SMOOTH_STRENGTH = 0.012
 """Where cloth is missing and no wrinkle is seen (mean strength of WORD below this), so long a plateau is enough:
 wrinkles have 0.014 to 0.136 (10th to 90th percentile, n = 52), folds 0 to 0.058 (n = 60)."""
-STUCK_TICKS = 25
+STUCK_STEPS = 25
 STUCK_M = 0.02
 """A holder that has stayed within this while most of the cloth is in the air is stuck."""
-PLACE_TICKS = 160
+PLACE_STEPS = 160
 TURN_CONTACT = (0.85, 0.935)
 """As much as lies when the strip beside the held edge was laid over backwards: a row of the mesh, 0.91 to 0.925."""
 TURN_M = ((0.0, 0.010),) * 5 + ((0.012, 0.004),) * 2 + ((0.012, -0.004),) * 2 + ((0.006, -0.010),) * 5
-"""x and z of the holder in each tick: over the strip, as one turns a page."""
+"""x and z of the holder in each step: over the strip, as one turns a page."""
 HOME_X_M = 0.0
 """Where a placing begins."""
 CLEAR_M = 0.11
@@ -41,16 +41,16 @@ TOP_M = 0.53
 LIFT_M = 0.012
 BACK_M = 0.010
 GATHER_M = 0.001
-"""By how much a move may grow in one tick: 0.1 m/s^2 hardly make a cloth swing."""
+"""By how much a move may grow in one step: 0.1 m/s^2 hardly make a cloth swing."""
 NEAR_M = 0.01
-LIFT_TICKS = 90
+LIFT_STEPS = 90
 WIPE_BELOW_M = 0.035
 """How much of a hanging cloth is let down onto the table to be wiped over it."""
 WIPE_M = 0.12
 """How far: friction draws out a corner that stays tucked in however the cloth is shaken in the air."""
 WIPE_STEP_M = 0.010
-SETTLE_TICKS = 40
-STILL_TICKS = 8
+SETTLE_STEPS = 40
+STILL_STEPS = 8
 STILL_M = 0.012
 """Range of the lowest part's place beside the holder, x."""
 
@@ -61,7 +61,7 @@ class RecoveryWrapper:
     def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
         self.name = f"{policy.name}+recovery"
         self.task: RobotName = policy.task
-        self.extra_ticks = extra_ticks(policy) + tries * (2 * LIFT_TICKS + SETTLE_TICKS + PLACE_TICKS)
+        self.extra_steps = extra_steps(policy) + tries * (2 * LIFT_STEPS + SETTLE_STEPS + PLACE_STEPS)
         self._policy = policy
         self._tries = tries
         self._seed = 0
@@ -89,10 +89,10 @@ class RecoveryWrapper:
     def _watch(self) -> None:
         """Nothing is known of how the policy gets on from here."""
         self._undoing: Iterator[Decision] | None = None
-        self._ticks = 0
-        self._contacts: deque[float] = deque(maxlen=PLATEAU_TICKS)
-        self._strengths: deque[float] = deque(maxlen=SMOOTH_TICKS)
-        self._places: deque[FloatArray] = deque(maxlen=STUCK_TICKS)
+        self._n_steps = 0
+        self._contacts: deque[float] = deque(maxlen=PLATEAU_STEPS)
+        self._strengths: deque[float] = deque(maxlen=SMOOTH_STEPS)
+        self._places: deque[FloatArray] = deque(maxlen=STUCK_STEPS)
 
     def act(self, observation: Observation) -> Decision:
         self._seen = observation
@@ -118,23 +118,23 @@ class RecoveryWrapper:
         return next(self._undoing, decision)
 
     def _folded(self, decision: Decision) -> bool:
-        """Whether the policy has come to its end, or nowhere, with cloth hidden; takes note of this tick."""
+        """Whether the policy has come to its end, or nowhere, with cloth hidden; takes note of this step."""
         seen = self._seen
-        self._ticks += 1
+        self._n_steps += 1
         self._contacts.append(seen.contact_portion)
         self._strengths.append(seen.word_strength)
         self._places.append(seen.holder_position)
-        ended = decision.stop is not None or self._ticks > PLACE_TICKS
-        smooth = len(self._strengths) == SMOOTH_TICKS and np.mean(self._strengths) < SMOOTH_STRENGTH
-        ended = ended or self._plateau(PLATEAU_TICKS) or (bool(smooth) and self._plateau(SMOOTH_TICKS))
-        if len(self._places) == STUCK_TICKS and seen.contact_portion < PLATEAU_FROM:
+        ended = decision.stop is not None or self._n_steps > PLACE_STEPS
+        smooth = len(self._strengths) == SMOOTH_STEPS and np.mean(self._strengths) < SMOOTH_STRENGTH
+        ended = ended or self._plateau(PLATEAU_STEPS) or (bool(smooth) and self._plateau(SMOOTH_STEPS))
+        if len(self._places) == STUCK_STEPS and seen.contact_portion < PLATEAU_FROM:
             ended = ended or bool(np.ptp(np.array(self._places), axis=0).max() < STUCK_M)
         return ended and seen.contact_portion < FLAT_CONTACT
 
-    def _plateau(self, ticks: int) -> bool:
-        """Whether most of the cloth lay in the last ``ticks`` ticks, and their second half gained next to nothing."""
-        last = list(self._contacts)[-ticks:]
-        if len(last) < ticks or min(last) <= PLATEAU_FROM:
+    def _plateau(self, n_steps: int) -> bool:
+        """Whether most of the cloth lay in the last ``steps`` steps, and their second half gained next to nothing."""
+        last = list(self._contacts)[-n_steps:]
+        if len(last) < n_steps or min(last) <= PLATEAU_FROM:
             return False
         before, after = np.array(last).reshape(2, -1).mean(axis=1)
         return bool(after - before < PLATEAU_GAIN)
@@ -150,11 +150,11 @@ class RecoveryWrapper:
         if wipe:
             yield from self._wipe()
             yield from self._rise()
-        offsets: deque[float] = deque(maxlen=STILL_TICKS)
-        for _ in range(SETTLE_TICKS):
+        offsets: deque[float] = deque(maxlen=STILL_STEPS)
+        for _ in range(SETTLE_STEPS):
             if self._seen.lowest_m is not None:
                 offsets.append(float(self._seen.lowest_m[0] - self._seen.holder_position[0]))
-            if len(offsets) == STILL_TICKS and np.ptp(offsets) < STILL_M:
+            if len(offsets) == STILL_STEPS and np.ptp(offsets) < STILL_M:
                 break
             yield self._move(0.0, 0.0, "letting the cloth hang still")
         self._policy.reset(self._seed)
@@ -170,7 +170,7 @@ class RecoveryWrapper:
     def _rise(self) -> Iterator[Decision]:
         """Up and back to where a placing begins, without a jerk."""
         speed = np.zeros(2)
-        for _ in range(LIFT_TICKS):
+        for _ in range(LIFT_STEPS):
             place, low = self._seen.holder_position, self._seen.lowest_m
             rise = min(CLEAR_M - (CLEAR_M if low is None else float(low[2])), TOP_M - float(place[2]))
             back = HOME_X_M - float(place[0])

@@ -11,7 +11,7 @@ from collections import deque
 import numpy as np
 
 from layflat.data.types import ACTION_LIMIT_M, Observation, RobotName
-from layflat.policy.base import Decision, Policy, extra_ticks
+from layflat.policy.base import Decision, Policy, extra_steps
 from layflat.policy.scripted.baselines import along_z
 
 LOW_M = 0.05
@@ -24,10 +24,10 @@ HANGING_CONTACT = 0.02
 """Camera contact below which the cloth hangs."""
 HELD_UP_M = 0.15
 """The holder of a hanging cloth is higher."""
-STILL_TICKS = 5
+STILL_STEPS = 5
 STILL_M = 0.012
 """Range of the free edge's place beside the holder, x: the camera's noise and a swing of 6 mm."""
-WAIT_TICKS = 40
+WAIT_STEPS = 40
 """In an episode, at most; the air stops a swing in a second or two."""
 
 
@@ -37,7 +37,7 @@ class SwingDampingWrapper:
     def __init__(self, policy: Policy) -> None:
         self.name = f"{policy.name}+steady"
         self.task: RobotName = policy.task
-        self.extra_ticks = extra_ticks(policy) + WAIT_TICKS
+        self.extra_steps = extra_steps(policy) + WAIT_STEPS
         self._policy = policy
         self._forget()
 
@@ -48,20 +48,20 @@ class SwingDampingWrapper:
     def _forget(self) -> None:
         self._waited = 0
         self._waiting = False
-        self._ahead: deque[float] = deque(maxlen=STILL_TICKS)
+        self._ahead: deque[float] = deque(maxlen=STILL_STEPS)
 
     def resume(self) -> None:
         self._policy.resume()
 
     def act(self, observation: Observation) -> Decision:
         lowest = observation.lowest_m
-        if lowest is None or self._waited == WAIT_TICKS:
+        if lowest is None or self._waited == WAIT_STEPS:
             return self._policy.act(observation)
         ahead = float(lowest[0] - observation.holder_position[0])
         self._ahead.append(ahead)
         hanging = observation.contact_portion < HANGING_CONTACT and observation.holder_position[2] > HELD_UP_M
         if self._waiting:
-            self._waiting = len(self._ahead) < STILL_TICKS or float(np.ptp(self._ahead)) > STILL_M
+            self._waiting = len(self._ahead) < STILL_STEPS or float(np.ptp(self._ahead)) > STILL_M
         else:
             self._waiting = bool(hanging and lowest[2] < LOW_M and ahead > AHEAD_M)
         if not self._waiting:

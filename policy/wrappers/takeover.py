@@ -15,14 +15,14 @@ from layflat.data.types import Observation
 from layflat.policy.base import Decision, Policy, PolicyError
 
 ControlRequest: TypeAlias = Literal["lead", "hand back"]
-REST_TICKS = 8
+REST_STEPS = 8
 """0.8 s: longer than a thumb rests between two moves of one correction."""
 
 
 class Takeover:
     """Acts as ``policy`` until the person wants the lead, then as ``person`` until they hand it back.
 
-    ``wish`` says what the person wants now, or None where they want nothing else than before; it is asked once a tick
+    ``wish`` says what the person wants now, or None where they want nothing else than before; it is asked once a step
     and must not wait. A policy that gets the lead back goes on as after a disturbance: whatever it had counted towards
     its stop belongs to another state of the cloth.
     """
@@ -57,25 +57,25 @@ class Takeover:
 
 
 class MotionTakeoverTrigger:
-    """A wish by the hands alone: who moves wants the lead, and hands it back after ``rest_ticks`` ticks at rest.
+    """A wish by the hands alone: who moves wants the lead, and hands it back after ``rest_steps`` steps at rest.
 
     ``moving`` says whether the person's hands ask for motion now.
     """
 
-    def __init__(self, moving: Callable[[], bool], *, rest_ticks: int = REST_TICKS) -> None:
-        if rest_ticks < 1:
-            raise PolicyError(f"rest_ticks is {rest_ticks}; it must be at least 1")
+    def __init__(self, moving: Callable[[], bool], *, rest_steps: int = REST_STEPS) -> None:
+        if rest_steps < 1:
+            raise PolicyError(f"rest_steps is {rest_steps}; it must be at least 1")
         self._moving = moving
-        self._rest_ticks = rest_ticks
+        self._rest_steps = rest_steps
         self._rested = 0
 
     def let_go(self) -> None:
         """As if the hands had rested long enough."""
-        self._rested = self._rest_ticks
+        self._rested = self._rest_steps
 
     def __call__(self) -> ControlRequest | None:
         if self._moving():
             self._rested = 0
             return "lead"
         self._rested += 1
-        return "hand back" if self._rested >= self._rest_ticks else None
+        return "hand back" if self._rested >= self._rest_steps else None

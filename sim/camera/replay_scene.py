@@ -25,7 +25,7 @@ class ReplayScene:
     def __init__(self, task: RobotName, cloth: str) -> None:
         """``cloth`` is a preset's name; SimError lists the known ones."""
         self.spec = cloth_spec(cloth)
-        self._world = World(step_s=1.0 / self.spec.rate_hz, table_friction=1.0)
+        self._world = World(substep_s=1.0 / self.spec.rate_hz, table_friction=1.0)
         body = Cloth(self._world, self.spec)
         self._arm = load_arm(self._world.client, HELD_STRETCH * self.spec.width_m) if task == "hanger" else None
         self._camera = Camera(self._world, body, noise=None, seed=0)

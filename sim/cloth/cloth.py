@@ -171,7 +171,7 @@ class Cloth:
 
     def nodes(self) -> FloatArray:
         """(N, 3) m, world, in grid order; read-only."""
-        # A tick's last nodes are the first of the next.
+        # A step's last nodes are the first of the next.
         if self._nodes is not None and self._nodes_at == self.world.substeps_done:
             return self._nodes
         # Without the flag Bullet gives duplicated render vertices.
@@ -219,7 +219,7 @@ class Cloth:
         Of a cloth that hangs, is laid, or is wrinkled by a stick at most 0.7 % do; of a folded corner 8 to 13 %.
         """
         if not np.isfinite(nodes).all():
-            return False  # Diverged; the guard says so at the end of the tick.
+            return False  # Diverged; the guard says so at the end of the step.
         a, b, c = (nodes[self._triangles[:, k]] for k in range(3))
         normals = np.cross(b - a, c - a)
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), TINY_M)
@@ -232,7 +232,7 @@ class Cloth:
         return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / self._rest_lengths
 
     def instability(self, nodes: FloatArray) -> str | None:
-        """Why the cloth has diverged, or None. Call once a tick: a diverging cloth is 10 to 100 times slower."""
+        """Why the cloth has diverged, or None. Call once a step: a diverging cloth is 10 to 100 times slower."""
         if not np.isfinite(nodes).all():
             return "a node is not finite"
         stretch = float(self.stretch(nodes).max())

@@ -15,12 +15,12 @@ from layflat.sim.physics.bullet.world import SimError
 
 DESCEND_STEP_M = 0.010
 TRAIL_STEP_M = (0.012, 0.004)
-"""Forward and down in one tick while the free edge begins to touch: an edge that lands first is laid upon and folds."""
+"""Forward and down in one step while the free edge begins to touch: an edge that lands first is laid upon and folds."""
 TRAIL_M = 0.05
 TOUCH_HEIGHT_M = 0.012
 BRAKE_ABOVE_M = 0.06
 LAY_STEP_M = 0.012
-LAY_TICKS = 120
+LAY_STEPS = 120
 LAID_M = 0.005
 REST_M = 0.004
 """Height of the pickers where they lie with the cloth."""
@@ -30,36 +30,36 @@ PUSH_WIDTH_M = 0.35
 """Width of the cloth that the steps below are for; a smaller cloth is pushed in proportion."""
 BACK_STEP_M = (0.003, 0.0045)
 INWARD_STEP_M = (0.003, 0.0045)
-"""What each picker goes back and towards the other in one tick of the push, drawn for each picker: the ratio gives
+"""What each picker goes back and towards the other in one step of the push, drawn for each picker: the ratio gives
 its wrinkles their direction. Pushed straight back the cloth rolls into one bulge along y or folds over at the corners.
-With a wider range of both and up to 40 ticks the corners got wrapped into the cloth, and 8 of 15 runs of Algorithm 2
+With a wider range of both and up to 40 steps the corners got wrapped into the cloth, and 8 of 15 runs of Algorithm 2
 (5 starts, steps of 3, 5 and 10 mm) then tore an edge beyond the guard's limit."""
 PUSH_CONTACT = (0.77, 0.81)
 """Contact of the mesh at which the push ends, drawn; the cloth loses 0.02 more while it settles, and the camera then
 sees 0.74, as in figure 3-6."""
-PUSH_TICKS = 24
+PUSH_STEPS = 24
 NARROWEST_MARGINS = 3.0
 """Distance of the pickers, in margins of the cloth for each cell of the hem between them, at which the push ends as
 well: a hem that bunches up where its layers, two margins thick, have no room diverges (5 of 8 napkins)."""
-SETTLE_TICKS = 8
+SETTLE_STEPS = 8
 
 
 def crumple(
-    cloth: Cloth, corners: Callable[[], FloatArray], tick: Callable[[FloatArray], None], rng: np.random.Generator
+    cloth: Cloth, corners: Callable[[], FloatArray], step: Callable[[FloatArray], None], rng: np.random.Generator
 ) -> dict[str, float]:
     """Lay the hanging ``cloth``, push wrinkles in until the camera sees about 0.74 of it, let it settle.
 
     Parameters
     ----------
     corners: (2, 3) m, where the pickers are; row 0 at +y.
-    tick: one control step with an action (6,) m.
+    step: one control step with an action (6,) m.
     rng: decides how each picker pushes and when it ends.
 
     Returns what was drawn and what came of it, for the episode's record. SimError if the cloth diverges.
     """
 
     def move(action: FloatArray) -> None:
-        tick(action)
+        step(action)
         why = cloth.instability(cloth.nodes())
         if why is not None:
             raise SimError(f"the cloth diverged while it was crumpled ({why}); take another seed")
@@ -69,19 +69,21 @@ def crumple(
     back, inward = scale * rng.uniform(*BACK_STEP_M, 2), scale * rng.uniform(*INWARD_STEP_M, 2)
     until = float(rng.uniform(*PUSH_CONTACT))
     push = np.array([[-back[0], -inward[0], 0.0], [-back[1], inward[1], 0.0]]).ravel()
-    ticks = 0
+    n_steps = 0
     narrow = NARROWEST_MARGINS * cloth.spec.margin_m * (cloth.spec.columns - 1)
-    while ticks < PUSH_TICKS and np.ptp(corners()[:, 1]) > narrow and cloth.contact_portion_true(cloth.nodes()) > until:
+    while (
+        n_steps < PUSH_STEPS and np.ptp(corners()[:, 1]) > narrow and cloth.contact_portion_true(cloth.nodes()) > until
+    ):
         move(push)
-        ticks += 1
-    for _ in range(SETTLE_TICKS):
+        n_steps += 1
+    for _ in range(SETTLE_STEPS):
         move(np.zeros(6))
     return {
         "push_back_1_m": float(back[0]),
         "push_back_2_m": float(back[1]),
         "push_inward_1_m": float(inward[0]),
         "push_inward_2_m": float(inward[1]),
-        "push_ticks": float(ticks),
+        "push_steps": float(n_steps),
         "contact_portion_true": cloth.contact_portion_true(cloth.nodes()),
         "flat_area": cloth.flat_area(cloth.nodes()),
     }
@@ -90,7 +92,7 @@ def crumple(
 def _lay(cloth: Cloth, corners: Callable[[], FloatArray], move: Callable[[FloatArray], None]) -> None:
     """Down until the free edge trails behind on the table, then straight to where the held edge belongs."""
     spec = cloth.spec
-    for _ in range(LAY_TICKS):
+    for _ in range(LAY_STEPS):
         edge, x = cloth.nodes()[: spec.columns], float(corners()[:, 0].mean())
         lowest = float(edge[:, 2].min())
         if lowest <= TOUCH_HEIGHT_M and x - float(edge[:, 0].max()) >= TRAIL_M:
@@ -98,7 +100,7 @@ def _lay(cloth: Cloth, corners: Callable[[], FloatArray], move: Callable[[FloatA
         high = float(np.clip((lowest - TOUCH_HEIGHT_M) / BRAKE_ABOVE_M, 0.0, 1.0))
         dz = TRAIL_STEP_M[1] + high * (DESCEND_STEP_M - TRAIL_STEP_M[1])
         move(np.array([(1 - high) * TRAIL_STEP_M[0], 0.0, -dz] * 2))
-    for _ in range(LAY_TICKS):
+    for _ in range(LAY_STEPS):
         centre = corners().mean(axis=0)
         if centre[2] <= LAID_M:
             break

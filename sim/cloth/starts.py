@@ -23,7 +23,7 @@ START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
 START_MOVES = 20
 START_STEP_M: Mapping[RobotName, float] = {"hanger": 0.006, "pickers": 0.004}
-"""Largest random displacement along each axis in one of the start's ticks. Two pickers move independently: with 6 mm
+"""Largest random displacement along each axis in one of the start's steps. Two pickers move independently: with 6 mm
 the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
 
 LAID_FREE_EDGE_M = (-0.04, 0.14)
@@ -36,14 +36,14 @@ CLIPPING_S = 0.25
 """In which a cloth's corners are drawn from where they are at rest to where the holder takes them."""
 FOLD = "fold-corner"
 """The hand that turns the corner over, a disturbance."""
-FOLD_TICKS = 35
+FOLD_STEPS = 35
 """The hand's two seconds at most, and one in which the corner settles."""
-CALM_TICKS = 3
+CALM_STEPS = 3
 """What was put down comes to rest."""
 
 SWING_STEP_M = (0.016, 0.020)
-"""Forth and back in one tick, drawn: 0.2 m/s is what nobody should move a hanging cloth with."""
-SWING_TICKS = (5, 4)
+"""Forth and back in one step, drawn: 0.2 m/s is what nobody should move a hanging cloth with."""
+SWING_STEPS = (5, 4)
 """Forth for half the cloth's period, then back: it swings to the front while its holder goes the other way."""
 SWING_CLEARANCE_M = (0.0, 0.012)
 """How high above the table the free edge would be in the end if the cloth hung straight, drawn. From 0.02 m upwards it
@@ -86,7 +86,7 @@ def attach(cloth: Cloth, corners: FloatArray, air: AirDrag) -> None:
     fingers = FreePickers(cloth, at)
     fingers.grip()
     substeps = world.halves(CLIPPING_S) // 2
-    fingers.start_tick((corners - at).ravel(), substeps)
+    fingers.start_step((corners - at).ravel(), substeps)
     for _ in range(substeps):
         air.before_substep()
         fingers.before_substep()
@@ -98,22 +98,22 @@ def run_start_motion(
     start: Start,
     cloth: Cloth,
     holder: Robot,
-    tick: Callable[[FloatArray], None],
+    step: Callable[[FloatArray], None],
     disturb: Callable[[DisturbanceSpec], DisturbanceTrajectory],
     rng: np.random.Generator,
 ) -> Mapping[str, float]:
-    """What happens before anyone decides; ``tick`` is one control step, ``disturb`` begins what acts in the next ones.
+    """What happens before anyone decides; ``step`` is one control step, ``disturb`` begins what acts in the next ones.
 
     Returns what was drawn.
     """
     if start == "crumpled":
-        return crumple(cloth, holder.corner_positions, tick, rng)
+        return crumple(cloth, holder.corner_positions, step, rng)
     size = action_size(holder.task)
     if start == "folded-corner":
-        return _fold(lambda: tick(np.zeros(size)), disturb)
+        return _fold(lambda: step(np.zeros(size)), disturb)
     for _ in range(START_MOVES):
-        tick(rng.uniform(-1.0, 1.0, size) * START_STEP_M[holder.task])
-    return _swing(cloth, holder, tick, rng) if start == "swinging" else {}
+        step(rng.uniform(-1.0, 1.0, size) * START_STEP_M[holder.task])
+    return _swing(cloth, holder, step, rng) if start == "swinging" else {}
 
 
 def _corners(spec: ClothSpec, x_m: float, z_m: float) -> FloatArray:
@@ -135,10 +135,10 @@ def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], Disturb
     Nodes that are put where a fold has them will not do: Bullet takes what it is given for the cloth's shape at rest,
     and the crease stays for ever.
     """
-    for _ in range(CALM_TICKS):
+    for _ in range(CALM_STEPS):
         rest()
     plan = disturb(disturbance_spec(FOLD))
-    for _ in range(FOLD_TICKS):
+    for _ in range(FOLD_STEPS):
         rest()
     reach = plan.path_m[-1]
     return {
@@ -149,13 +149,13 @@ def _fold(rest: Callable[[], None], disturb: Callable[[DisturbanceSpec], Disturb
 
 
 def _swing(
-    cloth: Cloth, holder: Robot, tick: Callable[[FloatArray], None], rng: np.random.Generator
+    cloth: Cloth, holder: Robot, step: Callable[[FloatArray], None], rng: np.random.Generator
 ) -> Mapping[str, float]:
     """Forth, back and down too fast: the free edge swings ahead and is about to touch first (figure 5-1)."""
     speed, clearance = rng.uniform(*SWING_STEP_M), rng.uniform(*SWING_CLEARANCE_M)
     down = float(holder.position()[2]) - cloth.spec.length_m - clearance
-    forth, back = SWING_TICKS
+    forth, back = SWING_STEPS
     for k in range(forth + back):
         move = np.array([speed if k < forth else -speed, 0.0, -down / (forth + back)])
-        tick(move[[0, 2]] if holder.task == "hanger" else np.tile(move, 2))
+        step(move[[0, 2]] if holder.task == "hanger" else np.tile(move, 2))
     return {"swing_step_m": float(speed), "swing_clearance_m": float(clearance)}

@@ -75,7 +75,7 @@ def settled_wrinkles(
 
     In a world of its own. Nodes that are set are the shape at rest: the wrinkles stay, eased by gravity and the table.
     """
-    world = World(step_s=1.0 / spec.rate_hz, table_friction=table_friction)
+    world = World(substep_s=1.0 / spec.rate_hz, table_friction=table_friction)
     try:
         cloth = Cloth(world, spec)
         cloth.set_nodes(wrinkled_nodes(spec, wrinkling))

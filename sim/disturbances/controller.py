@@ -74,7 +74,7 @@ class DisturbanceController:
             self._gust.blow()
 
     def _over(self, time_s: float) -> bool:
-        if time_s >= self.plan.time_limit_s - 0.5 * self._world.step_s:
+        if time_s >= self.plan.time_limit_s - 0.5 * self._world.substep_s:
             return True
         return self._hands.arrived(time_s) if self._hands is not None else self._gust is None
 
@@ -144,7 +144,7 @@ class _Gust:
         x, y, z = (np.array(self._base) + self._wind).tolist()
         self._with_gust = (x, y, z)
         self._world.set_gravity(self._with_gust)
-        self.impulse_n_s = self.impulse_n_s + self._mass_kg * self._wind * self._world.step_s
+        self.impulse_n_s = self.impulse_n_s + self._mass_kg * self._wind * self._world.substep_s
 
     def end(self) -> None:
         if self._world.gravity_m_s2 == self._with_gust:

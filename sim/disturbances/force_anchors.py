@@ -37,8 +37,8 @@ class ForceAnchors:
         """(K, 3) m: where the hands took hold."""
         node_kg = cloth.spec.mass_kg / (cloth.spec.rows * cloth.spec.columns)
         # The spring is explicit, so its gains follow from the step where the step is long.
-        self._stiffness = min(HAND_STIFFNESS_1_S2, 0.3 / world.coarse_step_s**2) * (HAND_MASS_KG + node_kg)
-        self._damping = min(HAND_DAMPING_1_S, 0.5 / world.coarse_step_s) * (HAND_MASS_KG + node_kg)
+        self._stiffness = min(HAND_STIFFNESS_1_S2, 0.3 / world.coarse_substep_s**2) * (HAND_MASS_KG + node_kg)
+        self._damping = min(HAND_DAMPING_1_S, 0.5 / world.coarse_substep_s) * (HAND_MASS_KG + node_kg)
         self._forces_n_s = np.zeros(3)
         self._bodies: list[int] = []
         self._anchors: list[int] = []
@@ -73,7 +73,7 @@ class ForceAnchors:
         carried = force - HAND_MASS_KG * np.array(self._world.gravity_m_s2)
         for body, newtons, place in zip(self._bodies, carried.tolist(), positions.tolist(), strict=True):
             bullet.applyExternalForce(body, -1, newtons, place, bullet.WORLD_FRAME, physicsClientId=self._world.client)
-        self._forces_n_s += force.sum(axis=0) * self._world.step_s
+        self._forces_n_s += force.sum(axis=0) * self._world.substep_s
 
     def let_go(self) -> None:
         """Take the hands away; use them no more."""

@@ -15,7 +15,7 @@ from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
 FORCE_WEIGHTS = 1.5
 """Greatest force / weight of the cloth: enough to drag half of the cloth over the table and to lift a corner."""
 SPEED_M_S = 0.5
-"""Of the target at most, however fast the mouse is flung: it then arrives some ticks later."""
+"""Of the target at most, however fast the mouse is flung: it then arrives some steps later."""
 SLIP_STRETCH = (1.38, 1.46)
 """Largest stretch of the cloth's edges at which the fingers slip: nobody tears a cloth by dragging it (the guard calls
 it unstable at 1.5). A napkin that hangs from its clips is stretched 1.43 times there before anyone pulls at it; then
@@ -49,20 +49,20 @@ class MouseDrag:
         self._target: FloatArray = self._hands.start[0].copy()
         self._velocity = np.zeros(3)
 
-    def start_tick(self, target_m: FloatArray, tick_s: float) -> None:
-        """Lead the hand towards ``target_m`` (3,) m in this tick, evenly; never below where cloth rests."""
+    def start_step(self, target_m: FloatArray, step_s: float) -> None:
+        """Lead the hand towards ``target_m`` (3,) m in this step, evenly; never below where cloth rests."""
         wanted = np.array(target_m, dtype=float)
         wanted[2] = max(wanted[2], self._cloth.spec.margin_m)
         step = wanted - self._target
-        step *= min(1.0, SPEED_M_S * tick_s / max(float(np.linalg.norm(step)), 1e-12))
-        self._velocity = step / tick_s
+        step *= min(1.0, SPEED_M_S * step_s / max(float(np.linalg.norm(step)), 1e-12))
+        self._velocity = step / step_s
 
     def before_substep(self) -> None:
         """Call before each substep, after the holder and the air have had theirs."""
         if self._world.halves_done % self._every == 0 and self._stretch() > self._slips_at:
             # Not to nothing at once: a hand without any force flies on with what the cloth had stored.
             self._target, self._velocity = self.position(), np.zeros(3)
-        self._target = self._target + self._velocity * self._world.step_s
+        self._target = self._target + self._velocity * self._world.substep_s
         self._hands.draw(self._target[None], self._velocity)
 
     def _stretch(self) -> float:

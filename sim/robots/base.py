@@ -8,7 +8,7 @@ from layflat.data.types import FloatArray, RobotName
 
 
 class Robot(Protocol):
-    """Holds the cloth's two corners and carries them along displacements, one per tick.
+    """Holds the cloth's two corners and carries them along displacements, one per step.
 
     A holder is made at its home pose with the clips or pickers at ``corner_positions()``; the caller puts the cloth's
     corner nodes there and calls ``grip``.
@@ -28,11 +28,11 @@ class Robot(Protocol):
     def grip(self) -> None:
         """Anchor the cloth's corners; they must already be at ``corner_positions()``."""
 
-    def start_tick(self, action: FloatArray, substeps: int) -> None:
-        """Begin one tick: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
+    def start_step(self, action: FloatArray, substeps: int) -> None:
+        """Begin one step: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
 
-    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
-        """Begin one tick in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for pickers; None: no hand.
+    def start_guided_step(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Begin one step in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for pickers; None: no hand.
 
         ``load_n``: weight of the cloth that hangs from the holder.
         """
@@ -41,4 +41,4 @@ class Robot(Protocol):
         """Called before each substep: move the kinematic bodies or apply the torques."""
 
     def rest(self) -> None:
-        """Stay in place while the world is only stepped (to time bare substeps); the next tick goes on as before."""
+        """Stay in place while the world is only stepped (to time bare substeps); the next step goes on as before."""

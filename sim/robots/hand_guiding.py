@@ -18,7 +18,7 @@ HAND_DAMPING_N_S_M = 40.0
 HAND_LIMIT_N = 10.0
 """A hand that gets further ahead than 33 mm pulls no harder."""
 HAND_SPEED_M_S = 0.15
-"""Of the hand at most: 15 mm a tick, which an action can hold."""
+"""Of the hand at most: 15 mm a step, which an action can hold."""
 FRICTION_N = 0.5
 """The arm stays where it is under a smaller force."""
 FRICTION_STIFFNESS_N_M = 400.0
@@ -29,14 +29,14 @@ _IN_PLANE = np.array([1.0, 0.0, 1.0])
 
 
 class HandGuiding:
-    """One hand on the hanger, from the first guided tick until the arm holds itself again."""
+    """One hand on the hanger, from the first guided step until the arm holds itself again."""
 
-    def __init__(self, place: FloatArray, held_n: FloatArray, load_n: float, step_s: float) -> None:
+    def __init__(self, place: FloatArray, held_n: FloatArray, load_n: float, substep_s: float) -> None:
         """``place`` (3,) m: corners' midpoint now; ``held_n`` (3,) N: force of the springs that let go now.
 
         ``load_n`` (upwards) of it is the cloth's weight. Friction takes over the rest, so that nothing moves yet.
         """
-        self.step_s = step_s
+        self.substep_s = substep_s
         """Of the substeps to come."""
         self._hand: FloatArray | None = None
         self._velocity = np.zeros(3)
@@ -46,8 +46,8 @@ class HandGuiding:
         self._stuck_at: FloatArray = place + friction / FRICTION_STIFFNESS_N_M
         self._pushes: list[FloatArray] = []
 
-    def start_tick(self, place: FloatArray, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
-        """Lead the hand evenly towards ``hand_m`` (3,) m in this tick, or take it away."""
+    def start_step(self, place: FloatArray, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Lead the hand evenly towards ``hand_m`` (3,) m in this step, or take it away."""
         self._load = np.array([0.0, 0.0, load_n])
         self._pushes = []
         self._last = place
@@ -55,7 +55,7 @@ class HandGuiding:
             self._hand = None
             return
         self._hand = place.copy() if self._hand is None else self._hand
-        duration_s = substeps * self.step_s
+        duration_s = substeps * self.substep_s
         self._velocity = _bounded((hand_m - self._hand) * _IN_PLANE / duration_s, HAND_SPEED_M_S)
 
     def hand_push_n(self, place: FloatArray) -> FloatArray:
@@ -64,14 +64,14 @@ class HandGuiding:
         if self._hand is None:
             push = np.zeros(3)
         else:
-            self._hand = self._hand + self._velocity * self.step_s
-            lead, slip = self._hand - place, self._velocity - moved / self.step_s
+            self._hand = self._hand + self._velocity * self.substep_s
+            lead, slip = self._hand - place, self._velocity - moved / self.substep_s
             push = _bounded((HAND_STIFFNESS_N_M * lead + HAND_DAMPING_N_S_M * slip) * _IN_PLANE, HAND_LIMIT_N)
         self._pushes.append(push)
         return push
 
     def hand_force_n(self) -> FloatArray:
-        """(3,) N: mean push of this tick."""
+        """(3,) N: mean push of this step."""
         return np.mean(self._pushes, axis=0) if self._pushes else np.zeros(3)
 
     def carried_n(self, place: FloatArray) -> FloatArray:

@@ -62,7 +62,7 @@ class PandaHanger:
         self.arm = load_arm(self._client, float(self._clips[0, 1] - self._clips[1, 1]))
         for joint, angle in enumerate(self._posture):
             bullet.resetJointState(self.arm, joint, float(angle), 0.0, physicsClientId=self._client)
-        self._impedance = CartesianImpedance(self._client, self.arm, cloth.world.step_s)
+        self._impedance = CartesianImpedance(self._client, self.arm, cloth.world.substep_s)
 
     def _checked_centre(self, corners: FloatArray) -> FloatArray:
         centre = corners.mean(axis=0)
@@ -100,7 +100,7 @@ class PandaHanger:
         for node in self._cloth.spec.corners:
             self._cloth.anchor(node, self.arm, WRIST_LINK)
 
-    def start_tick(self, action: FloatArray, substeps: int) -> None:
+    def start_step(self, action: FloatArray, substeps: int) -> None:
         """``action`` (2,) m: dx, dz, added to the last set point; kept in the workspace and near the real hanger."""
         if self._resting:
             self._drive_joints(self._posture, np.zeros(JOINTS), np.zeros(JOINTS))
@@ -115,16 +115,16 @@ class PandaHanger:
         self._lead(substeps)
 
     def _lead(self, substeps: int) -> None:
-        """Set point and posture go evenly to the target in one tick."""
-        self._impedance.step_s = self._cloth.world.step_s
-        duration = substeps * self._cloth.world.step_s
+        """Set point and posture go evenly to the target in one step."""
+        self._impedance.substep_s = self._cloth.world.substep_s
+        duration = substeps * self._cloth.world.substep_s
         self._velocity = (self._target - self._set_point) / duration
         self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
-        self._set_point_step = self._velocity * self._cloth.world.step_s
-        self._posture_step = self._posture_speed * self._cloth.world.step_s
+        self._set_point_step = self._velocity * self._cloth.world.substep_s
+        self._posture_step = self._posture_speed * self._cloth.world.substep_s
 
-    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
-        """Begin one tick of kinesthetic teaching: the arm yields in x and z to a hand at ``hand_m`` (3,) m, or to none.
+    def start_guided_step(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+        """Begin one step of kinesthetic teaching: the arm yields in x and z to a hand at ``hand_m`` (3,) m, or to none.
 
         ``load_n``: weight of the cloth that hangs in the clips, which the arm carries besides its own.
         """
@@ -133,13 +133,13 @@ class PandaHanger:
         place = self.position()
         if self._guiding is None:
             held_n = STIFFNESS_N_M * (self._set_point - place)
-            self._guiding = HandGuiding(place, held_n, load_n, self._cloth.world.step_s)
+            self._guiding = HandGuiding(place, held_n, load_n, self._cloth.world.substep_s)
             self._impedance.yield_in_plane(True)
         if hand_m is not None:
             hand_m = np.array(hand_m, dtype=float)
             hand_m[_AXES] = np.clip(hand_m[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
-        self._guiding.step_s = self._cloth.world.step_s
-        self._guiding.start_tick(place, hand_m, substeps, load_n)
+        self._guiding.substep_s = self._cloth.world.substep_s
+        self._guiding.start_step(place, hand_m, substeps, load_n)
         # The springs are off along x and z: there the set point only has to lie where the arm's elbow belongs.
         self._target[_AXES] = np.clip(place[_AXES], WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
         self._lead(substeps)
@@ -155,7 +155,7 @@ class PandaHanger:
         self._impedance.yield_in_plane(False)
 
     def hand_force_n(self) -> FloatArray:
-        """(3,) N, world: mean force of the guiding hand on the hanger in the last tick; zeros without."""
+        """(3,) N, world: mean force of the guiding hand on the hanger in the last step; zeros without."""
         return np.zeros(3) if self._guiding is None else self._guiding.hand_force_n()
 
     def before_substep(self) -> None:

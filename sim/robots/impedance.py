@@ -20,7 +20,7 @@ COMPLIANT_DAMPING_N_S_M = 12.0
 REFRESH_SUBSTEPS = 12
 """Jacobian, inertia and gravity hold for so many substeps; springs and dampers see fresh joints in each.
 
-Taken half way ahead they are as good as fresh ones: 10 and 20 mm ticks lag the same with 1, 12 and 24."""
+Taken half way ahead they are as good as fresh ones: 10 and 20 mm steps lag the same with 1, 12 and 24."""
 
 _STIFFNESS = np.array([STIFFNESS_N_M] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
 _KEPT = np.array([0.0, 1.0, 0.0, 1.0, 1.0, 1.0])
@@ -49,10 +49,10 @@ class CartesianImpedance:
     matrix, and as the angles move by a few milliradians, the second-order error is micrometres.
     """
 
-    def __init__(self, client: int, arm: int, step_s: float) -> None:
+    def __init__(self, client: int, arm: int, substep_s: float) -> None:
         self._client = client
         self._arm = arm
-        self.step_s = step_s
+        self.substep_s = substep_s
         """Of the substeps to come."""
         self._joints = list(range(JOINTS))
         self._zeros = [0.0] * JOINTS
@@ -102,7 +102,7 @@ class CartesianImpedance:
 
     def _refresh(self, angles: list[float], speeds: list[float], posture: FloatArray) -> None:
         """Linearise the law about the joint angles half way to the next refresh."""
-        ahead = 0.5 * REFRESH_SUBSTEPS * self.step_s
+        ahead = 0.5 * REFRESH_SUBSTEPS * self.substep_s
         middle = [angle + ahead * speed for angle, speed in zip(angles, speeds, strict=True)]
         jacobian = self.jacobian
         jacobian[:3], jacobian[3:] = bullet.calculateJacobian(

@@ -57,28 +57,28 @@ class FreePickers:
             bullet.removeBody(body, physicsClientId=self._client)
         self._anchors, self._bodies = [], []
 
-    def start_tick(self, action: FloatArray, substeps: int) -> None:
+    def start_step(self, action: FloatArray, substeps: int) -> None:
         """``action`` (6,) m: dx, dy, dz of picker 1, then of picker 2; kept inside the workspace."""
         self._lead_to(self._at + np.asarray(action).reshape(2, 3), substeps)
 
-    def start_guided_tick(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
+    def start_guided_step(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
         """Each picker follows its own hand (2, 3) m, at HAND_SPEED_M_S at most; they have no weight to feel."""
         step = np.zeros((2, 3)) if hand_m is None else np.asarray(hand_m, dtype=float) - self._at
-        longest = HAND_SPEED_M_S * substeps * self._cloth.world.step_s
+        longest = HAND_SPEED_M_S * substeps * self._cloth.world.substep_s
         size = np.linalg.norm(step, axis=1, keepdims=True)
         self._lead_to(self._at + step * np.minimum(1.0, longest / np.maximum(size, 1e-12)), substeps)
 
     def _lead_to(self, wanted: FloatArray, substeps: int) -> None:
-        """Go there evenly in one tick, as far as workspace and cloth allow."""
+        """Go there evenly in one step, as far as workspace and cloth allow."""
         wanted = np.clip(wanted, WORKSPACE_LOW_M, WORKSPACE_HIGH_M)
         limit = MAX_SPREAD * self._cloth.spec.width_m
         apart = wanted[0] - wanted[1]
         distance = float(np.linalg.norm(apart))
         if distance > limit:
             wanted = wanted.mean(axis=0) + np.array([0.5, -0.5])[:, None] * apart * (limit / distance)
-        step_s = self._cloth.world.step_s
-        velocity = (wanted - self._at) / (substeps * step_s)
-        self._step, self._speeds = velocity * step_s, velocity.tolist()
+        substep_s = self._cloth.world.substep_s
+        velocity = (wanted - self._at) / (substeps * substep_s)
+        self._step, self._speeds = velocity * substep_s, velocity.tolist()
 
     def before_substep(self) -> None:
         self._at = self._at + self._step

@@ -17,23 +17,23 @@ PLACE, DISTURB, REPAIR = 60, 10, 25
 EpisodeMaker = Callable[..., Episode]
 
 
-def _picture(share: float, tick: int) -> np.ndarray:
+def _picture(share: float, step_index: int) -> np.ndarray:
     """A grey table with a striped red cloth, of which ``share`` lies."""
     rgb = np.full((120, 160, 3), 215, np.uint8)
     length = int(20 + 110 * min(max(share, 0.0), 1.0))
-    stripes = (30 * np.sin(np.arange(length) / 4 + tick)).astype(int)
+    stripes = (30 * np.sin(np.arange(length) / 4 + step_index)).astype(int)
     rgb[30:95, 15 : 15 + length] = (190, 40, 50)
     rgb[30:95, 15 : 15 + length, 0] = np.clip(190 + stripes, 0, 255)
     return rgb
 
 
-def _contact(tick: int, gain: float, noise: FloatArray) -> float:
+def _contact(step_index: int, gain: float, noise: FloatArray) -> float:
     """Rises while placing, falls by 14 points while disturbed, rises by ``gain`` while repaired."""
-    if tick <= PLACE:
-        return max(float(0.97 / (1 + np.exp(-(tick - 38) / 5)) + noise[tick]), 0.0)
-    if tick <= PLACE + DISTURB:
-        return float(0.96 - 0.14 * (tick - PLACE) / DISTURB)
-    return float(0.82 + gain * (tick - PLACE - DISTURB) / REPAIR)
+    if step_index <= PLACE:
+        return max(float(0.97 / (1 + np.exp(-(step_index - 38) / 5)) + noise[step_index]), 0.0)
+    if step_index <= PLACE + DISTURB:
+        return float(0.96 - 0.14 * (step_index - PLACE) / DISTURB)
+    return float(0.82 + gain * (step_index - PLACE - DISTURB) / REPAIR)
 
 
 def _fake_episode(
@@ -49,46 +49,46 @@ def _fake_episode(
     rng = np.random.default_rng(seed)
     noise = rng.normal(0, 0.004, PLACE + 1)
     wave = 0.02 * rng.normal()
-    ticks = PLACE + (DISTURB + REPAIR if disturbed else 0)
+    n_steps = PLACE + (DISTURB + REPAIR if disturbed else 0)
 
-    def observation(tick: int) -> Observation:
-        progress = min(tick / PLACE, 1.0)
-        late = gain / 2 * max(tick - PLACE - DISTURB, 0) / REPAIR
+    def observation(step_index: int) -> Observation:
+        progress = min(step_index / PLACE, 1.0)
+        late = gain / 2 * max(step_index - PLACE - DISTURB, 0) / REPAIR
         place = np.array(
             [-0.15 + 0.45 * progress**2 + late, 0.0, 0.02 + 0.4 * (1 - progress) ** 2 + wave * (1 - progress)]
         )
-        contact = _contact(tick, gain, noise)
+        contact = _contact(step_index, gain, noise)
         return Observation(
-            time_s=tick * 0.1,
+            time_s=step_index * 0.1,
             corner_positions=place + np.array([[0, 0.175, 0], [0, -0.175, 0]]),
             holder_position=place,
             word=np.array([1.0, 0.0]) if contact < 0.9 else np.zeros(2),
             word_strength=0.1,
             contact_portion=contact,
-            rgb=_picture(contact, tick) if images else None,
+            rgb=_picture(contact, step_index) if images else None,
         )
 
-    def truth(tick: int) -> GroundTruth:
-        contact = _contact(tick, gain, noise)
+    def truth(step_index: int) -> GroundTruth:
+        contact = _contact(step_index, gain, noise)
         return GroundTruth(
             nodes=np.zeros((4, 3)), contact_portion_true=min(contact, 1.0), flat_area=min(contact + 0.01, 1.0)
         )
 
-    def step(tick: int) -> Step:
-        here, after = observation(tick), observation(tick + 1)
+    def step(step_index: int) -> Step:
+        here, after = observation(step_index), observation(step_index + 1)
         move = np.vstack([after.corner_positions - here.corner_positions])
         action = move[0, [0, 2]] if task == "hanger" else move.ravel()
-        phase = "place" if tick < PLACE else "disturb" if tick < PLACE + DISTURB else "repair"
-        return Step(observation=here, truth=truth(tick), action=action, phase=phase)
+        phase = "place" if step_index < PLACE else "disturb" if step_index < PLACE + DISTURB else "repair"
+        return Step(observation=here, truth=truth(step_index), action=action, phase=phase)
 
     values: dict[str, Any] = {
         "task": task,
         "cloth": "towel",
         "seed": seed,
         "source": source,
-        "steps": tuple(step(tick) for tick in range(ticks)),
-        "final_observation": observation(ticks),
-        "final_truth": truth(ticks),
+        "steps": tuple(step(step_index) for step_index in range(n_steps)),
+        "final_observation": observation(n_steps),
+        "final_truth": truth(n_steps),
         "stopped_by": "threshold",
         "outcome": "success",
         "disturbance": "push" if disturbed else "none",
@@ -98,7 +98,7 @@ def _fake_episode(
 
 
 class NearestModel:
-    """Predicts the action of the nearest demonstrated tick, the less surely the farther it is."""
+    """Predicts the action of the nearest demonstrated step, the less surely the farther it is."""
 
     def __init__(self, layout: FeatureLayout, episodes: list[Episode]) -> None:
         self.layout = layout
@@ -125,16 +125,16 @@ def make_model() -> Callable[[RobotName, str, list[Episode]], NearestModel]:
 
 @pytest.fixture(scope="session")
 def lying() -> Callable[..., Episode]:
-    """``lying(episode, ticks=6)``: the episode's first ticks with the nodes of a towel that slides along the table."""
+    """``lying(episode, steps=6)``: the episode's first steps with the nodes of a towel that slides along the table."""
 
-    def made(episode: Episode, ticks: int = 6) -> Episode:
+    def made(episode: Episode, n_steps: int = 6) -> Episode:
         spec = cloth_spec(episode.cloth)
 
-        def truth(tick: int) -> GroundTruth:
-            return GroundTruth(nodes=spec.flat_nodes(x_m=0.02 * tick), contact_portion_true=1.0, flat_area=1.0)
+        def truth(step_index: int) -> GroundTruth:
+            return GroundTruth(nodes=spec.flat_nodes(x_m=0.02 * step_index), contact_portion_true=1.0, flat_area=1.0)
 
-        steps = tuple(replace(step, truth=truth(tick)) for tick, step in enumerate(episode.steps[:ticks]))
-        after = episode.steps[ticks].observation
-        return replace(episode, steps=steps, final_observation=after, final_truth=truth(ticks))
+        steps = tuple(replace(step, truth=truth(step_index)) for step_index, step in enumerate(episode.steps[:n_steps]))
+        after = episode.steps[n_steps].observation
+        return replace(episode, steps=steps, final_observation=after, final_truth=truth(n_steps))
 
     return made

@@ -1,4 +1,4 @@
-"""A bench of a few numbers instead of physics: what is done to it has consequences, and it ticks in microseconds."""
+"""A bench of a few numbers instead of physics: what is done to it has consequences, and it steps in microseconds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.physics.bullet.world import SimError
 
-ACTING_TICKS = 4
+ACTING_STEPS = 4
 """A fake disturbance acts so long, settling included."""
 
 
@@ -20,7 +20,7 @@ ACTING_TICKS = 4
 class FakeDisturbance:
     spec: DisturbanceSpec
     plan: DisturbanceTrajectory
-    left: int = ACTING_TICKS
+    left: int = ACTING_STEPS
 
     def hand_positions(self) -> FloatArray:
         return np.zeros((0, 3))
@@ -35,7 +35,7 @@ class FakeBench:
         self.settings = settings
         self.start: dict[str, float] = {}
         self.breaks_at: int | None = None
-        """Tick at which the cloth diverges."""
+        """Step at which the cloth diverges."""
 
     def reset(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -43,7 +43,7 @@ class FakeBench:
         self._holder_m = rng.uniform(0, 0.01, 3)
         self._nodes = rng.uniform(0, 0.1, (6, 3))
         self._wrinkles = 0.0
-        self._ticks = 0
+        self._n_steps = 0
         self._force_n = np.zeros(3)
         self._pull: tuple[int, FloatArray] | None = None
         self.disturbance: FakeDisturbance | None = None
@@ -54,7 +54,7 @@ class FakeBench:
     def observe(self, *, images: bool = True) -> Observation:
         half = np.array([0.0, 0.15, 0.0])
         return Observation(
-            time_s=self._ticks * self.settings.tick_s,
+            time_s=self._n_steps * self.settings.step_s,
             corner_positions=[self._holder_m + half, self._holder_m - half],
             holder_position=self._holder_m,
             word=[1.0, 0.0],
@@ -73,7 +73,7 @@ class FakeBench:
         return self._contact() > FLAT_AREA
 
     def instability(self) -> str | None:
-        return "diverged" if self._ticks == self.breaks_at else None
+        return "diverged" if self._n_steps == self.breaks_at else None
 
     @property
     def disturbed(self) -> bool:
@@ -115,7 +115,7 @@ class FakeBench:
 
     def _advance(self, action: FloatArray) -> None:
         assert action.shape == (action_size(self.settings.task),)
-        self._ticks += 1
+        self._n_steps += 1
         self._force_n = np.zeros(3)
         move = np.array([action[0], 0.0, action[1]]) if action.size == 2 else action.reshape(2, 3).mean(axis=0)
         self._holder_m = self._holder_m + move
@@ -133,7 +133,7 @@ class FakeBench:
             self.disturbance.left -= 1
             if self.disturbance.left == 0:
                 self.disturbance = None
-        if self._ticks == self.breaks_at:
+        if self._n_steps == self.breaks_at:
             self._nodes, self._force_n = self._nodes * np.nan, self._force_n * np.nan
 
 

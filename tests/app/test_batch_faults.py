@@ -108,10 +108,10 @@ def test_a_thousand_faults_lose_no_row_and_double_none(tmp_path):
 
 @pytest.fixture
 def start(tmp_path) -> Iterator:
-    """``start(seeds, workers, tick_s)``: a batch as a program, in a process group of its own."""
+    """``start(seeds, workers, step_s)``: a batch as a program, in a process group of its own."""
     running: list[subprocess.Popen] = []
 
-    def run(seeds: int = 6, workers: int = 2, tick_s: float = 0.3) -> subprocess.Popen:
+    def run(seeds: int = 6, workers: int = 2, step_s: float = 0.3) -> subprocess.Popen:
         words = [
             sys.executable,
             "-m",
@@ -119,7 +119,7 @@ def start(tmp_path) -> Iterator:
             str(tmp_path / "out"),
             str(seeds),
             str(workers),
-            str(tick_s),
+            str(step_s),
         ]
         child = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
         running.append(child)
@@ -204,12 +204,12 @@ def test_ctrl_c_keeps_what_is_finished_sums_it_up_and_ends_with_130(start, tmp_p
 def test_a_batch_that_is_killed_again_and_again_comes_to_its_end(start, tmp_path):
     rng = np.random.default_rng(0)
     for _ in range(15):
-        child = start(seeds=12, workers=3, tick_s=0.05)
+        child = start(seeds=12, workers=3, step_s=0.05)
         time.sleep(2.0 + rng.uniform(0.0, 3.0))
         child.kill()
         child.wait()
         assert _none_left(child.pid)
-    child = start(seeds=12, workers=3, tick_s=0.0)
+    child = start(seeds=12, workers=3, step_s=0.0)
     child.communicate(timeout=120)
     assert child.returncode == 0
     pd.testing.assert_frame_equal(
@@ -219,7 +219,7 @@ def test_a_batch_that_is_killed_again_and_again_comes_to_its_end(start, tmp_path
 
 def test_killed_workers_are_replaced(start, tmp_path):
     """From outside, at any moment, as when memory runs out."""
-    child = start(seeds=6, workers=2, tick_s=0.3)
+    child = start(seeds=6, workers=2, step_s=0.3)
     _until(child.stderr, "1/36")
     for _ in range(5):
         workers = [process for process in _left(child.pid) if process.pid != child.pid]

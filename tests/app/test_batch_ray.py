@@ -82,7 +82,7 @@ def test_a_lost_worker_costs_what_it_was_at(cluster, tmp_path):
                     killed.append(process.pid)
                     return
 
-    play = Scripted(tick_s=0.2)
+    play = Scripted(step_s=0.2)
     results = run_batch(plan, tmp_path, engine=ray_engine(2, cluster), play=play, progress=Killing())  # type: ignore[arg-type]
     assert killed
     assert len(results.rows) == plan.episodes

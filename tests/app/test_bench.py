@@ -18,7 +18,7 @@ from layflat.app.benchmarks import (
     measure_solver_settings,
 )
 from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS
-from layflat.data.types import ROBOTS, TICK_S
+from layflat.data.types import ROBOTS, STEP_S
 from layflat.perception.descriptors.word import AXIAL, LETTER
 from layflat.tests.fakeplay import Scripted
 
@@ -36,7 +36,7 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "predicting": ("predict", "GPy"),
         "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *RECIPES)),
         "batch": tuple(str(workers) for workers in measure_batch.WORKERS),
-        "recording": ("tick", "hand over", "journal", "keep", "raw", "size", *PACKED),
+        "recording": ("step", "hand over", "journal", "keep", "raw", "size", *PACKED),
         "opening": ("open", "read", "arrays", "growth", "episodes"),
     }[kind]
     return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in names}
@@ -72,7 +72,7 @@ def test_both_tasks_and_both_meshes_are_measured():
 def test_simulated_over_wall_time():
     rows = {row.name: row for row in _all_rows()}
     row = rows["hanger towel in the air"]
-    assert row.value == pytest.approx(TICK_S / 0.05)  # the median, which the slow block does not touch
+    assert row.value == pytest.approx(STEP_S / 0.05)  # the median, which the slow block does not touch
     assert row.baseline == bench.AIR_GOAL
     assert rows["hanger towel-fine in the air"].baseline == row.value
 
@@ -142,7 +142,7 @@ def test_a_batch_is_really_shared_by_workers(tmp_path):
     """Of episodes that only wait, two at a time take half as long."""
     # OpenCV's threads, which other tests have started here, do not survive the forks of a batch.
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, Scripted(tick_s=0.4)).result()
+        walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, Scripted(step_s=0.4)).result()
     assert walls["1"] > 1.5 * walls["2"]
     assert not list(tmp_path.iterdir())
 
@@ -161,7 +161,7 @@ def test_keeping_and_opening_are_really_measured(tmp_path):
         recording = pool.schedule(measure_data.recording, args=(tmp_path, 3)).result()
         opening = pool.schedule(measure_data.opening, args=(tmp_path, 30)).result()
     assert len(recording["hand over"]) == 3
-    assert np.median(recording["hand over"]) < np.median(recording["tick"])
+    assert np.median(recording["hand over"]) < np.median(recording["step"])
     assert recording["size gzip 4"] < recording["size gzip 1"] < recording["size lzf"] < recording["size none"]
     assert np.median(opening["open"]) < np.median(opening["read"]) * 30
     assert not list(tmp_path.iterdir())

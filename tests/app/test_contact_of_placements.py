@@ -18,7 +18,7 @@ JOBS = [
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_camera_agrees_with_the_mesh_over_whole_placements() -> None:
-    """Mean absolute error at most 0.02 in each, of the ticks in which any of the cloth lies: air would dilute it."""
+    """Mean absolute error at most 0.02 in each, of the steps in which any of the cloth lies: air would dilute it."""
     for job, episode in zip(JOBS, run_episodes(JOBS, workers=1), strict=True):
         assert isinstance(episode, Episode), episode
         true = np.array([truth.contact_portion_true for truth in episode.truths()])

@@ -36,7 +36,7 @@ def made(tmp_path_factory, make_episode, lying) -> Path:
     with SessionRecorder(folder / "more.h5", task="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode(seed=9, disturbed=False))
     with SessionRecorder(folder / "pickers.h5", task="pickers", cloth="towel") as recorder:
-        recorder.keep(lying(make_episode(task="pickers"), ticks=5))
+        recorder.keep(lying(make_episode(task="pickers"), n_steps=5))
     whole = (folder / "hanger.h5").read_bytes()
     (folder / "short.h5").write_bytes(whole[: len(whole) // 2])
     (folder / "text.h5").write_text("dear diary")
@@ -88,32 +88,37 @@ def _seeds(path: str) -> list[int]:
 def test_info_is_a_page(done):
     page = done("info", "hanger.h5", "--json", "info.json")
     for text in (
-        "hanger.h5: 4 episodes, 310 ticks", "task hanger, cloth towel", "3 success, 1 failure",
+        "hanger.h5: 4 episodes, 310 steps", "task hanger, cloth towel", "3 success, 1 failure",
         "2 scripted, 2 gamepad", "2 none, 2 push", "contact at start", "demo_3",
     ):  # fmt: skip
         assert text in page
     assert max(map(len, page.splitlines())) <= 120
     told = json.loads(Path("info.json").read_text())
     assert told["schema"] == 1
-    assert (told["ticks"], told["outcomes"]) == (310, {"success": 3, "failure": 1})
+    assert (told["steps"], told["outcomes"]) == (310, {"success": 3, "failure": 1})
     with open_session("hanger.h5") as session:
         for row, episode in zip(told["episodes"], session, strict=True):
-            assert row["ticks"] == len(episode.steps)
+            assert row["steps"] == len(episode.steps)
             assert row["contact_start"] == episode.contact()[0]
             assert row["contact_final"] == episode.contact()[-1]
 
 
 def test_info_says_which_disturbances_came_when(done, make_episode):
-    gusts = [DisturbanceRecord(name=name, first_tick=tick) for name, tick in (("wind", 5), ("push", 40), ("wind", 80))]
-    twice = [DisturbanceRecord(name="thesis", first_tick=tick, last_tick=tick + 9) for tick in (60, 80)]
+    gusts = [
+        DisturbanceRecord(name=name, first_step=step_index)
+        for name, step_index in (("wind", 5), ("push", 40), ("wind", 80))
+    ]
+    twice = [
+        DisturbanceRecord(name="thesis", first_step=step_index, last_step=step_index + 9) for step_index in (60, 80)
+    ]
     with SessionRecorder("some.h5", task="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode(disturbance="gusts", disturbances=gusts))
         recorder.keep(make_episode(disturbance="thesis", disturbances=twice))
         recorder.keep(make_episode(disturbed=False))
     page = " ".join(done("info", "some.h5", "--json", "some.json").split())
     told = [episode["disturbances"] for episode in json.loads(Path("some.json").read_text())["episodes"]]
-    assert told[0][2] == {"name": "wind", "first_tick": 80, "last_tick": None}
-    assert [record["last_tick"] for record in told[1]] == [69, 89]
+    assert told[0][2] == {"name": "wind", "first_step": 80, "last_step": None}
+    assert [record["last_step"] for record in told[1]] == [69, 89]
     assert told[2] == []
     (gusty, again, calm) = (words("gusts", gusts), words("thesis", twice), words("none", []))
     assert gusty == "gusts: wind at 5, 80, push at 40"
@@ -125,7 +130,7 @@ def test_info_says_which_disturbances_came_when(done, make_episode):
 def test_a_page_stays_a_page(done, make_episode, lying):
     with SessionRecorder("long.h5", task="hanger", cloth="towel") as recorder:
         for seed in range(25):
-            recorder.keep(lying(make_episode(seed=seed), ticks=1))
+            recorder.keep(lying(make_episode(seed=seed), n_steps=1))
     page = done("info", "long.h5")
     assert len(page.splitlines()) < 50
     assert "5 more" in page
@@ -188,8 +193,8 @@ def test_split_has_a_usual_share(done):
         (("--outcome", "failure"), [1]),
         (("--source", "gamepad"), [2, 3]),
         (("--cloth", "towel"), [0, 1, 2, 3]),
-        (("--max-ticks", "60"), [0, 3]),
-        (("--min-ticks", "61", "--source", "scripted"), [1]),
+        (("--max-steps", "60"), [0, 3]),
+        (("--min-steps", "61", "--source", "scripted"), [1]),
         (("--min-contact", "0.93"), [0, 3]),
         (("--max-contact", "0.93"), [1, 2]),
     ],
@@ -201,14 +206,14 @@ def test_filter_keeps_what_passes_every_test(tests, seeds, done):
 
 
 def test_trim_cuts_one_episode(done):
-    assert "demo_1 with 20 of 95 ticks, partial" in done(
+    assert "demo_1 with 20 of 95 steps, partial" in done(
         "trim", "hanger.h5", "--episode", "1", "--start", "10", "--stop", "30", "--out", "t.h5"
     )
     with open_session("t.h5") as cut, open_session("hanger.h5") as whole:
         assert [len(episode.steps) for episode in cut] == [60, 20, 95, 60]
-        assert cut["demo_1"].first_tick == 10
+        assert cut["demo_1"].first_step == 10
         np.testing.assert_array_equal(cut["demo_1"].steps[0].action, whole["demo_1"].steps[10].action)
-    assert "60 of 95 ticks, success" in done("trim", "hanger.h5", "--episode", "2", "--start", "35", "--out", "u.h5")
+    assert "60 of 95 steps, success" in done("trim", "hanger.h5", "--episode", "2", "--start", "35", "--out", "u.h5")
 
 
 def test_repair_makes_a_sound_file_of_a_sick_one(run, done):
@@ -304,8 +309,8 @@ WRONG = {
     ("split", "more.h5", "--out", "o"): "too few",
     ("filter", "hanger.h5", "--out", "o.h5", "--outcome", "partial"): "partial",
     ("filter", "hanger.h5", "--out", "o.h5", "--source", "nobody"): "none of the 4",
-    ("filter", "hanger.h5", "--out", "o.h5", "--min-ticks", "9", "--max-ticks", "3"): "nothing can pass",
-    ("filter", "hanger.h5", "--out", "o.h5", "--min-ticks", "-2"): "--min-ticks is -2",
+    ("filter", "hanger.h5", "--out", "o.h5", "--min-steps", "9", "--max-steps", "3"): "nothing can pass",
+    ("filter", "hanger.h5", "--out", "o.h5", "--min-steps", "-2"): "--min-steps is -2",
     ("merge", "hanger.h5", "pickers.h5", "--out", "o.h5"): "task",
     ("merge", "hanger.h5", "more.h5", "--out", "hanger.h5", "--force"): "one of the files",
     ("export", "hanger.h5", "--out", "o", "--format", "xml"): "xml",

@@ -16,7 +16,7 @@ from layflat.app.evaluation.phases import disturbance_outcomes, phase_spans
 from layflat.app.evaluation.summary import with_measures
 from layflat.app.report import charts
 from layflat.app.report.comparison_sentences import verdict
-from layflat.app.report.episode_renderer import EpisodeRenderer, key_ticks
+from layflat.app.report.episode_renderer import EpisodeRenderer, key_steps
 from layflat.app.report.evaluation import evaluation_page, examples
 from layflat.app.report.page import markdown, table_markdown, write_page
 from layflat.app.report.result_tables import failures, group_table
@@ -29,7 +29,7 @@ from layflat.tests.browser import measured, needs_chromium, screenshot
 POLICIES = ("gp-baseline", "gp-word", "gp-baseline+drag-rule")
 CONDITIONS = (("hanger", False), ("pickers", True))
 SEEDS = range(6)
-NUMBERS = ("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s")
+NUMBERS = ("contact_final", "contact_disturbed", "flat_area_final", "steps", "sim_s")
 
 
 class Drawn:
@@ -38,7 +38,7 @@ class Drawn:
     def __init__(self, episodes):
         self.episodes = {f"{e.task}--{e.source}--{e.seed}--{e.disturbance}": e for e in episodes}
         rows = [episode_metrics(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
-        rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "ticks", "sim_s"))
+        rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "steps", "sim_s"))
         rows[-1] |= {"crashed": True, "stopped_by": "crashed", "reason": "its process ended with status -11"}
         self.rows = pd.DataFrame(rows).astype(dict.fromkeys(NUMBERS, float))
 
@@ -59,7 +59,9 @@ def laid(episode, *, lift_m=0.15):
         return GroundTruth(nodes=nodes, contact_portion_true=old.contact_portion_true, flat_area=old.flat_area)
 
     contact = episode.contact()
-    steps = tuple(replace(step, truth=truth(step.truth, contact[tick])) for tick, step in enumerate(episode.steps))
+    steps = tuple(
+        replace(step, truth=truth(step.truth, contact[step_index])) for step_index, step in enumerate(episode.steps)
+    )
     return replace(episode, steps=steps, final_truth=truth(episode.final_truth, contact[-1]))
 
 
@@ -199,11 +201,11 @@ def test_rounds_tell_two_disturbances_apart(make_episode):
 def test_key_moments_are_in_order_and_begin_and_end_with_the_episode(make_episode):
     for disturbed in (False, True):
         episode = make_episode(disturbed=disturbed)
-        ticks = key_ticks(episode, 6)
-        assert ticks == sorted(set(ticks))
-        assert (len(ticks), ticks[0], ticks[-1]) == (6, 0, len(episode.steps))
-        assert {part.after for part in phase_spans(episode)} <= set(ticks)
-    assert len(key_ticks(episode, 3)) == 3
+        n_steps = key_steps(episode, 6)
+        assert n_steps == sorted(set(n_steps))
+        assert (len(n_steps), n_steps[0], n_steps[-1]) == (6, 0, len(episode.steps))
+        assert {part.after for part in phase_spans(episode)} <= set(n_steps)
+    assert len(key_steps(episode, 3)) == 3
 
 
 def test_the_band_is_the_quartiles_and_ended_runs_keep_their_value(make_episode):

@@ -37,7 +37,7 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
             bench,
             ZeroPolicy(task),
             seed=3,
-            max_ticks=3,
+            max_steps=3,
             begin=lambda beginning: running.append(recorder.begin(beginning)) or running[0],
         )
         running[0].close()
@@ -50,7 +50,7 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
         found = session[0]
     assert differences(found, episode) == []
     assert validate(path) == ()
-    again = SimConfig(task=found.task, cloth=found.cloth, tick_s=found.tick_s, **found.bench)
+    again = SimConfig(task=found.task, cloth=found.cloth, step_s=found.step_s, **found.bench)
     assert again == bench.settings
     assert found.descriptor == bench.settings.descriptor
     np.testing.assert_array_equal(found.initial_joints, joints)

@@ -30,7 +30,7 @@ def _beginning(episode):
 def placed(tmp_path, monkeypatch, make_episode):
     """``placed(*endings, record=False)``: place one episode for each of "done", "crashes" and Ctrl-C; the folder.
 
-    A crash comes after three ticks, which the episode's journal has.
+    A crash comes after three steps, which the episode's journal has.
     """
     model_files.save(random_model("hanger", 20), tmp_path / "m.npz")
 
@@ -83,7 +83,7 @@ def test_what_a_crashed_episode_left_is_recorded_as_partial(placed, tmp_path):
         placed("crashes", "done", recorded=True)
     assert validate(tmp_path / "s.h5") == ()
     with open_session(tmp_path / "s.h5") as session:
-        told = [(info.seed, info.outcome, info.stopped_by, info.ticks) for info in session.infos().values()]
+        told = [(info.seed, info.outcome, info.stopped_by, info.n_steps) for info in session.infos().values()]
     assert told == [(7, "partial", "crashed", 2), (8, "success", "threshold", 60)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.npz", "rows.json", "s.h5"]
 

@@ -1,4 +1,4 @@
-"""What a plot is drawn from, and that outcomes, disturbances and single ticks have their place on it."""
+"""What a plot is drawn from, and that outcomes, disturbances and single steps have their place on it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_curves_are_the_episodes(task, make_episode):
     np.testing.assert_array_equal(curves.actions_m, [step.action for step in episode.steps])
     assert curves.time_s[0] == 0.0
     assert curves.disturbed_s == pytest.approx(seen[episode.phase_bounds("disturb")[0]].time_s)
-    assert np.diff(curves.time_s) == pytest.approx(episode.tick_s)
+    assert np.diff(curves.time_s) == pytest.approx(episode.step_s)
     there = np.array([bool(o.word.any()) for o in seen])
     assert np.isnan(curves.word_deg[~there]).all()
     assert (~there).any()
@@ -43,13 +43,15 @@ def test_time_begins_with_the_disturbance_only_where_all_have_one(make_episode):
 
 
 def _befallen(episode):
-    """A wind in ticks 5 to 8, a push at 60; a hand on node 1 in 20 and 21, on node 2 in 22; a person from 30 to 33."""
-    befell = [DisturbanceRecord(name="wind", first_tick=5, last_tick=8), DisturbanceRecord(name="push", first_tick=60)]
+    """A wind in steps 5 to 8, a push at 60; a hand on node 1 in 20 and 21, on node 2 in 22; a person from 30 to 33."""
+    befell = [DisturbanceRecord(name="wind", first_step=5, last_step=8), DisturbanceRecord(name="push", first_step=60)]
     steps = list(episode.steps)
-    for tick, node in ((20, 1), (21, 1), (22, 2)):
-        steps[tick] = replace(steps[tick], pull=DragTarget(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4])
-    for tick in range(30, 33):
-        steps[tick] = replace(steps[tick], intervention=True)
+    for step_index, node in ((20, 1), (21, 1), (22, 2)):
+        steps[step_index] = replace(
+            steps[step_index], pull=DragTarget(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4]
+        )
+    for step_index in range(30, 33):
+        steps[step_index] = replace(steps[step_index], intervention=True)
     return replace(episode, steps=steps, disturbances=befell)
 
 
@@ -102,8 +104,8 @@ def test_each_outcome_has_its_colour(tmp_path, make_episode):
     assert [p.name for p in tmp_path.iterdir()] == ["p.png"]
 
 
-def test_an_episode_of_one_tick_and_one_of_many_fit_on_one_page(tmp_path, make_episode, lying):
-    episodes = [lying(make_episode(task="pickers"), ticks=1), make_episode(task="pickers")]
+def test_an_episode_of_one_step_and_one_of_many_fit_on_one_page(tmp_path, make_episode, lying):
+    episodes = [lying(make_episode(task="pickers"), n_steps=1), make_episode(task="pickers")]
     curves = [curves_of(f"demo_{k}", episode) for k, episode in enumerate(episodes)]
     assert plot_session(tmp_path / "p.png", "title", curves) == 2
     assert plot_session(tmp_path / "one.png", "title", curves[:1]) == 1

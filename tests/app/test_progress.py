@@ -25,9 +25,9 @@ def test_plain_lines_are_few_but_come_with_each_item():
     with Progress({"work": 100}, stream=stream, clock=clock, interval_s=5) as progress:
         progress.phase("work", items=4)
         for _ in range(4):
-            for _ in range(100):  # 10 s of ticks an item
+            for _ in range(100):  # 10 s of steps an item
                 clock.now += 0.1
-                progress.status("tick")
+                progress.status("step")
             progress.advance()
     lines = stream.getvalue().splitlines()
     assert sum("4/4" in line for line in lines) == 1

@@ -54,19 +54,19 @@ def by_hand(bench, task):
     run = Run(bench, policy, seed=5)
     down = np.tile([0.0, 0.0, -0.01], 2) if task == "pickers" else np.array([0.002, -0.012])
     policy.act = lambda seen: Decision(action=down)
-    for tick in range(12):
-        if tick in (3, 6):
-            run.disturb({3: "wind", 6: "push"}[tick], repeat=tick)
-        if tick == 9:
+    for step in range(12):
+        if step in (3, 6):
+            run.disturb({3: "wind", 6: "push"}[step], repeat=step)
+        if step == 9:
             held = run.seen.holder_position if task == "hanger" else run.seen.corner_positions
             policy.act = lambda seen: Decision(action=down, hand=held + [0.05, 0.0, -0.05])
         where = run.truth.nodes[20] + [0.02, 0.01, 0.01]
-        pull = Pull(node=20 if tick < 6 else 90, target_m=where) if tick in (2, 3, 4, 7, 8, 10) else None
-        assert run.tick("place", pull) is None
+        pull = Pull(node=20 if step < 6 else 90, target_m=where) if step in (2, 3, 4, 7, 8, 10) else None
+        assert run.step("place", pull) is None
     return run.episode("interrupted", "partial")
 
 SCHEDULES = {"twice": [
-    ScheduledDisturbance(spec=DISTURBANCES["wind"], when=When(moment="tick", value=2)),
+    ScheduledDisturbance(spec=DISTURBANCES["wind"], when=When(moment="step", value=2)),
     ScheduledDisturbance(spec=DISTURBANCES["poke"], repeats=2),
 ]}
 
@@ -85,7 +85,7 @@ if __name__ == "__main__":
     kept = read_episode(Path(path), 0)
     again = rerun(kept)
     told = {"phases": sorted({step.phase for step in kept.steps})}
-    told["befell"] = [[record.name, record.first_tick, record.last_tick] for record in kept.disturbances]
+    told["befell"] = [[record.name, record.first_step, record.last_step] for record in kept.disturbances]
     told["forces"] = [bool(step.force_n.any()) for step in kept.steps]
     told["forces_again"] = all(np.array_equal(a.force_n, b.force_n) for a, b in zip(kept.steps, again.steps))
     told["same"] = action_report(kept, again, compare(kept, again))
@@ -149,14 +149,14 @@ def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp
     same = told["same"]
     assert same["identical"] is True
     assert same["max_node_error_m"] == same["max_corner_error_m"] == same["max_contact_error"] == 0.0
-    assert same["first_divergent_tick"] is None
-    assert same["ticks"] == same["ticks_again"] > 15
-    assert len(same["per_tick"]["node_error_m"]) == same["ticks"] + 1
+    assert same["first_divergent_step"] is None
+    assert same["steps"] == same["steps_again"] > 15
+    assert len(same["per_step"]["node_error_m"]) == same["steps"] + 1
     assert not same["changed_versions"]
     if task == "pickers":
-        # A hand that goes the other way, from tick 6 on, leads elsewhere, and that is told.
+        # A hand that goes the other way, from step 6 on, leads elsewhere, and that is told.
         assert told["changed"]["identical"] is False
-        assert told["changed"]["first_divergent_tick"] == 7
+        assert told["changed"]["first_divergent_step"] == 7
         assert told["changed"]["max_node_error_m"] > 0.001
 
 
@@ -180,19 +180,19 @@ def test_a_whole_demonstration_runs_again_to_the_bit(task, tmp_path):
     subprocess.run(call, check=True)
     report = _again(path)
     assert report["identical"] is True
-    assert report["ticks"] > 50
+    assert report["steps"] > 50
 
 
 def test_an_episode_does_not_differ_from_itself(make_episode):
     episode = make_episode()
     divergence = compare(episode, episode)
     assert divergence.identical
-    assert divergence.first_tick is None
+    assert divergence.first_step is None
     assert len(divergence.node_error_m) == len(episode.steps) + 1
     assert not divergence.node_error_m.any()
 
 
-def test_the_divergence_is_the_largest_distance_of_its_tick(make_episode):
+def test_the_divergence_is_the_largest_distance_of_its_step(make_episode):
     episode = make_episode(disturbed=False)
     shift = np.zeros((4, 3))
     shift[2] = [0.003, 0.0, -0.004]
@@ -206,7 +206,7 @@ def test_the_divergence_is_the_largest_distance_of_its_tick(make_episode):
     )
     divergence = compare(episode, replace(episode, steps=tuple(steps)))
     assert not divergence.identical
-    assert divergence.first_tick == 7
+    assert divergence.first_step == 7
     assert divergence.node_error_m[7] == pytest.approx(0.005)
     assert np.flatnonzero(divergence.node_error_m).tolist() == [7]
     assert divergence.corner_error_m[9] == pytest.approx(0.002)
@@ -220,7 +220,7 @@ def test_one_bit_is_a_difference(make_episode):
     other = replace(seen, contact_portion=float(np.nextafter(seen.contact_portion, 2)))
     divergence = compare(episode, replace(episode, final_observation=other))
     assert not divergence.identical
-    assert divergence.first_tick == len(episode.steps)
+    assert divergence.first_step == len(episode.steps)
     assert differences(divergence)[:2] == ["nodes identical", "corners identical"]
 
 
@@ -230,23 +230,23 @@ def test_a_shorter_run_is_not_identical_even_where_it_agrees(make_episode):
     short = replace(episode, steps=episode.steps[:-1], final_observation=last.observation, final_truth=last.truth)
     divergence = compare(episode, short)
     assert not divergence.identical
-    assert divergence.first_tick is None
+    assert divergence.first_step is None
     assert len(divergence.node_error_m) == len(episode.steps)
 
 
 def _planned(plan: dict) -> dict:
-    return {"disturbances": [DisturbanceRecord(name="push", first_tick=3, plan=plan)]}
+    return {"disturbances": [DisturbanceRecord(name="push", first_step=3, plan=plan)]}
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"cloth": "silk"}, "'silk'.*napkin"),
-        ({"disturbances": [DisturbanceRecord(name="earthquake", first_tick=3)]}, "'earthquake'.*push"),
-        ({"first_tick": 3}, "first 3 ticks"),
+        ({"disturbances": [DisturbanceRecord(name="earthquake", first_step=3)]}, "'earthquake'.*push"),
+        ({"first_step": 3}, "first 3 steps"),
         ({"bench": {"gravity": 3.7}}, "gravity"),
         ({"bench": {"noise": "much"}}, "noise 'much'"),
-        ({"tick_s": 7.0}, r"tick_s is 7\.0"),
+        ({"step_s": 7.0}, r"step_s is 7\.0"),
         (_planned({"nodes": [1]}), "no plan"),
         (_planned(PLAN | {"nodes": [10**6]}), "no plan for this cloth"),
         (_planned(PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}), "no plan for this cloth"),
@@ -271,11 +271,11 @@ def test_the_bench_is_as_the_file_says(make_episode):
 
 
 def test_state_replay_tells_each_moment(make_episode):
-    episode = make_episode(disturbances=[DisturbanceRecord(name="push", first_tick=60, last_tick=69, plan=PLAN)])
+    episode = make_episode(disturbances=[DisturbanceRecord(name="push", first_step=60, last_step=69, plan=PLAN)])
     report = state_report(episode)
-    assert report["disturbances"] == [{"name": "push", "first_tick": 60, "last_tick": 69, "plan": PLAN}]
+    assert report["disturbances"] == [{"name": "push", "first_step": 60, "last_step": 69, "plan": PLAN}]
     assert report["forces_n"] == [[0.0, 0.0, 0.0]] * len(episode.steps)
-    columns = report["per_tick"]
+    columns = report["per_step"]
     assert len(columns["phase"]) == len(episode.steps)
     assert all(len(column) == len(episode.steps) + 1 for key, column in columns.items() if key != "phase")
     assert columns["contact_portion"] == [o.contact_portion for o in episode.observations()]
@@ -286,7 +286,7 @@ def test_state_replay_tells_each_moment(make_episode):
 def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, task="pickers", cloth="towel") as recorder:
-        recorder.keep(lying(make_episode(task="pickers"), ticks=6))
+        recorder.keep(lying(make_episode(task="pickers"), n_steps=6))
     done = _replay(path, "--json", str(tmp_path / "s.json"), "--video", str(tmp_path / "s.webm"))
     assert done.returncode == 0, done.stderr
     assert "place" in done.stdout

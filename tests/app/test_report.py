@@ -118,24 +118,24 @@ def test_every_run_is_in_the_page(report):
 
 def test_strips_show_start_stop_disturbance_and_end(make_episode):
     episode = make_episode(images=True)
-    placing = frames.frame_strip(episode, frames.placing_ticks(episode), frames.draw_plain, 80)
+    placing = frames.frame_strip(episode, frames.placing_steps(episode), frames.draw_plain, 80)
     assert (len(placing), placing[0].word, placing[-1].word) == (10, "start", "stopped")
-    disturbance = frames.frame_strip(episode, frames.disturbance_ticks(episode), frames.draw_plain, 80)
+    disturbance = frames.frame_strip(episode, frames.disturbance_steps(episode), frames.draw_plain, 80)
     assert [frame.word for frame in disturbance] == [
         "start", "placing", "stopped", "disturbance", "disturbed", *["repair"] * 4, "end",
     ]  # fmt: skip
-    assert [frame.tick for frame in disturbance] == sorted(frame.tick for frame in disturbance)
+    assert [frame.step for frame in disturbance] == sorted(frame.step for frame in disturbance)
     assert {frame.image.shape[1] for frame in placing} == {80}
 
 
 def test_strips_take_the_nearest_frame_that_has_an_image(make_episode):
     episode = make_episode(images=True)
     steps = tuple(
-        replace(step, observation=replace(step.observation, rgb=None)) if tick % 7 else step
-        for tick, step in enumerate(episode.steps)
+        replace(step, observation=replace(step.observation, rgb=None)) if step_index % 7 else step
+        for step_index, step in enumerate(episode.steps)
     )
     shown = frames.frame_strip(replace(episode, steps=steps), [0, 6, 10], frames.draw_plain, 80)
-    assert [frame.tick for frame in shown] == [0, 7, 7]
+    assert [frame.step for frame in shown] == [0, 7, 7]
 
 
 def test_the_run_that_is_pictured_has_images_and_a_disturbance(make_episode):
@@ -195,7 +195,9 @@ def test_a_browser_lays_the_page_out(tmp_path, report):
 
 def test_a_sheet_holds_every_frame_of_its_strips(make_episode):
     episode = make_episode(images=True)
-    rows = [frames.frame_strip(episode, ticks, frames.draw_plain, 80) for ticks in ([0, 5, 10], [12, 15, 20])]
+    rows = [
+        frames.frame_strip(episode, step_indices, frames.draw_plain, 80) for step_indices in ([0, 5, 10], [12, 15, 20])
+    ]
     picture = frames.contact_sheet(rows)
     height, width = rows[0][0].image.shape[:2]
     assert picture.shape == (2 * (height + 4), 3 * (width + 4), 3)

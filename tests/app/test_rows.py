@@ -27,7 +27,7 @@ CONTRACT = [
     "contact_final",
     "contact_final_true",
     "flat_area_final",
-    "ticks",
+    "steps",
     "stopped_by",
     "unstable",
     "crashed",
@@ -63,8 +63,8 @@ def test_without_disturbance_that_moment_is_null_and_placed_is_final(make_episod
 
 
 def _numbered(episode):
-    """Contact portion 0.001 in tick 1, 0.002 in tick 2, ..."""
-    seen = [_with_contact(o, 0.001 * tick) for tick, o in enumerate(episode.observations())]
+    """Contact portion 0.001 in step 1, 0.002 in step 2, ..."""
+    seen = [_with_contact(o, 0.001 * step_index) for step_index, o in enumerate(episode.observations())]
     steps = tuple(replace(step, observation=o) for step, o in zip(episode.steps, seen[:-1], strict=True))
     return replace(episode, steps=steps, final_observation=seen[-1])
 
@@ -72,7 +72,7 @@ def _numbered(episode):
 def test_of_repeated_disturbances_each_has_its_moments_and_the_row_the_last_ones(make_episode):
     """Into the placing, after it, and once more, which is never over."""
     lasting = [("wind", 10, 19), ("push", 60, 69), ("push", 80, None)]
-    befell = [DisturbanceRecord(name=name, first_tick=first, last_tick=last) for name, first, last in lasting]
+    befell = [DisturbanceRecord(name=name, first_step=first, last_step=last) for name, first, last in lasting]
     episode = _numbered(make_episode(disturbances=befell))
     told = metrics.disturbed_contacts(episode)
     assert [contact.name for contact in told] == ["wind", "push", "push"]
@@ -96,7 +96,7 @@ def test_where_only_the_phases_tell_of_a_disturbance_they_are_believed(make_epis
 def test_an_episode_that_never_began_placing_has_no_placed_moment(make_episode):
     row = metrics.episode_metrics(replace(make_episode(), steps=(), stopped_by="crashed", outcome="failure"))
     assert row["contact_placed"] is None
-    assert (row["ticks"], row["sim_s"], row["crashed"], row["unstable"]) == (0, 0.0, True, False)
+    assert (row["steps"], row["sim_s"], row["crashed"], row["unstable"]) == (0, 0.0, True, False)
 
 
 def test_sensor_noise_above_one_is_cut_off(make_episode):
@@ -105,9 +105,9 @@ def test_sensor_noise_above_one_is_cut_off(make_episode):
     assert row["contact_final"] == 1.0
 
 
-def test_simulated_time_is_ticks_times_tick(make_episode):
-    row = metrics.episode_metrics(make_episode(tick_s=0.2))
-    assert row["sim_s"] == pytest.approx(row["ticks"] * 0.2)
+def test_simulated_time_is_steps_times_step(make_episode):
+    row = metrics.episode_metrics(make_episode(step_s=0.2))
+    assert row["sim_s"] == pytest.approx(row["steps"] * 0.2)
 
 
 def test_json_has_the_schema_and_survives_a_round_trip(tmp_path, make_episode):

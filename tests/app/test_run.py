@@ -1,4 +1,4 @@
-"""One episode tick by tick: what befalls the cloth is in it, with its ticks, and it runs again to the bit."""
+"""One episode step by step: what befalls the cloth is in it, with its steps, and it runs again to the bit."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from layflat.data.types import DragTarget
 from layflat.policy.base import Decision
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
-from layflat.tests.app.fake_bench import ACTING_TICKS, FakeBench, Forward
+from layflat.tests.app.fake_bench import ACTING_STEPS, FakeBench, Forward
 
 SEED = 3
 
@@ -64,8 +64,8 @@ def test_a_named_disturbance_comes_once_after_the_stop(bench):
     episode = rollout(bench, policy, seed=SEED, disturbance="thesis")
     (befell,) = episode.disturbances
     first, end = episode.phase_bounds("disturb")
-    assert (befell.name, befell.first_tick, befell.last_tick) == ("thesis", first, end - 1)
-    assert end - first == ACTING_TICKS
+    assert (befell.name, befell.first_step, befell.last_step) == ("thesis", first, end - 1)
+    assert end - first == ACTING_STEPS
     assert (
         befell.plan
         == disturbance_spec("thesis").schedule(np.random.default_rng([SEED, 0]), bench.settings.spec).described()
@@ -86,13 +86,13 @@ def test_repeats_come_one_after_another_each_with_its_chance(bench):
     assert changes == ["place", *["disturb", "repair"] * 3]
     assert len({str(record.plan) for record in episode.disturbances}) == 3
     for record in episode.disturbances:
-        assert told[record.first_tick : record.last_tick + 1] == ["disturb"] * ACTING_TICKS
+        assert told[record.first_step : record.last_step + 1] == ["disturb"] * ACTING_STEPS
 
 
-def test_one_at_a_tick_acts_while_the_policy_goes_on(bench):
-    episode = rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("tick", 5)])
+def test_one_at_a_step_acts_while_the_policy_goes_on(bench):
+    episode = rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("step", 5)])
     (befell,) = episode.disturbances
-    assert (befell.name, befell.first_tick, befell.last_tick) == ("wind", 5, 4 + ACTING_TICKS)
+    assert (befell.name, befell.first_step, befell.last_step) == ("wind", 5, 4 + ACTING_STEPS)
     assert {step.phase for step in episode.steps} == {"place"}
     assert all(step.action.any() for step in episode.steps)
     assert episode.disturbance == "gust"
@@ -103,40 +103,40 @@ def test_one_at_a_contact_begins_when_the_camera_first_sees_it(bench):
     (befell,) = episode.disturbances
     assert episode.disturbance == "wind"
     contact = episode.contact()
-    assert contact[befell.first_tick] >= 0.25
-    assert contact[: befell.first_tick].max() < 0.25
+    assert contact[befell.first_step] >= 0.25
+    assert contact[: befell.first_step].max() < 0.25
 
 
 def test_one_that_still_acts_when_the_policy_stops_is_waited_for(bench):
     policy, acts = Forward(), iter([*[None] * 10, "threshold", *[None] * 3, "converged"])
     policy.act = lambda seen: Decision(action=[0.01, 0.0], stop=next(acts))
-    episode = rollout(bench, policy, seed=SEED, schedule=[_at("tick", 9)])
+    episode = rollout(bench, policy, seed=SEED, schedule=[_at("step", 9)])
     (befell,) = episode.disturbances
     told = [step.phase for step in episode.steps]
-    assert told == ["place"] * 10 + ["disturb"] * (ACTING_TICKS - 1) + ["repair"] * 3
-    assert (befell.first_tick, befell.last_tick) == (9, 8 + ACTING_TICKS)
+    assert told == ["place"] * 10 + ["disturb"] * (ACTING_STEPS - 1) + ["repair"] * 3
+    assert (befell.first_step, befell.last_step) == (9, 8 + ACTING_STEPS)
     assert (episode.stopped_by, policy.resumed) == ("converged", 1)
 
 
 def test_what_falls_due_together_comes_one_after_another(bench):
     episode = rollout(
-        bench, Forward(), seed=SEED, schedule=[_at("tick", 5), _at("tick", 5, "push"), _scheduled("poke")]
+        bench, Forward(), seed=SEED, schedule=[_at("step", 5), _at("step", 5, "push"), _scheduled("poke")]
     )
-    told = [(record.name, record.first_tick) for record in episode.disturbances]
-    assert told[:2] == [("wind", 5), ("push", 5 + ACTING_TICKS)]
+    told = [(record.name, record.first_step) for record in episode.disturbances]
+    assert told[:2] == [("wind", 5), ("push", 5 + ACTING_STEPS)]
     assert told[2][0] == "poke"
     assert told[2][1] == episode.phase_bounds("disturb")[0]
 
 
-def test_a_tick_that_was_not_reached_comes_after_the_stop_and_a_contact_never(bench):
-    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.9), _at("tick", 900, repeats=2)])
+def test_a_step_that_was_not_reached_comes_after_the_stop_and_a_contact_never(bench):
+    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.9), _at("step", 900, repeats=2)])
     assert [record.name for record in episode.disturbances] == ["wind", "wind"]
-    assert episode.phase_bounds("place")[1] == episode.disturbances[0].first_tick
+    assert episode.phase_bounds("place")[1] == episode.disturbances[0].first_step
 
 
 def test_chance_is_the_schedules_whatever_comes_first(make_bench):
     """Two policies that reach the same moments in another order meet the same disturbances."""
-    schedule = [_at("contact", 0.3), _at("tick", 8, "push"), _scheduled("poke", repeats=2)]
+    schedule = [_at("contact", 0.3), _at("step", 8, "push"), _scheduled("poke", repeats=2)]
     slow, quick = Forward(), Forward()
     quick.act = lambda seen: replace(Forward.act(quick, seen), action=np.array([0.02, 0.0]))
     plans, orders = [], []
@@ -163,17 +163,17 @@ def test_copies_of_a_placing_go_on_as_an_episode_that_was_never_copied(make_benc
 
 def test_an_unstable_cloth_ends_the_episode_and_its_disturbance_was_never_over(bench):
     bench.breaks_at = 7
-    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("tick", 5), _scheduled()])
+    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("step", 5), _scheduled()])
     (befell,) = episode.disturbances
     assert (episode.stopped_by, episode.outcome, len(episode.steps)) == ("unstable", "failure", 7)
-    assert (befell.first_tick, befell.last_tick) == (5, None)
+    assert (befell.first_step, befell.last_step) == (5, None)
 
 
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (lambda: Trigger(moment="tick", value=2.5), "tick 2.5"),
-        (lambda: Trigger(moment="tick", value=-1), "tick -1"),
+        (lambda: Trigger(moment="step", value=2.5), "step 2.5"),
+        (lambda: Trigger(moment="step", value=-1), "step -1"),
         (lambda: Trigger(moment="contact", value=1.5), "contact 1.5"),
         (lambda: _scheduled(repeats=0), "0 times"),
     ],
@@ -186,23 +186,27 @@ def test_a_schedule_that_makes_no_sense_is_one_sentence(wrong, sentence):
 # A person's hand
 
 
-def _driven(bench, ticks=12):
-    """By a person: pulls for three ticks, lets go, pulls elsewhere, disturbs; the hand leads the holder at the end."""
+def _driven(bench, n_steps=12):
+    """By a person: pulls for three steps, lets go, pulls elsewhere, disturbs; the hand leads the holder at the end."""
     policy = Forward()
     run = EpisodeRunner(bench, policy, seed=SEED)
-    for tick in range(ticks):
-        pull = DragTarget(node=1 + tick // 6, target_m=[0.1 * tick, 0.0, 0.2]) if tick in (2, 3, 4, 6, 7) else None
-        if tick == 5:
+    for step_index in range(n_steps):
+        pull = (
+            DragTarget(node=1 + step_index // 6, target_m=[0.1 * step_index, 0.0, 0.2])
+            if step_index in (2, 3, 4, 6, 7)
+            else None
+        )
+        if step_index == 5:
             run.disturb("wind")
-        assert run.tick("place", pull, intervention=tick == 9) is None
+        assert run.step("place", pull, intervention=step_index == 9) is None
     hands = np.zeros(3) if bench.settings.task == "hanger" else np.zeros((2, 3))
     policy.act = lambda seen: Decision(action=np.ones(run.steps[0].action.size), hand=hands)
     for _ in range(3):
-        assert run.tick("place") is None
+        assert run.step("place") is None
     return run.episode("interrupted", "partial")
 
 
-def test_what_a_person_does_is_recorded_tick_by_tick(bench):
+def test_what_a_person_does_is_recorded_step_by_step(bench):
     episode = _driven(bench)
     assert [s.pull and s.pull.node for s in episode.steps[:9]] == [None, None, 1, 1, 1, None, 2, 2, None]
     assert [i for i, step in enumerate(episode.steps) if step.intervention] == [9]
@@ -216,7 +220,7 @@ def test_what_a_person_does_is_recorded_tick_by_tick(bench):
 
 
 def _disturbed_in_the_middle(bench):
-    return rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("tick", 5)])
+    return rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("step", 5)])
 
 
 def _disturbed_twice(bench):
@@ -225,7 +229,7 @@ def _disturbed_twice(bench):
 
 def _diverged(bench):
     bench.breaks_at = 8
-    return rollout(bench, Forward(), seed=SEED, schedule=[_at("tick", 5)])
+    return rollout(bench, Forward(), seed=SEED, schedule=[_at("step", 5)])
 
 
 @pytest.mark.parametrize("made", [_driven, _disturbed_in_the_middle, _disturbed_twice, _diverged])
@@ -247,35 +251,35 @@ def test_the_plan_counts_not_its_name(make_bench, tmp_path):
     assert compare(kept, replay_actions(make_bench(), renamed)).identical
     swapped = replace(kept, disturbances=[replace(first, plan=second.plan), second])
     divergence = compare(kept, replay_actions(make_bench(), swapped))
-    assert divergence.first_tick == first.first_tick + 1
+    assert divergence.first_step == first.first_step + 1
 
 
 def test_a_journal_hears_of_disturbances_as_they_come(bench, tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
         run = EpisodeRunner(bench, Forward(), seed=SEED, disturbance="gust", begin=recorder.begin)
-        run.tick("place")
+        run.step("place")
         run.disturb("wind")
-        run.tick("place")
-        run.tick("place")
+        run.step("place")
+        run.step("place")
         (journal,) = journals(parts_folder(path))
         recorder._running[0].close()
         left = read_journal(journal).episode
-        # The last tick is not known to its end.
+        # The last step is not known to its end.
         assert (len(left.steps), left.disturbance) == (2, "gust")
         (befell,) = left.disturbances
-        assert (befell.name, befell.first_tick, befell.last_tick) == ("wind", 1, None)
+        assert (befell.name, befell.first_step, befell.last_step) == ("wind", 1, None)
         assert befell.plan == run.disturbances[0].plan
         recorder._running[0].discard()
 
 
 def test_one_that_is_replaced_before_it_acts_was_never_there(bench):
     run = EpisodeRunner(bench, Forward(), seed=SEED)
-    run.tick("place")
+    run.step("place")
     run.disturb("wind")
     run.disturb("push")
-    run.tick("place")
+    run.step("place")
     run.disturb("poke")
-    run.tick("place")
-    told = [(record.name, record.first_tick, record.last_tick) for record in run.disturbances]
+    run.step("place")
+    told = [(record.name, record.first_step, record.last_step) for record in run.disturbances]
     assert told == [("push", 1, 1), ("poke", 2, None)]

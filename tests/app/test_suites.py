@@ -27,7 +27,7 @@ heading_deg = 90
 name = "early"
 [[case.disturbance]]
 like = "poke"
-when = { tick = 30 }
+when = { step = 30 }
 """
 
 
@@ -39,7 +39,7 @@ def test_a_suite_says_what_where_when_how_strongly_and_how_often():
     assert push.spec.path == DISTURBANCES["push"].path
     assert (push.when, push.repeats) == (Trigger(moment="contact", value=0.5), 2)
     assert (wind.spec.kind, wind.spec.heading_deg, wind.when) == ("wind", (90.0, 90.0), Trigger())
-    assert early.schedule[0].when == Trigger(moment="tick", value=30)
+    assert early.schedule[0].when == Trigger(moment="step", value=30)
     assert [case.after_the_stop for case in (landing, early)] == [False, False]
 
 
@@ -96,10 +96,10 @@ WRONG = {
     "a range that falls": ("scale is 1.5..0.5; it must rise", _changed("[0.5, 1.5]", "[1.5, 0.5]")),
     "not a number": ("wind_m_s2 is 'much'", _changed("wind_m_s2 = 2", 'wind_m_s2 = "much"')),
     "not finite": ("wind_m_s2 is inf", _changed("wind_m_s2 = 2", "wind_m_s2 = inf")),
-    "no moment": ('when is "later"|when is .later.; it must be', _changed("{ tick = 30 }", '"later"')),
-    "no tick": ("tick -3", _changed("{ tick = 30 }", "{ tick = -3 }")),
-    "half a tick": ("tick 1.5", _changed("{ tick = 30 }", "{ tick = 1.5 }")),
-    "a truth for a tick": ("when is {'tick': True}", _changed("{ tick = 30 }", "{ tick = true }")),
+    "no moment": ('when is "later"|when is .later.; it must be', _changed("{ step = 30 }", '"later"')),
+    "no step": ("step -3", _changed("{ step = 30 }", "{ step = -3 }")),
+    "half a step": ("step 1.5", _changed("{ step = 30 }", "{ step = 1.5 }")),
+    "a truth for a step": ("when is {'step': True}", _changed("{ step = 30 }", "{ step = true }")),
     "contact above 1": ("contact 5", _changed("contact = 0.5", "contact = 5")),
     "never": ("repeats is 0; it must be a whole number from 1", _changed("repeats = 2", "repeats = 0")),
     "too often": ("repeats is 1000", _changed("repeats = 2", "repeats = 1000")),

@@ -48,7 +48,7 @@ def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session,
 
 def test_corrections_are_told_of_and_weighted(tmp_path, make_episode, capsys):
     plain, taken = make_episode(seed=0, disturbed=False), make_episode(seed=1, disturbed=False)
-    steps = [replace(step, intervention=tick in range(20, 27)) for tick, step in enumerate(taken.steps)]
+    steps = [replace(step, intervention=step_index in range(20, 27)) for step_index, step in enumerate(taken.steps)]
     with SessionRecorder(tmp_path / "plain.h5", task="hanger", cloth="towel") as recorder:
         recorder.keep(plain)
     with SessionRecorder(tmp_path / "s.h5", task="hanger", cloth="towel") as recorder:
@@ -57,7 +57,7 @@ def test_corrections_are_told_of_and_weighted(tmp_path, make_episode, capsys):
     call = ["train", str(tmp_path / "s.h5"), str(tmp_path / "m.npz"), "--intervention-weight", "3"]
     status, out, _ = _run(capsys, *call, "--policy", "gp-baseline")
     assert status == 0
-    assert "7 ticks in which a person corrected a policy count 3 times each" in out
+    assert "7 steps in which a person corrected a policy count 3 times each" in out
     assert model_files.load(tmp_path / "m.npz").points == 120 + 2 * 7
     for wrong, sentence in ((["--policy", "gmr"], "gmr cannot weight"), (["--intervention-weight", "0"], "equal to 1")):
         status, _, err = _run(capsys, *call, "--force", *wrong)
@@ -75,7 +75,7 @@ def test_every_other_method_trains_the_same_way(policy, session, tmp_path, capsy
     assert status == 0
     learned = model_files.load(model)
     assert learned.policy == policy
-    assert f"{learned.points} {learned.made_of} of {learned.points_available} ticks in 2 demonstrations" in out
+    assert f"{learned.points} {learned.made_of} of {learned.points_available} steps in 2 demonstrations" in out
     assert learned.heldout_rmse_m is not None
     assert f"{1000 * learned.heldout_rmse_m[0]:.2f}" in out
 

@@ -26,21 +26,21 @@ def _beginning(episode: Episode) -> Episode:
 
 @pytest.fixture(scope="session")
 def beginning_of() -> Callable[[Episode], Episode]:
-    """What was known of an episode before its first tick."""
+    """What was known of an episode before its first step."""
     return _beginning
 
 
-def _prefix(episode: Episode, ticks: int, **changes: object) -> Episode:
+def _prefix(episode: Episode, n_steps: int, **changes: object) -> Episode:
     """By hand, so that it is an independent truth for trimming and recovery."""
-    after = [*episode.steps, None][ticks]
+    after = [*episode.steps, None][n_steps]
     final = (episode.final_observation, episode.final_truth) if after is None else (after.observation, after.truth)
     values = {"outcome": "partial", "stopped_by": "crashed"} | changes
-    return replace(episode, steps=episode.steps[:ticks], final_observation=final[0], final_truth=final[1], **values)
+    return replace(episode, steps=episode.steps[:n_steps], final_observation=final[0], final_truth=final[1], **values)
 
 
 @pytest.fixture(scope="session")
 def prefix_of() -> Callable[..., Episode]:
-    """``prefix_of(episode, ticks, **fields)``: what a recording that was cut off after these ticks may hold."""
+    """``prefix_of(episode, steps, **fields)``: what a recording that was cut off after these steps may hold."""
     return _prefix
 
 

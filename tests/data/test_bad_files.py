@@ -19,7 +19,7 @@ def session_path(tmp_path, make_episode):
     path = tmp_path / "session.h5"
     with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
         for seed in range(2):
-            recorder.keep(make_episode(ticks=3, seed=seed, nodes=4, images=True))
+            recorder.keep(make_episode(n_steps=3, seed=seed, nodes=4, images=True))
     return path
 
 
@@ -170,7 +170,7 @@ HOSTILE = {
     "total as array": lambda f: f["data"].attrs.__setitem__("total", np.arange(3)),
     "other task": lambda f: f["data"].attrs.__setitem__("task", "pickers"),
     "unknown task": lambda f: f["data"].attrs.__setitem__("task", "fold"),
-    "other tick": lambda f: f["data"].attrs.__setitem__("tick_s", 0.2),
+    "other step": lambda f: f["data"].attrs.__setitem__("step_s", 0.2),
     "other action limit": lambda f: f["data"].attrs.__setitem__("action_limit_m", 0.05),
     "schema as array": lambda f: f["data"].attrs.__setitem__("schema", ["layflat-session"] * 2),
 }
@@ -191,9 +191,9 @@ def test_append_must_agree(session_path, make_episode):
         SessionRecorder(session_path, task="hanger", cloth="napkin")
     with (
         SessionRecorder(session_path, task="hanger", cloth="towel") as recorder,
-        pytest.raises(DataError, match=r"tick_s is 0\.05"),
+        pytest.raises(DataError, match=r"step_s is 0\.05"),
     ):
-        recorder.keep(make_episode(tick_s=0.05))
+        recorder.keep(make_episode(step_s=0.05))
     with pytest.raises(DataError, match="task is 'fold'; it must be one of hanger, pickers"):
         SessionRecorder(session_path, task="fold", cloth="towel")
     assert session_path.read_bytes() == before

@@ -24,7 +24,7 @@ from layflat.data.types import DataError, Episode
 @pytest.fixture
 def numbered(make_episode) -> Callable[[int], Episode]:
     """The same number always gives the same episode, here and in a child."""
-    return lambda number: make_episode(seed=number, ticks=4, nodes=10)
+    return lambda number: make_episode(seed=number, n_steps=4, nodes=10)
 
 
 def _record(path: Path, report: int, first: int, runs: int, per_run: int, numbered: Callable[[int], Episode]) -> None:
@@ -190,7 +190,7 @@ def _files_end_at(limit: int):
 
 def test_no_room_for_an_episode(tmp_path, make_episode, differences):
     path = tmp_path / "s.h5"
-    episode = make_episode(ticks=30, nodes=100)
+    episode = make_episode(n_steps=30, nodes=100)
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
         recorder.keep(episode)
         before = path.read_bytes()
@@ -207,7 +207,7 @@ def test_no_room_for_an_episode(tmp_path, make_episode, differences):
 def test_no_room_to_assemble(tmp_path, make_episode, differences):
     """Each part fits, the whole does not: all is kept, reading works, closing says it, and room makes it whole."""
     path = tmp_path / "s.h5"
-    made = [make_episode(ticks=30, nodes=100, seed=i) for i in range(4)]
+    made = [make_episode(n_steps=30, nodes=100, seed=i) for i in range(4)]
     recorder = SessionRecorder(path, task="hanger", cloth="towel")
     size = recorder.keep(made[0]).size_bytes
     with _files_end_at(int(size * 1.5)):

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from layflat.data import SessionRecorder, open_session
-from layflat.data.exchange.csv_export import EPISODES_CSV, TICKS_CSV, export_csv
+from layflat.data.exchange.csv_export import EPISODES_CSV, STEPS_CSV, export_csv
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic, train_and_valid
 from layflat.data.exchange.robomimic_import import UNKNOWN_SEED, UNKNOWN_SOURCE
 from layflat.data.types import FLAT_AREA, OUTCOMES, ROBOTS, DataError
@@ -97,7 +97,7 @@ def _as_robomimic_judges(path, filter_key):
 
 @pytest.mark.parametrize("task", ROBOTS)
 def test_robomimic_reads_the_masks(task, session_of, make_episode, tmp_path):
-    path = session_of([make_episode(task, ticks=2 + i, seed=i) for i in range(12)])
+    path = session_of([make_episode(task, n_steps=2 + i, seed=i) for i in range(12)])
     with open_session(path) as session:
         export_robomimic(session, tmp_path / "rm.h5", seed=0)
     train, valid = (_as_robomimic_judges(tmp_path / "rm.h5", key) for key in ("train", "valid"))
@@ -174,7 +174,7 @@ def test_a_file_that_kept_only_the_layout_comes_back(task, session_of, make_epis
     assert (done.episodes, done.exact) == (3, False)
     with open_session(back) as session:
         for original, episode in zip(made, session, strict=True):
-            told = {"seed": UNKNOWN_SEED, "source": UNKNOWN_SOURCE, "stopped_by": "tick_limit", "wall_s": 0.0}
+            told = {"seed": UNKNOWN_SEED, "source": UNKNOWN_SOURCE, "stopped_by": "step_limit", "wall_s": 0.0}
             changed = {"outcome": "failure", "start": {}, "provenance": episode.provenance}
             assert original.final_truth.flat_area <= FLAT_AREA
             assert differences(episode, replace(original, **told, **changed)) == []
@@ -182,8 +182,8 @@ def test_a_file_that_kept_only_the_layout_comes_back(task, session_of, make_epis
 
 
 def test_what_a_file_tells_is_believed_and_rounding_is_all_that_float32_costs(session_of, make_episode, tmp_path):
-    made = make_episode(seed=7, source="gamepad", stopped_by="interrupted", disturbance="push", tick_s=0.05)
-    keys = ("seed", "source", "stopped_by", "disturbance", "tick_s", "cloth", "outcome", "provenance")
+    made = make_episode(seed=7, source="gamepad", stopped_by="interrupted", disturbance="push", step_s=0.05)
+    keys = ("seed", "source", "stopped_by", "disturbance", "step_s", "cloth", "outcome", "provenance")
     _rewritten(session_of([made]), tmp_path / "f.hdf5", attributes=keys, skip=("action_m", "action_std", "phase"))
     import_robomimic(tmp_path / "f.hdf5", tmp_path / "back.h5")
     with open_session(tmp_path / "back.h5") as session:
@@ -264,7 +264,7 @@ BROKEN = {
     "a claim": (_claim, "claims"),
     "a seed in words": (_attribute("seed", "seven"), "seed"),
     "a seed that is a list": (_attribute("seed", [1, 2]), "seed"),
-    "a tick without length": (_attribute("tick_s", 0.0), "above 0"),
+    "a step without length": (_attribute("step_s", 0.0), "above 0"),
     "an outcome that is none": (_attribute("outcome", "fine"), "outcome"),
     "provenance that is no JSON": (_attribute("provenance", "{"), "JSON"),
 }
@@ -323,10 +323,10 @@ def test_an_existing_file_is_not_replaced_unasked(session_of, make_episode, tmp_
 
 @pytest.mark.parametrize("task", ROBOTS)
 def test_csv_reads_back_to_the_same_bits(task, session_of, make_episode, tmp_path):
-    made = [make_episode(task, ticks=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
+    made = [make_episode(task, n_steps=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
     with open_session(session_of(made)) as session:
         assert export_csv(session, tmp_path / "out") == 3 + 4 + 5
-    with (tmp_path / "out" / TICKS_CSV).open(newline="") as file:
+    with (tmp_path / "out" / STEPS_CSV).open(newline="") as file:
         rows = list(csv.DictReader(file))
     with (tmp_path / "out" / EPISODES_CSV).open(newline="") as file:
         about = list(csv.DictReader(file))
@@ -334,7 +334,7 @@ def test_csv_reads_back_to_the_same_bits(task, session_of, make_episode, tmp_pat
     assert [int(row["seed"]) for row in about] == [0, 1, 2]
     for number, episode in enumerate(made):
         own = [row for row in rows if row["episode"] == f"demo_{number}"]
-        assert [int(row["tick"]) for row in own] == list(range(len(episode.steps) + 1))
+        assert [int(row["step"]) for row in own] == list(range(len(episode.steps) + 1))
         assert float(about[number]["contact_end"]) == episode.contact()[-1]
         for row, seen, truth in zip(own, episode.observations(), episode.truths(), strict=True):
             corners = [float(row[f"corner{c}_{axis}_m"]) for c in (1, 2) for axis in "xyz"]

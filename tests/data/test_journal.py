@@ -25,24 +25,26 @@ def ticket(tmp_path) -> JournalHandle:
     return JournalHandle(path=tmp_path / "running-a.journal", uid="a", keep_images=True)
 
 
-BEFELL = DisturbanceRecord(name="push", first_tick=1, last_tick=2, plan={"at": [1, 2]})
+BEFELL = DisturbanceRecord(name="push", first_step=1, last_step=2, plan={"at": [1, 2]})
 
 
 @pytest.fixture
 def written(ticket, make_episode, beginning_of):
     """A finished episode and the bytes of its journal, without the frame of its end and with it."""
-    episode = make_episode(ticks=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance="push")
+    episode = make_episode(
+        n_steps=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance="push"
+    )
     first, *others = episode.steps
     pulled = {"pull": DragTarget(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
     changes = [pulled, {"phase": "disturb", "intervention": True}, {"hand_m": [0.1, 0.2, 0.3]}]
     steps = [first, *(replace(step, **change) for step, change in zip(others, changes, strict=True))]
     episode = replace(episode, steps=steps, disturbances=[BEFELL])
     journal = ticket.begin(replace(beginning_of(episode), disturbances=()))
-    for tick, step in enumerate(episode.steps):
-        if tick == BEFELL.first_tick:
-            journal.on_disturbance([replace(BEFELL, last_tick=None)])
+    for step_index, step in enumerate(episode.steps):
+        if step_index == BEFELL.first_step:
+            journal.on_disturbance([replace(BEFELL, last_step=None)])
         journal.step(step)
-        if tick == BEFELL.last_tick:
+        if step_index == BEFELL.last_step:
             journal.on_disturbance([BEFELL])
     deadline = time.monotonic() + 10
     size = -1
@@ -55,10 +57,10 @@ def written(ticket, make_episode, beginning_of):
 
 
 def _left(found, prefix_of, episode):
-    """What is to be found of the episode in its first ticks; by hand, as in prefix_of."""
-    ticks = len(found.steps)
-    befell = [] if ticks < 2 else [replace(BEFELL, last_tick=None if ticks == 2 else 2)]
-    return prefix_of(episode, ticks, wall_s=found.wall_s, disturbances=befell)
+    """What is to be found of the episode in its first steps; by hand, as in prefix_of."""
+    n_steps = len(found.steps)
+    befell = [] if n_steps < 2 else [replace(BEFELL, last_step=None if n_steps == 2 else 2)]
+    return prefix_of(episode, n_steps, wall_s=found.wall_s, disturbances=befell)
 
 
 def _read(path: Path, content: bytes):
@@ -73,18 +75,18 @@ def test_a_finished_journal_holds_the_whole_episode(written, ticket, differences
     assert differences(found.episode, episode) == []
 
 
-def test_a_journal_cut_anywhere_holds_the_ticks_before(written, ticket, prefix_of, differences):
+def test_a_journal_cut_anywhere_holds_the_steps_before(written, ticket, prefix_of, differences):
     episode, running, _ = written
     lengths = []
     for end in [*range(0, len(running), 13), len(running)]:
         found = _read(ticket.path, running[:end])
-        ticks = 0 if found is None else len(found.episode.steps)
-        lengths.append(ticks)
+        n_steps = 0 if found is None else len(found.episode.steps)
+        lengths.append(n_steps)
         if found is not None:
             assert not found.whole
             assert differences(found.episode, _left(found.episode, prefix_of, episode)) == []
     assert lengths == sorted(lengths)
-    # The observation that the last tick began with stands for the end.
+    # The observation that the last step began with stands for the end.
     assert set(lengths) == set(range(len(episode.steps)))
 
 
@@ -114,7 +116,7 @@ def test_what_is_no_journal_holds_nothing(ticket, content):
 
 
 def test_what_does_not_fit_is_refused_and_the_rest_stays(ticket, make_episode, beginning_of):
-    episode = make_episode(ticks=3, nodes=5)
+    episode = make_episode(n_steps=3, nodes=5)
     journal = ticket.begin(beginning_of(episode))
     journal.step(episode.steps[0])
     first = episode.steps[0]
@@ -133,9 +135,9 @@ def test_what_does_not_fit_is_refused_and_the_rest_stays(ticket, make_episode, b
         ticket.begin(beginning_of(episode))
 
 
-def test_no_tick_waits_longer_than_a_second_for_the_disk(ticket, make_episode, beginning_of, monkeypatch):
-    """What a power cut would take: every tick must be covered by a flush that ends within a second of it."""
-    episode = make_episode(ticks=1, nodes=50)
+def test_no_step_waits_longer_than_a_second_for_the_disk(ticket, make_episode, beginning_of, monkeypatch):
+    """What a power cut would take: every step must be covered by a flush that ends within a second of it."""
+    episode = make_episode(n_steps=1, nodes=50)
     real, flushed = os.fsync, []
 
     def watched(descriptor):
@@ -151,12 +153,12 @@ def test_no_tick_waits_longer_than_a_second_for_the_disk(ticket, make_episode, b
         journal.step(episode.steps[0])
         handed.append(time.monotonic())
         time.sleep(0.01)
-    time.sleep(SYNC_S + 0.4)  # Without a further tick, too, the last ones are flushed.
+    time.sleep(SYNC_S + 0.4)  # Without a further step, too, the last ones are flushed.
     on_disk = [(when, size) for when, size in flushed if size > header]
-    per_tick = (ticket.path.stat().st_size - header) / len(handed)
+    per_step = (ticket.path.stat().st_size - header) / len(handed)
     for number, when in enumerate(handed, start=1):
-        assert min(t for t, size in on_disk if size >= header + number * per_tick) - when < 1.0
-    assert len(on_disk) < 20, "a flush for every tick would wear the disk"
+        assert min(t for t, size in on_disk if size >= header + number * per_step) - when < 1.0
+    assert len(on_disk) < 20, "a flush for every step would wear the disk"
     journal.close()
 
 
@@ -170,10 +172,10 @@ def _until_refused(running, step: Step, most: int = 400) -> str:
     raise AssertionError("nothing was refused")
 
 
-def test_a_full_disk_is_said_at_the_next_tick_and_costs_no_tick_before(
+def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
     tmp_path, make_episode, beginning_of, differences, prefix_of
 ):
-    path, episode = tmp_path / "s.h5", make_episode(ticks=60, nodes=50, images=True)
+    path, episode = tmp_path / "s.h5", make_episode(n_steps=60, nodes=50, images=True)
     with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
         recorder.keep(episode)
         running = recorder.begin(beginning_of(episode))
@@ -196,7 +198,7 @@ def test_a_full_disk_is_said_at_the_next_tick_and_costs_no_tick_before(
 
 
 def test_an_error_of_the_disk_is_said(tmp_path, make_episode, beginning_of, monkeypatch, differences):
-    path, episode = tmp_path / "s.h5", make_episode(ticks=4)
+    path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
         recorder.keep(episode)
         running = recorder.begin(beginning_of(episode))
@@ -218,12 +220,12 @@ def _broken(descriptor):
 
 def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beginning_of, differences, prefix_of):
     path = tmp_path / "s.h5"
-    made = [make_episode(ticks=4, seed=seed, outcome="failure") for seed in range(3)]
+    made = [make_episode(n_steps=4, seed=seed, outcome="failure") for seed in range(3)]
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
         runs = [recorder.begin(beginning_of(episode)) for episode in made]
         for number, (running, episode) in enumerate(zip(runs, made, strict=True)):
-            for tick, step in enumerate(episode.steps):
-                running.on_tick(step, tick + 1)
+            for step_index, step in enumerate(episode.steps):
+                running.on_step(step, step_index + 1)
             if number == 0:
                 assert running.keep(episode).name == "demo_0"
             elif number == 1:
@@ -239,7 +241,7 @@ def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beg
 
 def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode, beginning_of, differences):
     """The journal holds the whole episode before it is kept: whichever of the two steps was reached, it is there."""
-    path, episode = tmp_path / "s.h5", make_episode(ticks=4)
+    path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
     with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
         ticket = recorder.ticket()
         journal = ticket.begin(beginning_of(episode))
@@ -303,8 +305,8 @@ def small_disk(tmp_path):
 
 
 def test_a_disk_that_fills_up_at_any_moment(small_disk, make_episode, beginning_of, differences, prefix_of):
-    """Room for less and less, so that begin, ticks, keep and assembly fail in turn; each time all is there that was."""
-    episode = make_episode(ticks=12, nodes=60, images=True)
+    """Room for less and less, so that begin, steps, keep and assembly fail in turn; each time all is there that was."""
+    episode = make_episode(n_steps=12, nodes=60, images=True)
     refused, partial, sentences = 0, 0, []
     for free in (4_000, 10_000, 16_000, 22_000, 28_000, 60_000, 110_000, 220_000):
         path = small_disk / f"{free}.h5"

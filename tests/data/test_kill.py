@@ -1,6 +1,6 @@
 """A recording process is killed at random moments: nothing kept is lost, nothing is half, repair brings back the rest.
 
-The child runs episodes tick by tick with a journal and keeps them, and tells through a pipe what it has handed over
+The child runs episodes step by step with a journal and keeps them, and tells through a pipe what it has handed over
 and what was kept. Each kill is of the same growing session, so that what one leaves is there for the next.
 """
 
@@ -19,24 +19,24 @@ import pytest
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.types import Episode
 
-TICKS = 12
+STEPS = 12
 
 
 @pytest.fixture
 def numbered(make_episode) -> Callable[[int], Episode]:
     """The same number always gives the same episode, here and in a child."""
-    return lambda number: make_episode(seed=number, ticks=TICKS, nodes=10, images=True)
+    return lambda number: make_episode(seed=number, n_steps=STEPS, nodes=10, images=True)
 
 
-def _record(path: Path, report: int, first: int, tick_s: float, numbered, beginning_of) -> None:
+def _record(path: Path, report: int, first: int, step_s: float, numbered, beginning_of) -> None:
     with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
         for number in itertools.count(first):
             episode = numbered(number)
             running = recorder.begin(beginning_of(episode))
-            for tick, step in enumerate(episode.steps):
+            for step_index, step in enumerate(episode.steps):
                 running.step(step)
-                os.write(report, f"tick {number} {tick} {time.monotonic()}\n".encode())
-                time.sleep(tick_s)
+                os.write(report, f"step {number} {step_index} {time.monotonic()}\n".encode())
+                time.sleep(step_s)
             kept = running.keep(episode)
             os.write(report, f"kept {number} {kept.name} {time.monotonic()}\n".encode())
 
@@ -62,7 +62,7 @@ def _killed(work: Callable[[int], None], after_s: float) -> tuple[list[list[str]
 
 
 def _check_whole(path: Path, kept: dict[int, str], numbered, prefix_of, differences) -> dict[int, int]:
-    """All that was kept is equal, and whatever else is there is a true beginning; ticks by number."""
+    """All that was kept is equal, and whatever else is there is a true beginning; steps by number."""
     lengths = {}
     with open_session(path) as session:
         by_seed = {info.seed: name for name, info in session.infos().items()}
@@ -77,7 +77,7 @@ def _check_whole(path: Path, kept: dict[int, str], numbered, prefix_of, differen
 
 
 def _kill_again_and_again(
-    path, kills, longest_s, tick_s, numbered, beginning_of, prefix_of, differences
+    path, kills, longest_s, step_s, numbered, beginning_of, prefix_of, differences
 ) -> list[float]:
     """Seconds of the running episode that each kill cost."""
     rng, kept, costs = random.Random(kills), {}, []
@@ -85,7 +85,7 @@ def _kill_again_and_again(
         first = 1000 * kill
 
         def work(report, first=first):
-            _record(path, report, first, tick_s, numbered, beginning_of)
+            _record(path, report, first, step_s, numbered, beginning_of)
 
         lines, killed_at = _killed(work, rng.uniform(0.0, longest_s))
         kept |= {int(line[1]): line[2] for line in lines if line[0] == "kept"}
@@ -97,9 +97,9 @@ def _kill_again_and_again(
             SessionRecorder(path, task="hanger", cloth="towel", keep_images=True).close()
         assert [p.name for p in path.parent.iterdir() if p != path] == []
         lengths = _check_whole(path, kept, numbered, prefix_of, differences) if path.exists() else {}
-        handed = [(int(n), int(tick), float(when)) for kind, n, tick, when in lines if kind == "tick"]
-        # The tick whose outcome nobody has seen yet is not over.
-        missing = [when for n, tick, when in handed if n not in kept and tick > lengths.get(n, 0)]
+        handed = [(int(n), int(step_index), float(when)) for kind, n, step_index, when in lines if kind == "step"]
+        # The step whose outcome nobody has seen yet is not over.
+        missing = [when for n, step_index, when in handed if n not in kept and step_index > lengths.get(n, 0)]
         costs.append(killed_at - min(missing, default=killed_at))
         if kill % 10 == 0:
             assert validate(path) == ()
@@ -116,7 +116,7 @@ def test_twenty_kills(tmp_path, numbered, beginning_of, prefix_of, differences):
 
 @pytest.mark.slow
 def test_two_hundred_kills(tmp_path, numbered, beginning_of, prefix_of, differences):
-    """With ticks as long as real ones (scaled by half), so that a second of the running episode could be lost."""
+    """With steps as long as real ones (scaled by half), so that a second of the running episode could be lost."""
     path = tmp_path / "s.h5"
     costs = _kill_again_and_again(path, 200, 1.5, 0.05, numbered, beginning_of, prefix_of, differences)
     print(f"seconds lost: mean {sum(costs) / len(costs):.4f}, most {max(costs):.4f} of {len(costs)} kills")

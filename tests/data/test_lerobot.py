@@ -44,7 +44,7 @@ def session_of(tmp_path):
 def exported(request, make_episode, tmp_path_factory):
     """The folder, and the episodes that went into it."""
     folder = tmp_path_factory.mktemp("exported")
-    made = [make_episode(request.param, ticks=3 + 2 * i, seed=i, images=True) for i in range(4)]
+    made = [make_episode(request.param, n_steps=3 + 2 * i, seed=i, images=True) for i in range(4)]
     with _session(folder / "s.h5", made) as session:
         done = export_lerobot(session, folder / "lr")
     assert (done.episodes, done.frames, done.images) == (4, 24, True)
@@ -70,11 +70,11 @@ def _lerobot_features(datasets, info):
 def test_every_number_is_the_episodes_in_float32(exported):
     folder, made = exported
     rows = _frames(folder).to_pylist()
-    steps = [(number, tick) for number, episode in enumerate(made) for tick in range(len(episode.steps))]
+    steps = [(number, step_index) for number, episode in enumerate(made) for step_index in range(len(episode.steps))]
     assert len(rows) == len(steps)
-    for index, (row, (number, tick)) in enumerate(zip(rows, steps, strict=True)):
+    for index, (row, (number, step_index)) in enumerate(zip(rows, steps, strict=True)):
         episode = made[number]
-        step, after = episode.steps[tick], episode.observations()[tick + 1]
+        step, after = episode.steps[step_index], episode.observations()[step_index + 1]
         seen = step.observation
         state = np.float32([*seen.corner_positions.ravel(), *seen.holder_position])
         cloth = np.float32([*seen.word, seen.word_strength, seen.contact_portion])
@@ -82,9 +82,14 @@ def test_every_number_is_the_episodes_in_float32(exported):
         assert row["observation.environment_state"] == cloth.tolist()
         assert row["action"] == np.float32(step.action).tolist()
         assert row["next.reward"] == np.float32(after.contact_portion - seen.contact_portion)
-        assert row["next.done"] == (tick == len(episode.steps) - 1)
-        assert (row["index"], row["episode_index"], row["frame_index"], row["task_index"]) == (index, number, tick, 0)
-        assert row["timestamp"] == np.float32(tick / 10)
+        assert row["next.done"] == (step_index == len(episode.steps) - 1)
+        assert (row["index"], row["episode_index"], row["frame_index"], row["task_index"]) == (
+            index,
+            number,
+            step_index,
+            0,
+        )
+        assert row["timestamp"] == np.float32(step_index / 10)
 
 
 def test_images_keep_every_bit(exported):
@@ -231,7 +236,7 @@ def test_a_new_file_begins_where_one_has_become_large(session_of, make_episode, 
 
 
 def test_what_lerobot_cannot_hold_is_refused(session_of, make_episode, tmp_path):
-    with session_of([make_episode(tick_s=0.03)]) as session, pytest.raises(DataError, match=r"0\.03 s"):
+    with session_of([make_episode(step_s=0.03)]) as session, pytest.raises(DataError, match=r"0\.03 s"):
         export_lerobot(session, tmp_path / "lr")
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 

@@ -44,7 +44,7 @@ def test_merge_and_split_conserve(make_episode, differences, counts, share, seed
         for file, count in zip(files, counts, strict=True):
             with SessionRecorder(file, task="hanger", cloth="towel", keep_images=True) as recorder:
                 for _ in range(count):
-                    recorder.keep(make_episode(ticks=2, seed=number, nodes=3, images=number % 2 == 0))
+                    recorder.keep(make_episode(n_steps=2, seed=number, nodes=3, images=number % 2 == 0))
                     number += 1
             wanted |= _by_uid(file)
         names = merge([*files, files[0]], folder / "all.h5")
@@ -78,7 +78,8 @@ def test_a_split_depends_on_the_seed_and_on_nothing_else(make_session, make_epis
 def mixed(make_session, make_episode):
     outcomes, sources = ["success", "failure", "partial"], ["scripted", "gamepad"]
     made = [
-        make_episode(ticks=2 + i, seed=i, outcome=outcomes[i % 3], source=sources[i % 2], images=True) for i in range(7)
+        make_episode(n_steps=2 + i, seed=i, outcome=outcomes[i % 3], source=sources[i % 2], images=True)
+        for i in range(7)
     ]
     return make_session("mixed.h5", made), made
 
@@ -117,23 +118,23 @@ def test_a_filter_that_nothing_passes_writes_nothing(mixed, tmp_path, conditions
 def test_trim(mixed, tmp_path, differences, prefix_of, start, stop):
     path, made = mixed
     info = trim(path, tmp_path / "t.h5", name="demo_4", start=start, stop=stop)
-    assert (info.ticks, info.first_tick) == (stop - start, start)
+    assert (info.n_steps, info.first_step) == (stop - start, start)
     with open_session(path) as before, open_session(tmp_path / "t.h5") as after:
         assert after.names == before.names
         assert [before.info(n).uid == after.info(n).uid for n in before.names].count(False) == 1
         ends = {} if stop < 6 else {"outcome": made[4].outcome, "stopped_by": made[4].stopped_by}
-        cut = prefix_of(made[4], stop, **({"stopped_by": "interrupted"} | ends), first_tick=start)
+        cut = prefix_of(made[4], stop, **({"stopped_by": "interrupted"} | ends), first_step=start)
         found = after.episode("demo_4")
         assert differences(found.steps, cut.steps[start:]) == []
         assert differences(found.final_observation, cut.final_observation) == []
-        assert (found.outcome, found.stopped_by, found.first_tick) == (cut.outcome, cut.stopped_by, start)
+        assert (found.outcome, found.stopped_by, found.first_step) == (cut.outcome, cut.stopped_by, start)
         assert differences(after[0], made[0]) == []
     assert validate(tmp_path / "t.h5") == ()
 
 
 @pytest.mark.parametrize(("start", "stop"), [(-1, 2), (2, 2), (3, 1), (0, 99)])
 def test_a_trim_that_makes_no_sense(mixed, tmp_path, start, stop):
-    with pytest.raises(DataError, match="cannot be kept; the episode has ticks 0 to 6"):
+    with pytest.raises(DataError, match="cannot be kept; the episode has steps 0 to 6"):
         trim(mixed[0], tmp_path / "t.h5", name="demo_4", start=start, stop=stop)
     assert not (tmp_path / "t.h5").exists()
 
@@ -178,7 +179,7 @@ def test_only_sessions_that_agree_are_merged(make_session, make_episode, tmp_pat
     for key, episode, options in (
         ("task", make_episode("pickers"), {}),
         ("cloth", make_episode(cloth="napkin"), {}),
-        ("tick_s", make_episode(tick_s=0.05), {}),
+        ("step_s", make_episode(step_s=0.05), {}),
         ("descriptor", make_episode(descriptor="how"), {"descriptor": "how"}),
     ):
         other = make_session(f"{key}.h5", [episode], **options)
@@ -204,7 +205,7 @@ def test_what_users_have_added_goes_along(mixed, tmp_path):
 
 
 def _expected_version_1(make_episode):
-    return [make_episode(ticks=3, seed=seed, nodes=4, images=True, with_std=bool(seed)) for seed in range(2)]
+    return [make_episode(n_steps=3, seed=seed, nodes=4, images=True, with_std=bool(seed)) for seed in range(2)]
 
 
 @pytest.mark.parametrize(("version", "expected"), [(1, _expected_version_1), (2, version_2_episodes)])
@@ -331,11 +332,11 @@ def test_nothing_to_repair(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
 
-def test_what_befell_the_cloth_is_counted_from_the_ticks_that_are_kept(tmp_path, make_session, make_episode):
-    """Of three disturbances in the ticks 1 to 2, 4 to 6, and from 8 on."""
+def test_what_befell_the_cloth_is_counted_from_the_steps_that_are_kept(tmp_path, make_session, make_episode):
+    """Of three disturbances in the steps 1 to 2, 4 to 6, and from 8 on."""
     lasting = [(1, 2), (4, 6), (8, None)]
-    befell = [DisturbanceRecord(name=str(n), first_tick=a, last_tick=b) for n, (a, b) in enumerate(lasting)]
-    path = make_session("s.h5", [make_episode(ticks=10, disturbances=befell)])
+    befell = [DisturbanceRecord(name=str(n), first_step=a, last_step=b) for n, (a, b) in enumerate(lasting)]
+    path = make_session("s.h5", [make_episode(n_steps=10, disturbances=befell)])
     for (start, stop), wanted in {
         (0, 10): [("0", 1, 2), ("1", 4, 6), ("2", 8, None)],
         (3, 10): [("1", 1, 3), ("2", 5, None)],
@@ -345,11 +346,11 @@ def test_what_befell_the_cloth_is_counted_from_the_ticks_that_are_kept(tmp_path,
     }.items():
         trim(path, tmp_path / "t.h5", name="demo_0", start=start, stop=stop, force=True)
         with open_session(tmp_path / "t.h5") as session:
-            assert [(r.name, r.first_tick, r.last_tick) for r in session[0].disturbances] == wanted
+            assert [(r.name, r.first_step, r.last_step) for r in session[0].disturbances] == wanted
 
 
 def test_what_few_episodes_have_costs_the_others_nothing(make_session, make_episode):
-    plain, pulled = make_episode(ticks=4), make_episode(ticks=4, seed=1)
+    plain, pulled = make_episode(n_steps=4), make_episode(n_steps=4, seed=1)
     steps = [
         *pulled.steps[:3],
         replace(pulled.steps[3], pull=DragTarget(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0]),

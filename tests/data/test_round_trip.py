@@ -55,12 +55,12 @@ def observations(draw, rgb_shape, depth_shape):
 
 
 @st.composite
-def disturbances(draw, ticks):
-    first = draw(st.integers(0, ticks - 1))
+def disturbances(draw, n_steps):
+    first = draw(st.integers(0, n_steps - 1))
     return DisturbanceRecord(
         name=draw(any_text),
-        first_tick=first,
-        last_tick=draw(st.none() | st.integers(first, ticks - 1)),
+        first_step=first,
+        last_step=draw(st.none() | st.integers(first, n_steps - 1)),
         plan=draw(st.dictionaries(any_text, st.lists(finite | st.integers(), max_size=2), max_size=2)),
     )
 
@@ -90,18 +90,18 @@ def episodes(draw):
         intervention=st.booleans(),
         hand_m=st.none() | three | arrays(np.float64, (2, 3), elements=finite),
     )
-    ticks = draw(st.integers(1, 3))
+    n_steps = draw(st.integers(1, 3))
     return Episode(
         task=task,
         cloth=draw(text),
         seed=draw(st.integers(-(2**63) + 1, 2**63 - 1)),
         source=draw(text),
-        steps=tuple(draw(step) for _ in range(ticks)),
+        steps=tuple(draw(step) for _ in range(n_steps)),
         final_observation=draw(observation),
         final_truth=draw(truth),
         stopped_by=draw(st.sampled_from(STOP_REASONS)),
         outcome=draw(st.sampled_from(OUTCOMES)),
-        tick_s=draw(st.floats(1e-9, 1e9)),
+        step_s=draw(st.floats(1e-9, 1e9)),
         disturbance=draw(text),
         wall_s=draw(finite),
         start=draw(st.dictionaries(any_text, finite, max_size=3)),
@@ -118,8 +118,8 @@ def episodes(draw):
         descriptor=draw(st.sampled_from(DESCRIPTORS)),
         bench=draw(st.dictionaries(any_text, text | finite | st.booleans(), max_size=3)),
         initial_joints=draw(arrays(np.float64, st.integers(0, 3), elements=finite)),
-        disturbances=draw(st.lists(disturbances(ticks), max_size=3)),
-        first_tick=draw(st.integers(0, 2**40)),
+        disturbances=draw(st.lists(disturbances(n_steps), max_size=3)),
+        first_step=draw(st.integers(0, 2**40)),
     )
 
 
@@ -134,7 +134,7 @@ def test_any_valid_episode_survives_the_file(episode, differences):
             kept = recorder.keep(episode)
         with open_session(path) as session:
             assert differences(session.episode(kept.name), episode) == []
-            assert (session.task, session.cloth, session.tick_s) == (episode.task, episode.cloth, episode.tick_s)
+            assert (session.task, session.cloth, session.step_s) == (episode.task, episode.cloth, episode.step_s)
 
 
 def test_images_are_left_out_where_not_asked_for(tmp_path, make_episode):
@@ -186,7 +186,7 @@ def _as_robomimic_reads(path):
 @pytest.mark.parametrize("task", ROBOTS)
 def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, task):
     path = tmp_path / "s.h5"
-    made = [make_episode(task, ticks=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
+    made = [make_episode(task, n_steps=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
     with SessionRecorder(path, task=task, cloth="towel", keep_images=True) as recorder:
         for episode in made:
             recorder.keep(episode)
@@ -245,15 +245,15 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
     fewer_nodes = GroundTruth(nodes=np.zeros((3, 3)), contact_portion_true=0, flat_area=0)
     no_images = make_episode().steps[1].observation
     refused = [
-        (make_episode(images=True, **_changed(good, action=[0.0, too_far])), r"tick 1.*0\.02"),
+        (make_episode(images=True, **_changed(good, action=[0.0, too_far])), r"step 1.*0\.02"),
         (make_episode(images=True, **_changed(good, truth=fewer_nodes)), "nodes"),
-        (make_episode(images=True, **_changed(good, observation=no_images)), "rgb is missing at tick 1"),
-        (make_episode(steps=()), "no ticks"),
+        (make_episode(images=True, **_changed(good, observation=no_images)), "rgb is missing at step 1"),
+        (make_episode(steps=()), "no steps"),
         (make_episode(seed=2**64), "seed"),
         (make_episode(source="a\0b"), "source"),
         (make_episode(wall_s=float("nan")), "wall_s"),
         (make_episode(start={"mass": float("inf")}), "start"),
-        (make_episode(tick_s=0.05), "tick_s is 0.05"),
+        (make_episode(step_s=0.05), "step_s is 0.05"),
         (make_episode(cloth="napkin"), "cloth is napkin"),
         (make_episode(descriptor="how"), "descriptor is how"),
         (make_episode(bench={"camera": object()}), "bench is"),

@@ -23,7 +23,7 @@ from layflat.perception.descriptors import registry
 
 @pytest.fixture
 def made(make_episode):
-    return [make_episode(ticks=2 + i, seed=i, images=i < 2, with_std=True) for i in range(6)]
+    return [make_episode(n_steps=2 + i, seed=i, images=i < 2, with_std=True) for i in range(6)]
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_arrays_are_the_steps_one_after_another(path, made):
         found["next_obs/contact_portion"][:, 0], [c for episode in chosen for c in episode.contact()[1:]]
     )
     np.testing.assert_array_equal(found["episode"], [i for i, e in enumerate(chosen) for _ in e.steps])
-    np.testing.assert_array_equal(found["tick"], [t for e in chosen for t in range(len(e.steps))])
+    np.testing.assert_array_equal(found["step"], [t for e in chosen for t in range(len(e.steps))])
 
 
 def test_rows_of_one_episode_and_keys_that_are_none(path, made):
@@ -80,16 +80,16 @@ def test_rows_of_one_episode_and_keys_that_are_none(path, made):
             session.array("demo_3", "obs/rgb")
         with pytest.raises(DataError, match="'obs/x' is no data set"):
             session.array("demo_3", "obs/x")
-        with pytest.raises(DataError, match="has no row per tick"):
+        with pytest.raises(DataError, match="has no row per step"):
             session.arrays(["truth/final_state"])
-        assert session.arrays(["action_m"], []).keys() == {"episode", "tick"}
+        assert session.arrays(["action_m"], []).keys() == {"episode", "step"}
 
 
 def test_infos_say_what_the_episodes_hold(path):
     with open_session(path) as session:
         for name, info in session.infos().items():
             episode = session.episode(name)
-            assert (info.ticks, info.seed, info.source) == (len(episode.steps), episode.seed, episode.source)
+            assert (info.n_steps, info.seed, info.source) == (len(episode.steps), episode.seed, episode.source)
             assert (info.contact_start, info.contact_final) == tuple(episode.contact()[[0, -1]])
             assert info.contact_true_final == episode.final_truth.contact_portion_true
             assert info.flat_area_final == episode.final_truth.flat_area
@@ -109,7 +109,7 @@ def _fewer(f):
 
 
 def _wrong_row(f):
-    text = bytes(f["index"][()]).replace(b'"ticks":4', b'"ticks":"4"')
+    text = bytes(f["index"][()]).replace(b'"steps":4', b'"steps":"4"')
     del f["index"]
     f["index"] = np.frombuffer(text, np.uint8)
 
@@ -170,12 +170,12 @@ def test_statistics_are_those_of_all_rows_together(path, made):
     with open_session(path) as session:
         stats = session_stats(session)
         rows = session.arrays(["action_m", "obs/contact_portion"])
-    assert (stats.episodes, stats.ticks) == (6, sum(len(e.steps) for e in made))
+    assert (stats.episodes, stats.n_steps) == (6, sum(len(e.steps) for e in made))
     assert (stats.outcomes, stats.sources) == ({"success": 6}, {"scripted": 6})
     assert stats.lengths.tolist() == [len(e.steps) for e in made]
     for key in ("action_m", "obs/contact_portion"):
         column = stats.columns[key]
-        assert column.count == stats.ticks
+        assert column.count == stats.n_steps
         np.testing.assert_array_equal(column.minimum, rows[key].min(axis=0))
         np.testing.assert_array_equal(column.maximum, rows[key].max(axis=0))
         np.testing.assert_allclose(column.mean, rows[key].mean(axis=0), rtol=1e-12)
@@ -184,7 +184,7 @@ def test_statistics_are_those_of_all_rows_together(path, made):
 
 
 def test_memory_stays_flat_while_iterating(tmp_path, make_episode):
-    episode = make_episode(ticks=8, nodes=400)
+    episode = make_episode(n_steps=8, nodes=400)
     path = tmp_path / "s.h5"
     with h5py.File(path, "x", libver=LIBVER) as file:
         session = SessionFile(file)

@@ -22,7 +22,7 @@ from layflat.data.types import DataError
 
 @pytest.fixture
 def path(make_session, make_episode):
-    return make_session("s.h5", [make_episode(ticks=3, seed=seed, nodes=4, images=True) for seed in range(2)])
+    return make_session("s.h5", [make_episode(n_steps=3, seed=seed, nodes=4, images=True) for seed in range(2)])
 
 
 def _everything(path, target):
@@ -65,7 +65,7 @@ def test_cut_short_at_every_page(path, tmp_path, differences):
 
 @pytest.mark.parametrize(("missing", "least"), [(1, 6), (64, 6), (600, 1)])
 def test_a_file_without_its_last_bytes_is_repaired(make_session, make_episode, differences, missing, least):
-    truth = [make_episode(ticks=4, seed=seed) for seed in range(6)]
+    truth = [make_episode(n_steps=4, seed=seed) for seed in range(6)]
     path = make_session("long.h5", truth)
     path.write_bytes(path.read_bytes()[:-missing])
     with pytest.raises(DataError):
@@ -88,7 +88,7 @@ def _flip(rng, whole):
 )
 def test_wrong_bits(make_session, make_episode, tmp_path, differences, batches, per_batch):
     """In batches that share a process, for speed; one that crashes or hangs would fail its whole batch."""
-    truth = make_episode(ticks=2, nodes=4, images=True)
+    truth = make_episode(n_steps=2, nodes=4, images=True)
     whole, flipped = make_session("one.h5", [truth]).read_bytes(), tmp_path / "flipped.h5"
 
     def batch(rng):

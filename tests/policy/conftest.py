@@ -51,7 +51,7 @@ def _episode(
     task: RobotName = "hanger",
     seed: int = 0,
     cloth: str = "towel",
-    tick_s: float = 0.1,
+    step_s: float = 0.1,
     phases: Sequence[str] | None = None,
 ) -> Episode:
     truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.0, flat_area=0.0)
@@ -69,7 +69,7 @@ def _episode(
         final_truth=truth,
         stopped_by="converged",
         outcome="success",
-        tick_s=tick_s,
+        step_s=step_s,
     )
 
 
@@ -108,14 +108,14 @@ def _taught(task: RobotName) -> list[Episode]:
     """Three demonstrations of a way down and forward, as long as their seeds say."""
     episodes = []
     for seed in range(3):
-        rng, ticks = np.random.default_rng(seed), 45 + 5 * seed
-        share = np.linspace(0.0, 1.0, ticks + 1)
+        rng, n_steps = np.random.default_rng(seed), 45 + 5 * seed
+        share = np.linspace(0.0, 1.0, n_steps + 1)
         seen = [
             _observe(0.4 * s + rng.normal(0, 1e-3), 0.4 * (1 - s), contact=s, word=(np.cos(s), np.sin(s)))
             for s in share
         ]
-        move = np.array([0.4, -0.4] if task == "hanger" else [0.4, 0.0, -0.4] * 2) / ticks
-        actions = move + rng.normal(0, 3e-4, (ticks, len(move)))
+        move = np.array([0.4, -0.4] if task == "hanger" else [0.4, 0.0, -0.4] * 2) / n_steps
+        actions = move + rng.normal(0, 3e-4, (n_steps, len(move)))
         episode = _episode(seen[:-1], actions, task=task, seed=seed)
         episodes.append(replace(episode, final_observation=seen[-1]))
     return episodes

@@ -42,8 +42,8 @@ def models(disagreeing):
     return {weight: _fit(disagreeing, weight) for weight in (1, 4)}
 
 
-def test_a_weight_is_a_noise_of_its_own_for_each_tick(disagreeing, models):
-    """scikit-learn's process, with the noise of corrected ticks a quarter of the others', sees the same."""
+def test_a_weight_is_a_noise_of_its_own_for_each_step(disagreeing, models):
+    """scikit-learn's process, with the noise of corrected steps a quarter of the others', sees the same."""
     model, layout = models[4], input_set("hanger", "all")
     steps = [step for episode in disagreeing for step in episode.steps]
     inputs, hyper = layout.matrix(steps) / layout.scales(), model.hyper
@@ -69,7 +69,7 @@ def test_where_two_disagree_the_corrected_one_wins_by_its_weight(models, disagre
     assert moved[4] == pytest.approx(0.2 * 3 + 0.8 * 9, abs=0.5)
 
 
-def test_the_likelihood_hears_of_each_tick_once(models):
+def test_the_likelihood_hears_of_each_step_once(models):
     for name in ("length_scales", "variance", "noise"):
         np.testing.assert_array_equal(getattr(models[1].hyper, name), getattr(models[4].hyper, name))
     assert models[1].heldout_rmse_m == models[4].heldout_rmse_m

@@ -12,7 +12,7 @@ from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
 from layflat.policy.stopping import AnyOf
 
-TICKS = 80
+STEPS = 80
 
 
 def spring(start: float, goal: float, u: np.ndarray) -> np.ndarray:
@@ -25,9 +25,9 @@ def spring(start: float, goal: float, u: np.ndarray) -> np.ndarray:
 
 def test_without_a_force_it_is_the_critically_damped_spring():
     assert pytest.approx(4 * STIFFNESS) == DAMPING**2
-    u = np.arange(161) / TICKS
+    u = np.arange(161) / STEPS
     start, goal = np.array([0.0, 0.4, 0.2]), np.array([0.4, 0.0, 0.2])
-    got = path(start, goal, np.zeros((3, 25)), step_u=1 / TICKS, steps=160)
+    got = path(start, goal, np.zeros((3, 25)), step_u=1 / STEPS, steps=160)
     want = np.column_stack([spring(a, b, u) for a, b in zip(start, goal, strict=True)])
     np.testing.assert_allclose(got, want, atol=1e-5 * 0.4)
 
@@ -35,13 +35,13 @@ def test_without_a_force_it_is_the_critically_damped_spring():
 def test_whatever_was_learned_it_ends_at_the_goal():
     rng = np.random.default_rng(0)
     goal = np.array([0.5, 0.01])
-    got = path(np.array([0.1, 0.4]), goal, rng.normal(0, 0.5, (2, 25)), step_u=1 / TICKS, steps=4 * TICKS)
+    got = path(np.array([0.1, 0.4]), goal, rng.normal(0, 0.5, (2, 25)), step_u=1 / STEPS, steps=4 * STEPS)
     assert np.abs(got - goal).max() > 0.1
     np.testing.assert_allclose(got[-1], goal, atol=1e-5)
 
 
 def test_it_never_overshoots_without_a_force():
-    way = path(np.array([0.0]), np.array([1.0]), np.zeros((1, 25)), step_u=1 / TICKS, steps=3 * TICKS)[:, 0]
+    way = path(np.array([0.0]), np.array([1.0]), np.zeros((1, 25)), step_u=1 / STEPS, steps=3 * STEPS)[:, 0]
     assert (np.diff(way) >= -1e-9).all()
     assert way.max() <= 1.0 + 1e-9
 
@@ -54,9 +54,9 @@ def test_basis_functions_share_the_phase(u):
     assert values.sum() == pytest.approx(s)
 
 
-def demonstration(observe, episode_of, *, x0: float = 0.0, x1: float = 0.45, ticks: int = TICKS, seed: int = 0):
+def demonstration(observe, episode_of, *, x0: float = 0.0, x1: float = 0.45, n_steps: int = STEPS, seed: int = 0):
     """Down, then forward: a way with a bend, as the placing of a cloth has."""
-    share = np.linspace(0, 1, ticks + 1)
+    share = np.linspace(0, 1, n_steps + 1)
     smooth = share * share * (3 - 2 * share)
     x = x0 + (x1 - x0) * np.clip(1.6 * smooth - 0.6, 0, None)
     z = 0.4 * (1 - np.clip(1.6 * smooth, None, 1))
@@ -65,12 +65,12 @@ def demonstration(observe, episode_of, *, x0: float = 0.0, x1: float = 0.45, tic
     return replace(episode, final_observation=seen[-1]), np.column_stack([x, z])
 
 
-def rolled_out(model: DmpModel, observe, start, ticks: int) -> np.ndarray:
+def rolled_out(model: DmpModel, observe, start, n_steps: int) -> np.ndarray:
     """(T + 1, 2) m: a holder that does what it is told."""
     policy = DmpPolicy(model, guard=AnyOf())
     policy.reset(0)
     places = [np.array(start, dtype=float)]
-    for _ in range(ticks):
+    for _ in range(n_steps):
         decision = policy.act(observe(*places[-1]))
         if decision.stop is not None:
             break
@@ -81,8 +81,8 @@ def rolled_out(model: DmpModel, observe, start, ticks: int) -> np.ndarray:
 def test_reproduces_its_demonstration(observe, episode_of):
     episode, way = demonstration(observe, episode_of)
     model = dmp.fit([episode], input_set("hanger", "position"), policy="dmp")
-    assert model.duration_s == pytest.approx(0.1 * TICKS)
-    got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, way[0], TICKS)
+    assert model.duration_s == pytest.approx(0.1 * STEPS)
+    got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, way[0], STEPS)
     assert len(got) == len(way)
     assert np.abs(got - way).max() < 0.004
 
@@ -91,14 +91,14 @@ def test_from_another_start_it_ends_at_the_mean_of_the_ends(observe, episode_of)
     taught = [demonstration(observe, episode_of, x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
     model = dmp.fit(taught, input_set("hanger", "position"), policy="dmp")
     np.testing.assert_allclose(model.goal, [0.42, 0.0], atol=1e-9)
-    got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, (-0.1, 0.45), 3 * TICKS)
+    got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, (-0.1, 0.45), 3 * STEPS)
     np.testing.assert_allclose(got[-1], [0.42, 0.0], atol=1e-4)
     assert model.heldout_rmse_m is not None
     assert max(model.heldout_rmse_m) < 0.004
 
 
 def test_demonstrations_of_different_length_are_one_way(observe, episode_of):
-    slow, fast = (demonstration(observe, episode_of, ticks=n)[0] for n in (100, 60))
+    slow, fast = (demonstration(observe, episode_of, n_steps=n)[0] for n in (100, 60))
     model = dmp.fit([slow, fast], input_set("hanger", "position"), policy="dmp")
     assert model.duration_s == pytest.approx(8.0)
 
@@ -107,7 +107,7 @@ def test_what_the_limit_cuts_off_is_made_up_for(observe, episode_of):
     episode, way = demonstration(observe, episode_of)
     model = dmp.fit([episode], input_set("hanger", "position"), policy="dmp")
     slow = replace(model, action_limit_m=0.006, stop_threshold_m=1e-9)
-    got = rolled_out(slow, observe, way[0], 2 * TICKS)
+    got = rolled_out(slow, observe, way[0], 2 * STEPS)
     assert np.abs(np.diff(got, axis=0)).max() <= 0.006 + 1e-12
     np.testing.assert_allclose(got[-1], way[-1], atol=2e-3)
 
@@ -117,7 +117,7 @@ def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of
     episode, way = demonstration(observe, episode_of)
     policy = DmpPolicy(dmp.fit([episode], input_set("hanger", "position"), policy="dmp"), guard=AnyOf())
     policy.reset(0)
-    decisions = [policy.act(observe(*way[-1])) for _ in range(2 * TICKS)]
+    decisions = [policy.act(observe(*way[-1])) for _ in range(2 * STEPS)]
     assert next(d.stop for d in decisions if d.stop) == "threshold"
     policy.resume()
     after = [policy.act(observe(*way[-1], contact=0.7)) for _ in range(20)]
@@ -143,5 +143,5 @@ def test_a_primitive_that_makes_no_sense_is_refused(observe, episode_of, changes
 def test_a_demonstration_without_placing_is_refused(observe, episode_of):
     seen = [observe() for _ in range(12)]
     episode = episode_of(seen, np.zeros((12, 2)), phases=["place"] + ["repair"] * 11)
-    with pytest.raises(PolicyError, match="seed 0 holds 1 ticks of placing"):
+    with pytest.raises(PolicyError, match="seed 0 holds 1 steps of placing"):
         dmp.fit([episode], input_set("hanger", "position"), policy="dmp")

@@ -57,9 +57,9 @@ class RodCloth:
             self.edge_x = x
         self.edge_x = max(self.edge_x, x - LENGTH_M - self.wrinkle_m - 1e-9)
 
-    def see(self, tick):
+    def see(self, step_index):
         return Observation(
-            time_s=0.1 * tick,
+            time_s=0.1 * step_index,
             corner_positions=self.corners,
             holder_position=self.holder,
             word=np.zeros(2),
@@ -74,12 +74,12 @@ def expert_for(cloth):
 
 def demonstrate(cloth, expert, limit=200):
     decisions = []
-    for tick in range(limit):
-        decisions.append(expert.act(cloth.see(tick)))
+    for step_index in range(limit):
+        decisions.append(expert.act(cloth.see(step_index)))
         if decisions[-1].stop:
             return decisions
         cloth.move(decisions[-1].action)
-    pytest.fail(f"no stop within {limit} ticks; the last clause was {decisions[-1].reason!r}")
+    pytest.fail(f"no stop within {limit} steps; the last clause was {decisions[-1].reason!r}")
 
 
 @pytest.mark.parametrize("task", ROBOTS)
@@ -100,8 +100,8 @@ def test_the_free_edge_trails_before_anything_is_laid_on_it(task):
     cloth = RodCloth(task)
     expert = expert_for(cloth)
     expert.reset(3)
-    for tick in range(100):
-        decision = expert.act(cloth.see(tick))
+    for step_index in range(100):
+        decision = expert.act(cloth.see(step_index))
         if decision.reason == "laying":
             break
         cloth.move(decision.action)

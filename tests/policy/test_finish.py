@@ -59,13 +59,13 @@ def starts(model, distance: float) -> np.ndarray:
     return np.array(found)
 
 
-def share(policy: Policy, begins: np.ndarray, observe, ticks: int = 400) -> float:
+def share(policy: Policy, begins: np.ndarray, observe, n_steps: int = 400) -> float:
     """Of starts from which the goal is reached."""
     reached = 0
     for begin in begins:
         policy.reset(0)
         place = begin.copy()
-        for _ in range(ticks):
+        for _ in range(n_steps):
             decision = policy.act(observe(*place))
             if decision.stop is not None:
                 break
@@ -133,10 +133,10 @@ def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
 def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of):
     """To the height at which the cloth was flat when it was taught; never up, slowly, and not while it is laid."""
     model = model_of("hanger", "all")
-    ticks = model.inputs.copy()
-    ticks[:, 1], ticks[:, 4] = 0.3, 0.4
-    ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
-    policy = FinishingPolicy(replace(model, inputs=ticks, alpha=0 * model.alpha), stop=AnyOf())
+    n_steps = model.inputs.copy()
+    n_steps[:, 1], n_steps[:, 4] = 0.3, 0.4
+    n_steps[:5, 1], n_steps[:5, 4] = 0.008, 1.0
+    policy = FinishingPolicy(replace(model, inputs=n_steps, alpha=0 * model.alpha), stop=AnyOf())
     for z, want in ((0.018, finishing_policy.PULL * (0.008 - 0.018)), (0.004, 0.0), (0.3, -finishing_policy.USEFUL_M)):
         assert policy.act(observe(0.2, z, contact=0.9)).action[1] == pytest.approx(want, abs=1e-9)
 
@@ -144,10 +144,10 @@ def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of)
 def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
     """Nothing is added to what the processes say on the table, where they say something."""
     model = model_of("hanger", "all")
-    ticks = model.inputs.copy()
-    ticks[:5, 1], ticks[:5, 4] = 0.008, 1.0
-    model = replace(model, inputs=ticks)
-    landing = next(tick for tick in ticks[5:] if np.linalg.norm(model.predict([tick])[0]) > 0.006)
+    n_steps = model.inputs.copy()
+    n_steps[:5, 1], n_steps[:5, 4] = 0.008, 1.0
+    model = replace(model, inputs=n_steps)
+    landing = next(step_index for step_index in n_steps[5:] if np.linalg.norm(model.predict([step_index])[0]) > 0.006)
     seen = observe(landing[0], landing[1], contact=0.85)
     policy = FinishingPolicy(model, stop=AnyOf())
     near = policy.nearest(model.layout.vector(seen))
@@ -174,7 +174,7 @@ def test_it_gives_up_where_it_pulls_and_nothing_yields(model, observe):
     """A heap of cloth that has less contact than any gain counts from, and holds the holder back."""
     policy = FinishingPolicy(model)
     policy.reset(0)
-    decisions = [policy.act(observe(0.3 + 0.0001 * k, 0.1, contact=0.1)) for k in range(finishing_policy.STUCK_TICKS)]
+    decisions = [policy.act(observe(0.3 + 0.0001 * k, 0.1, contact=0.1)) for k in range(finishing_policy.STUCK_STEPS)]
     assert all(decision.stop is None for decision in decisions[:-1])
     assert decisions[-1].stop == "converged"
     assert "stayed within" in decisions[-1].reason

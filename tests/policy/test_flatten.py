@@ -11,7 +11,7 @@ from layflat.policy.scripted.baselines import X_LIMIT_M
 from layflat.policy.scripted.wrinkle_removal import (
     CONTROLLERS,
     FLAT_CONTACT,
-    FLAT_TICKS,
+    FLAT_STEPS,
     STEP_M,
     WordFlatten,
     controller,
@@ -56,14 +56,14 @@ def test_it_ends_when_contact_stays_full_and_not_before(word, observe):
     policy = WordFlatten()
     policy.reset(0)
     almost, full = (observe(0.3, contact=contact, word=word) for contact in (FLAT_CONTACT - 0.001, 1.0))
-    seen = [*(FLAT_TICKS - 1) * [full], almost, *FLAT_TICKS * [full]]
+    seen = [*(FLAT_STEPS - 1) * [full], almost, *FLAT_STEPS * [full]]
     decisions = [policy.act(observation) for observation in seen]
     assert [d.stop for d in decisions] == [*(len(seen) - 1) * [None], "converged"]
     assert all(d.action.any() for d in decisions[:-1])
 
 
 def test_the_end_of_the_view_is_a_limit_and_not_a_success(observe):
-    assert WordFlatten().act(observe(X_LIMIT_M, contact=0.8, word=(1.0, 0.0))).stop == "tick_limit"
+    assert WordFlatten().act(observe(X_LIMIT_M, contact=0.8, word=(1.0, 0.0))).stop == "step_limit"
 
 
 def test_the_comparators_move_by_the_same_step_in_the_plane(observe):

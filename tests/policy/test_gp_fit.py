@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 class DragWorld:
     """One axis: the holder drags a cloth with some slack in it; contact is what the slack leaves.
 
-    A demonstrator drags at 6 % of the missing contact, 3 to 10 mm a tick, and holds once the cloth is flat. The slack
+    A demonstrator drags at 6 % of the missing contact, 3 to 10 mm a step, and holds once the cloth is flat. The slack
     differs between demonstrations, so that the same x occurs with different contact: the lesson to be learned.
     """
 
@@ -143,7 +143,7 @@ def test_prior_mean_is_zero_however_large_the_demonstrated_moves(observe, episod
     assert model.heldout_rmse_m is None
 
 
-def test_disturbed_ticks_are_not_learned_from(drags, observe, episode_of):
+def test_disturbed_steps_are_not_learned_from(drags, observe, episode_of):
     wild = [observe(0.2, 0.2) for _ in range(12)]
     phases = ["place"] * 4 + ["disturb"] * 6 + ["repair"] * 2
     episode = episode_of(wild, np.zeros((12, 2)), phases=phases)
@@ -212,8 +212,8 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
     assert left["gp-word", 0.045] < 0.2 * 0.045 < left["gp-baseline", 0.045]
 
 
-def _run(policy: ModelPolicy, world: DragWorld, ticks: int = 80) -> str | None:
-    for _ in range(ticks):
+def _run(policy: ModelPolicy, world: DragWorld, n_steps: int = 80) -> str | None:
+    for _ in range(n_steps):
         decision = policy.act(world.see())
         if decision.stop is not None:
             return decision.stop
@@ -245,9 +245,9 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
     seen = [observe() for _ in range(4)]
     for episodes, message in (
         ([], "no demonstrations"),
-        ([episode_of(seen, np.zeros((4, 2)))], "hold 4 ticks"),
+        ([episode_of(seen, np.zeros((4, 2)))], "hold 4 steps"),
         ([drags[0], episode_of(seen, np.zeros((4, 2)), cloth="silk")], "mix the cloths towel and silk"),
-        ([drags[0], episode_of(seen, np.zeros((4, 2)), tick_s=0.05)], "mix ticks"),
+        ([drags[0], episode_of(seen, np.zeros((4, 2)), step_s=0.05)], "mix steps"),
         ([drags[0], replace(drags[1], descriptor="hog")], "mix the descriptors word and hog"),
         ([drags[0], episode_of(seen, np.zeros((4, 6)), task="pickers")], "is of task pickers"),
     ):

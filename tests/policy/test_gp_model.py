@@ -112,7 +112,7 @@ def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
 
 def test_an_output_below_the_threshold_moves_nothing(model_of, observe):
     """Chapter 4-3-3: the robot stands still, so what is regained after a stop was commanded, not crept."""
-    policy = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_ticks=50))
+    policy = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_steps=50))
     assert all(not policy.act(observe(0.1, 0.1, contact=c)).action.any() for c in (0.2, 0.6, 1.0))
     keen = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
     assert keen.act(observe(0.1, 0.1, contact=0.5)).action.any()
@@ -133,8 +133,8 @@ def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, o
     policy.reset(0)
     lost = observe(-30.0, 30.0)
     for _ in range(2):
-        stops = [policy.act(lost).stop for _ in range(model.stop_ticks)]
-        assert stops == [None] * (model.stop_ticks - 1) + ["threshold"]
+        stops = [policy.act(lost).stop for _ in range(model.stop_steps)]
+        assert stops == [None] * (model.stop_steps - 1) + ["threshold"]
         policy.resume()
 
 
@@ -142,7 +142,7 @@ def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):
     model = model_of(inputs="position")
     eager = replace(model, stop_threshold_m=1e-12)
     stops = [ModelPolicy(eager).act(observe(0.8, contact=0.9)).stop]
-    assert stops == ["tick_limit"]
+    assert stops == ["step_limit"]
     policy = ModelPolicy(eager)
     assert "converged" in [policy.act(observe(0.3, contact=0.9)).stop for _ in range(15)]
 

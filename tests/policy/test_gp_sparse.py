@@ -50,7 +50,7 @@ def full_and_sparse(count: int, points: int = 120, shrink: float = 1.0) -> tuple
 QUERIES = np.random.default_rng(5).uniform(-1.9, 1.9, (40, 2))
 
 
-def test_with_every_tick_an_inducing_point_it_is_the_full_process():
+def test_with_every_step_an_inducing_point_it_is_the_full_process():
     # Short length scales: the jitter of K_uu is the only difference, and counts for more the smoother the process.
     full, sparse = full_and_sparse(count=60, points=60, shrink=0.3)
     for ours, theirs in zip(sparse.predict(QUERIES), full.predict(QUERIES), strict=True):
@@ -110,7 +110,7 @@ def test_held_out_errors_are_those_of_models_trained_without_the_group():
 
 @pytest.fixture(scope="module")
 def long_lesson(observe, episode_of):
-    """More than 2,000 ticks: drags whose speed depends on x and on contact."""
+    """More than 2,000 steps: drags whose speed depends on x and on contact."""
     rng, episodes = np.random.default_rng(0), []
     for seed in range(3):
         xs, contacts = rng.uniform(0, 0.4, 700), rng.uniform(0.5, 1, 700)
@@ -120,7 +120,7 @@ def long_lesson(observe, episode_of):
     return episodes
 
 
-def test_beyond_two_thousand_ticks_training_switches_by_itself(long_lesson, tmp_path):
+def test_beyond_two_thousand_steps_training_switches_by_itself(long_lesson, tmp_path):
     options = fit.FitOptions(inducing_points=40)
     model = fit.fit(long_lesson, input_set("hanger", "all"), policy="gp-word", options=options)
     assert fit.MAX_POINTS == 2000 < model.points_available == 2100

@@ -48,7 +48,7 @@ def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
         provenance=Provenance(versions={"numpy": "2"}, platform="linux", created_utc="2024", command="train"),
         stop_threshold_m=0.0031,
         descriptor="hog",
-        tick_s=0.05,
+        step_s=0.05,
     )
     path = tmp_path / "model.npz"
     model_file.save(model, path)
@@ -56,7 +56,7 @@ def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
     queries = np.random.default_rng(1).normal(0, 0.3, (50, model.layout.size))
     for ours, theirs in zip(model.predict(queries), again.predict(queries), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    told = ("policy", "layout", "cloth", "descriptor", "tick_s", "action_limit_m", "stop_threshold_m", "stop_ticks")
+    told = ("policy", "layout", "cloth", "descriptor", "step_s", "action_limit_m", "stop_threshold_m", "stop_steps")
     for name in (*told, "seed", "demonstrations", "points_available", "heldout_rmse_m", "provenance"):
         assert getattr(again, name) == getattr(model, name)
 
@@ -212,7 +212,7 @@ def test_a_changed_header_is_noticed(saved):
         ({"task": "table"}, "task is 'table'"),
         ({"features": ["x", "z", "word_x", "word_y", "secret"]}, "feature 'secret' is unknown"),
         ({"outputs": ["dx", "dy"]}, "outputs"),
-        ({"stop_ticks": "8"}, "stop_ticks is '8'"),
+        ({"stop_steps": "8"}, "stop_steps is '8'"),
         ({"stop_threshold_m": float("nan")}, "stop_threshold_m is nan"),
         ({"action_limit_m": 1.0}, "action_limit_m is 1.0"),
         ({"shapes": {}}, "shapes"),

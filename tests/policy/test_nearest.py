@@ -34,14 +34,14 @@ def test_is_scikit_learns_nearest_neighbour(taught):
     assert (std >= nearest_model.LEAST_STD_M).all()
 
 
-def test_a_demonstrated_tick_is_answered_with_its_action(taught):
+def test_a_demonstrated_step_is_answered_with_its_action(taught):
     layout = input_set("hanger", "all")
     model = nearest_model.fit(taught, layout, policy="nearest")
     for step in taught[1].steps:
         np.testing.assert_array_equal(model.predict([layout.vector(step.observation)])[0][0], step.action)
 
 
-def test_held_out_error_is_that_of_the_others_ticks(taught):
+def test_held_out_error_is_that_of_the_others_steps(taught):
     layout = input_set("hanger", "all")
     errors = []
     for k, episode in enumerate(taught):

@@ -34,7 +34,7 @@ PLACERS = [
 def policy(request, model_of, learned_of, make_episode) -> Policy:
     name, task = request.param
     if name == RECORDED:
-        return ReplayPolicy(make_episode(task, ticks=50))
+        return ReplayPolicy(make_episode(task, n_steps=50))
     if name.startswith(FLATTEN):
         return controller(name.removeprefix(FLATTEN))
     if name.startswith(AROUND):
@@ -53,9 +53,9 @@ def policy(request, model_of, learned_of, make_episode) -> Policy:
     return registry.make(name, task)
 
 
-def placing(observe: Callable[..., Observation], ticks: int = 40) -> list[Observation]:
+def placing(observe: Callable[..., Observation], n_steps: int = 40) -> list[Observation]:
     """From the air to the table, contact growing to 0.9 and staying there."""
-    share = np.linspace(0, 1, ticks)
+    share = np.linspace(0, 1, n_steps)
     return [
         observe(0.4 * s, 0.4 * (1 - s), contact=min(1.2 * s, 0.9), word=(np.cos(s), np.sin(s)), time_s=0.1 * k)
         for k, s in enumerate(share)
@@ -99,7 +99,7 @@ def test_same_seed_same_decisions_also_after_another_episode(policy, observe):
 
 
 def test_resume_goes_on_where_a_new_episode_would_begin(policy, observe):
-    """After resume a stop needs as many ticks as after reset: nothing of the old counters is left."""
+    """After resume a stop needs as many steps as after reset: nothing of the old counters is left."""
     if isinstance(policy, SequentialPolicy):
         pytest.skip("goes on as another policy, see test_handover")
     policy.reset(0)

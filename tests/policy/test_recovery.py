@@ -13,9 +13,9 @@ from layflat.policy.scripted.baselines import along_x, along_z
 from layflat.policy.wrappers.recovery import (
     CLEAR_M,
     FLAT_CONTACT,
-    PLATEAU_TICKS,
-    SMOOTH_TICKS,
-    STUCK_TICKS,
+    PLATEAU_STEPS,
+    SMOOTH_STEPS,
+    STUCK_STEPS,
     TRIES,
     WIPE_M,
     RecoveryWrapper,
@@ -70,10 +70,10 @@ class Toy:
         self.corners = self.corners + step
 
 
-def run(policy: RecoveryWrapper, toy: Toy, ticks: int = 2000) -> tuple[list[Decision], float]:
+def run(policy: RecoveryWrapper, toy: Toy, n_steps: int = 2000) -> tuple[list[Decision], float]:
     """All decisions until the stop, and the contact in the end."""
     decisions = []
-    for _ in range(ticks):
+    for _ in range(n_steps):
         seen = toy.see()
         decisions.append(policy.act(seen))
         if decisions[-1].stop is not None:
@@ -106,7 +106,7 @@ def test_a_fold_is_lifted_once_and_laid_again(task: RobotName, observe) -> None:
     # It begins and ends without a jerk: no move differs from the one before by more than a millimetre.
     heights = np.array([0.0, *(action[1 if task == "hanger" else 2] for action in lifts)])
     assert np.abs(np.diff(heights)).max() < 0.0011
-    assert len(decisions) < 160 + policy.extra_ticks
+    assert len(decisions) < 160 + policy.extra_steps
 
 
 def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
@@ -175,29 +175,29 @@ def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undo
     rng = np.random.default_rng(4)
     policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)
-    for tick in range(2 * PLATEAU_TICKS):
-        contact = min(0.78 + slope * tick, 1.0) + rng.normal(0.0, 0.008)
-        policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=float(np.clip(contact, 0, 1)), word=(0.05, 0.0)))
+    for step_index in range(2 * PLATEAU_STEPS):
+        contact = min(0.78 + slope * step_index, 1.0) + rng.normal(0.0, 0.008)
+        policy.act(observe(0.3 + 0.004 * step_index, 0.005, contact=float(np.clip(contact, 0, 1)), word=(0.05, 0.0)))
     assert bool(policy.tried) is undone
 
 
-@pytest.mark.parametrize(("strength", "ticks"), [(0.0, SMOOTH_TICKS), (0.01, SMOOTH_TICKS), (0.05, PLATEAU_TICKS)])
-def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, ticks: int, observe) -> None:
+@pytest.mark.parametrize(("strength", "steps"), [(0.0, SMOOTH_STEPS), (0.01, SMOOTH_STEPS), (0.05, PLATEAU_STEPS)])
+def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, n_steps: int, observe) -> None:
     policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)
-    for tick in range(1, PLATEAU_TICKS + 1):
-        policy.act(observe(0.3 + 0.004 * tick, 0.005, contact=0.78, word=(strength, 0.0)))
-        assert bool(policy.tried) is (tick >= ticks)
+    for step_index in range(1, PLATEAU_STEPS + 1):
+        policy.act(observe(0.3 + 0.004 * step_index, 0.005, contact=0.78, word=(strength, 0.0)))
+        assert bool(policy.tried) is (step_index >= n_steps)
         if policy.tried:
             break
 
 
 def test_a_smooth_cloth_that_is_being_laid_is_let_be(observe) -> None:
-    """No wrinkle is seen while contact grows by a hundredth a tick, and the cloth is no fold."""
+    """No wrinkle is seen while contact grows by a hundredth a step, and the cloth is no fold."""
     policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)
-    for tick in range(60):
-        policy.act(observe(0.1 + 0.008 * tick, 0.005, contact=0.31 + 0.01 * tick))
+    for step_index in range(60):
+        policy.act(observe(0.1 + 0.008 * step_index, 0.005, contact=0.31 + 0.01 * step_index))
     assert policy.tried == []
 
 
@@ -205,6 +205,6 @@ def test_a_holder_that_hovers_is_stuck_and_one_that_descends_is_not(observe) -> 
     for speed, stuck in ((0.0005, True), (0.004, False)):
         policy = RecoveryWrapper(Forward("hanger"))
         policy.reset(0)
-        for tick in range(STUCK_TICKS + 1):
-            policy.act(observe(0.1, 0.25 - speed * tick))
+        for step_index in range(STUCK_STEPS + 1):
+            policy.act(observe(0.1, 0.25 - speed * step_index))
         assert bool(policy.tried) is stuck

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from layflat.data.types import ROBOTS, RobotName
-from layflat.policy.wrappers.swing_damping import WAIT_TICKS, SwingDampingWrapper
+from layflat.policy.wrappers.swing_damping import WAIT_STEPS, SwingDampingWrapper
 from layflat.tests.lowering import Down
 
 LENGTH_M = 0.35
-PERIOD_TICKS = 10.0
+PERIOD_STEPS = 10.0
 
 
 def lower(task: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:
@@ -20,8 +20,8 @@ def lower(task: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: fl
     policy = SwingDampingWrapper(Down(task))
     policy.reset(0)
     reasons: list[str] = []
-    for tick in range(200):
-        ahead = swing_m * np.cos(2 * np.pi * tick / PERIOD_TICKS) * np.exp(-tick / fades)
+    for step_index in range(200):
+        ahead = swing_m * np.cos(2 * np.pi * step_index / PERIOD_STEPS) * np.exp(-step_index / fades)
         low = z - np.sqrt(LENGTH_M**2 - ahead**2)
         if low <= 0:
             return reasons, float(ahead)
@@ -33,7 +33,9 @@ def lower(task: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: fl
 
 @pytest.mark.parametrize("task", ROBOTS)
 def test_a_swing_ahead_is_waited_for(task: RobotName, observe) -> None:
-    plainly = max(0.1 * np.cos(2 * np.pi * tick / PERIOD_TICKS) * np.exp(-tick / 8.0) for tick in (1, 2))
+    plainly = max(
+        0.1 * np.cos(2 * np.pi * step_index / PERIOD_STEPS) * np.exp(-step_index / 8.0) for step_index in (1, 2)
+    )
     assert plainly > 0.03, "without waiting it would touch ahead"
     reasons, ahead = lower(task, observe, swing_m=0.1)
     assert "waiting" in reasons[0]
@@ -60,9 +62,9 @@ def test_waiting_has_an_end(observe) -> None:
         policy.reset(0)
         reasons = [
             policy.act(replace(observe(0.0, 0.36), lowest_m=np.array([0.1 * (-1) ** k, 0.0, 0.02]))).reason
-            for k in range(3 * WAIT_TICKS)
+            for k in range(3 * WAIT_STEPS)
         ]
-        assert sum("waiting" in reason for reason in reasons) == WAIT_TICKS
+        assert sum("waiting" in reason for reason in reasons) == WAIT_STEPS
         assert reasons[-1] == "down"
 
 

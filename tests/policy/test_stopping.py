@@ -26,18 +26,18 @@ def fires(rule: StopRule, observations, actions) -> list[bool]:
     return [rule.update(o, np.array([a, 0.0])) is not None for o, a in zip(observations, actions, strict=True)]
 
 
-@given(norms=lengths, ticks=st.integers(1, 10))
-def test_below_threshold_fires_exactly_when_the_last_ticks_were_all_low(observe, norms, ticks):
-    fired = fires(BelowThreshold(threshold_m=0.002, ticks=ticks), len(norms) * [observe()], norms)
-    expected = [k + 1 >= ticks and max(norms[k + 1 - ticks : k + 1]) < 0.002 for k in range(len(norms))]
+@given(norms=lengths, n_steps=st.integers(1, 10))
+def test_below_threshold_fires_exactly_when_the_last_steps_were_all_low(observe, norms, n_steps):
+    fired = fires(BelowThreshold(threshold_m=0.002, n_steps=n_steps), len(norms) * [observe()], norms)
+    expected = [k + 1 >= n_steps and max(norms[k + 1 - n_steps : k + 1]) < 0.002 for k in range(len(norms))]
     assert fired == expected
 
 
 @given(norms=lengths)
 def test_a_larger_threshold_never_stops_later(observe, norms):
     seen = len(norms) * [observe()]
-    small = fires(BelowThreshold(threshold_m=0.002, ticks=3), seen, norms)
-    large = fires(BelowThreshold(threshold_m=0.004, ticks=3), seen, norms)
+    small = fires(BelowThreshold(threshold_m=0.002, n_steps=3), seen, norms)
+    large = fires(BelowThreshold(threshold_m=0.004, n_steps=3), seen, norms)
     assert all(b or not a for a, b in zip(small, large, strict=True))
 
 
@@ -47,7 +47,7 @@ def test_threshold_looks_at_the_norm_not_at_one_axis(observe):
     assert rule.update(observe(), np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.0015])) is not None
 
 
-def test_tick_limit_counts_from_the_reset(observe):
+def test_step_limit_counts_from_the_reset(observe):
     rule = StepLimit(3)
     seen = 3 * [observe()]
     assert fires(rule, seen, np.ones(3)) == [False, False, True]
@@ -56,27 +56,29 @@ def test_tick_limit_counts_from_the_reset(observe):
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=40), st.integers(1, 8))
-def test_no_gain_needs_that_many_ticks_without_a_new_best(observe, contacts, ticks):
-    fired = fires(NoContactGain(ticks=ticks, gain=0.01), [observe(contact=c) for c in contacts], np.ones(len(contacts)))
-    assert not any(fired[:ticks])
+def test_no_gain_needs_that_many_steps_without_a_new_best(observe, contacts, n_steps):
+    fired = fires(
+        NoContactGain(n_steps=n_steps, gain=0.01), [observe(contact=c) for c in contacts], np.ones(len(contacts))
+    )
+    assert not any(fired[:n_steps])
     for k in np.flatnonzero(fired):
-        assert max(contacts[k - ticks + 1 : k + 1]) < max(contacts[: k - ticks + 1]) + 0.01
+        assert max(contacts[k - n_steps + 1 : k + 1]) < max(contacts[: k - n_steps + 1]) + 0.01
 
 
 def test_steady_gain_never_stops_and_standstill_does(observe):
     rising = [observe(contact=0.02 * k) for k in range(50)]
-    assert not any(fires(NoContactGain(ticks=3), rising, np.ones(50)))
-    assert fires(NoContactGain(ticks=3), 5 * [observe(contact=0.5)], np.ones(5)) == [False, False, False, True, True]
+    assert not any(fires(NoContactGain(n_steps=3), rising, np.ones(50)))
+    assert fires(NoContactGain(n_steps=3), 5 * [observe(contact=0.5)], np.ones(5)) == [False, False, False, True, True]
 
 
 def test_a_cloth_in_the_air_is_not_given_up(observe):
-    rule = NoContactGain(ticks=3, from_contact=0.5)
+    rule = NoContactGain(n_steps=3, from_contact=0.5)
     assert not any(fires(rule, 30 * [observe(contact=0.0)], np.ones(30)))
     assert any(fires(rule, 6 * [observe(contact=0.6)], np.ones(6)))
 
 
 def test_contact_drop_after_reset_counts_as_a_new_start(observe):
-    rule = NoContactGain(ticks=2)
+    rule = NoContactGain(n_steps=2)
     fires(rule, 5 * [observe(contact=1.0)], np.ones(5))
     rule.reset()
     repairing = [observe(contact=c) for c in (0.85, 0.87, 0.9, 0.93)]
@@ -89,7 +91,7 @@ def test_contact_reached_and_x_limit(observe):
 
 
 def test_stuck_is_who_goes_nowhere_however_long_the_moves_that_were_asked_for(observe):
-    rule = Stuck(ticks=3, within_m=0.02)
+    rule = Stuck(n_steps=3, within_m=0.02)
     places = (0.1, 0.2, 0.21, 0.215, 0.2, 0.3, 0.3, 0.319)
     expected = [False, False, False, True, True, False, False, True]
     assert fires(rule, [observe(x) for x in places], np.full(8, 0.01)) == expected
@@ -98,18 +100,18 @@ def test_stuck_is_who_goes_nowhere_however_long_the_moves_that_were_asked_for(ob
 
 
 def test_contact_may_have_to_last(observe):
-    rule = ContactReached(0.9, ticks=2)
+    rule = ContactReached(0.9, n_steps=2)
     seen = [observe(contact=c) for c in (0.95, 0.8, 0.95, 0.95, 0.95, 0.8, 0.95)]
     assert fires(rule, seen, np.ones(7)) == [False, False, False, True, True, False, False]
     rule.reset()
     assert fires(rule, seen[2:4], np.ones(2)) == [False, True]
 
 
-def test_any_tells_every_rule_of_every_tick(observe):
+def test_any_tells_every_rule_of_every_step(observe):
     """Also the rules behind the one that fires: else their counts would lag."""
     rule = AnyOf(ContactReached(0.9), StepLimit(3))
     stops = [rule.update(observe(contact=c), np.ones(2)) for c in (0.95, 0.95, 0.0)]
-    assert [stop.by if stop else None for stop in stops] == ["converged", "converged", "tick_limit"]
+    assert [stop.by if stop else None for stop in stops] == ["converged", "converged", "step_limit"]
 
 
 def test_all_waits_for_the_last(observe):
@@ -130,8 +132,8 @@ def test_every_rule_uses_words_that_files_know(observe):
     rules = [
         BelowThreshold(threshold_m=1.0),
         StepLimit(1),
-        Stuck(ticks=1, within_m=1.0),
-        NoContactGain(ticks=1),
+        Stuck(n_steps=1, within_m=1.0),
+        NoContactGain(n_steps=1),
         ContactReached(0.1),
         XLimit(0.1),
     ]
@@ -145,7 +147,11 @@ def test_every_rule_uses_words_that_files_know(observe):
 
 @pytest.mark.parametrize(
     "make",
-    [lambda: BelowThreshold(threshold_m=0.0), lambda: StepLimit(0), lambda: NoContactGain(ticks=1, gain=float("nan"))],
+    [
+        lambda: BelowThreshold(threshold_m=0.0),
+        lambda: StepLimit(0),
+        lambda: NoContactGain(n_steps=1, gain=float("nan")),
+    ],
 )
 def test_impossible_rules_are_refused(make):
     with pytest.raises(PolicyError, match="must be"):

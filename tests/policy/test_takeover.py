@@ -11,7 +11,7 @@ from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
 
 
 class Counts:
-    """Moves by the number of ticks that it has decided since it last began or went on; stops at ``most``."""
+    """Moves by the number of steps that it has decided since it last began or went on; stops at ``most``."""
 
     task = "hanger"
 
@@ -52,7 +52,7 @@ def test_handing_back_what_one_does_not_have_changes_nothing(observe):
 
 
 def test_the_policy_counts_anew_after_a_correction(observe):
-    """It would stop in its third tick."""
+    """It would stop in its third step."""
     _, _, _, alone = _run([None] * 3, observe, most=2)
     assert [d.stop for d in alone] == [None, None, "threshold"]
     _, _, _, helped = _run([None, None, "lead", "hand back", None, None], observe, most=2)
@@ -79,11 +79,11 @@ def test_what_the_person_decides_is_theirs_but_for_the_mark(observe):
 
 def test_a_grip_leads_while_the_hands_move_and_a_little_longer():
     moving = iter([False, True, False, False, True, False, False, False, False])
-    grip = MotionTakeoverTrigger(lambda: next(moving), rest_ticks=3)
+    grip = MotionTakeoverTrigger(lambda: next(moving), rest_steps=3)
     told = [grip() for _ in range(9)]
     assert told == [None, "lead", None, None, "lead", None, None, "hand back", "hand back"]
-    with pytest.raises(PolicyError, match="rest_ticks is 0"):
-        MotionTakeoverTrigger(lambda: True, rest_ticks=0)
+    with pytest.raises(PolicyError, match="rest_steps is 0"):
+        MotionTakeoverTrigger(lambda: True, rest_steps=0)
 
 
 def test_policies_of_different_tasks_are_refused():

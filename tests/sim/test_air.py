@@ -16,17 +16,17 @@ SMALL = ClothSpec(
 )  # fmt: skip
 
 
-def _swing(rate: float, ticks: int = 20) -> np.ndarray:
-    """(ticks * 24,) m: centre of a cloth beside its pickers, after they moved 0.1 m and stopped."""
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+def _swing(rate: float, n_steps: int = 20) -> np.ndarray:
+    """(steps * 24,) m: centre of a cloth beside its pickers, after they moved 0.1 m and stopped."""
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     home = np.array([[0.0, 0.075, 0.5], [0.0, -0.075, 0.5]])
     cloth.set_nodes(SMALL.hanging_nodes(home))
     pickers, air = FreePickers(cloth, home), AirDrag(cloth, drag_rate_per_s=rate)
     pickers.grip()
     path = []
-    for tick in range(5 + ticks):
-        pickers.start_tick(np.array([0.02 if tick < 5 else 0.0, 0.0, 0.0] * 2), 24)
+    for step_index in range(5 + n_steps):
+        pickers.start_step(np.array([0.02 if step_index < 5 else 0.0, 0.0, 0.0] * 2), 24)
         for _ in range(24):
             air.before_substep()
             pickers.before_substep()
@@ -44,7 +44,7 @@ def test_a_swing_dies_away_with_drag_and_goes_on_without() -> None:
 
 
 def test_the_drag_of_a_known_velocity_is_rate_times_velocity_without_a_vertical_part() -> None:
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     cloth.set_nodes(SMALL.flat_nodes(z_m=2.0))
     air = AirDrag(cloth, drag_rate_per_s=2.0)
@@ -64,7 +64,7 @@ def test_the_drag_of_a_known_velocity_is_rate_times_velocity_without_a_vertical_
 
 
 def test_the_drag_is_bounded_and_spares_a_still_cloth() -> None:
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     cloth.set_nodes(SMALL.flat_nodes())
     air = AirDrag(cloth)

@@ -18,7 +18,7 @@ def shape():
 
 
 def test_links_are_where_bullet_has_them(shape):
-    world = World(step_s=1 / 240, table_friction=1.0)
+    world = World(substep_s=1 / 240, table_friction=1.0)
     try:
         arm = load_arm(world.client, HELD_STRETCH * cloth_spec("towel").width_m)
         for seed in range(5):

@@ -24,7 +24,7 @@ SPEC = cloth_spec("towel")
 
 @pytest.fixture
 def bench() -> Iterator[tuple[World, Cloth]]:
-    world = World(step_s=1 / SPEC.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SPEC.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SPEC)
     cloth.set_nodes(SPEC.flat_nodes())
     yield world, cloth

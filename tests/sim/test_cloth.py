@@ -26,7 +26,7 @@ PRESETS = ["towel", "napkin", pytest.param("towel-fine", marks=pytest.mark.slow)
 
 def _settled(spec: ClothSpec, nodes: np.ndarray, duration_s: float, *, held: bool = False) -> tuple[np.ndarray, float]:
     """Nodes after ``duration_s``, and the lowest height that any node had meanwhile, m."""
-    world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
     try:
         cloth = Cloth(world, spec, nodes)
         air, lowest = AirDrag(cloth), np.inf
@@ -54,7 +54,7 @@ def _hanging(spec: ClothSpec) -> np.ndarray:
 @pytest.fixture(scope="module")
 def bench_cloth() -> Cloth:
     """Only for what it says of nodes that it is given."""
-    return Cloth(World(step_s=1 / SMALL.rate_hz, table_friction=1.0), SMALL)
+    return Cloth(World(substep_s=1 / SMALL.rate_hz, table_friction=1.0), SMALL)
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -186,7 +186,7 @@ def test_contact_never_grows_when_the_cloth_rises(bench_cloth: Cloth, lift: list
 
 
 def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     rest = SMALL.flat_nodes()
     assert cloth.instability(rest) is None
@@ -207,7 +207,7 @@ def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
 
 
 def test_set_nodes_and_the_order_of_nodes() -> None:
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     wanted = SMALL.flat_nodes(z_m=0.2) + np.random.default_rng(0).normal(0, 1e-3, (30, 3))
     cloth.set_nodes(wanted)
@@ -257,7 +257,7 @@ def test_unknown_cloth_lists_the_known_ones() -> None:
 def test_nodes_that_are_set_are_the_shape_at_rest() -> None:
     """Bullet's resetMeshData takes the new lengths for those at rest, which its documentation does not say."""
     spec = cloth_spec("towel")
-    world = World(step_s=1.0 / spec.rate_hz, table_friction=1.0)
+    world = World(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
     try:
         world.set_gravity((0.0, 0.0, 0.0))
         cloth = Cloth(world, spec)
@@ -273,7 +273,7 @@ def test_nodes_that_are_set_are_the_shape_at_rest() -> None:
 def test_a_cloth_that_was_hung_up_is_at_rest_as_large_as_its_spec(name: str) -> None:
     """The holder is 3 % wider than the cloth: it stretches it, and does not make it another cloth."""
     spec = cloth_spec(name)
-    world = World(step_s=1.0 / spec.rate_hz, table_friction=1.0)
+    world = World(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
     try:
         nodes = _hanging(spec)
         cloth = Cloth(world, spec, nodes)
@@ -291,7 +291,7 @@ def test_a_cloth_that_was_hung_up_is_at_rest_as_large_as_its_spec(name: str) -> 
 
 
 def test_a_step_is_halved_without_a_jump_in_time() -> None:
-    world = World(step_s=1.0 / 200, table_friction=1.0)
+    world = World(substep_s=1.0 / 200, table_friction=1.0)
     try:
         for parts, steps in ((1, 3), (2, 4), (1, 1)):
             assert world.refine(parts == 2) == parts
@@ -306,7 +306,7 @@ def test_a_step_is_halved_without_a_jump_in_time() -> None:
 
 def test_layers_are_told_from_bends_and_wrinkles() -> None:
     spec = cloth_spec("towel")
-    cloth = Cloth(World(step_s=1.0 / spec.rate_hz, table_friction=1.0), spec)
+    cloth = Cloth(World(substep_s=1.0 / spec.rate_hz, table_friction=1.0), spec)
     flat = spec.flat_nodes()
     for legs in (0.09, 0.15, 0.3):
         assert cloth.layered(fold_corner(flat, spec, (legs, legs), left=True))

@@ -20,7 +20,7 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         self.spec: ClothSpec = cloth_spec(name)
-        self.world = World(step_s=1 / self.spec.rate_hz, table_friction=1.0)
+        self.world = World(substep_s=1 / self.spec.rate_hz, table_friction=1.0)
         self.cloth = Cloth(self.world, self.spec)
         self.camera = Camera(self.world, self.cloth, seed=0)
         blank = PerceptionPipeline(self.camera.pinhole)

@@ -48,7 +48,7 @@ def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wi
 
 
 def test_what_was_drawn_is_in_the_record(crumpled: ClothSimulation) -> None:
-    assert {"push_back_1_m", "push_inward_2_m", "push_ticks"} <= set(crumpled.start)
+    assert {"push_back_1_m", "push_inward_2_m", "push_steps"} <= set(crumpled.start)
     assert crumpled.start["contact_portion_true"] == crumpled.truth().contact_portion_true
 
 

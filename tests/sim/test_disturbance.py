@@ -33,7 +33,7 @@ SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 
 @contextmanager
 def _bench(spec: ClothSpec, nodes: np.ndarray) -> Iterator[tuple[World, Cloth]]:
-    world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
     try:
         cloth = Cloth(world, spec)
         cloth.set_nodes(nodes)
@@ -56,7 +56,7 @@ def _run(world: World, disturbance: DisturbanceController, limit_s: float = 5.0)
 def _velocity(world: World, cloth: Cloth) -> np.ndarray:
     before = cloth.nodes().mean(axis=0)
     world.step()
-    return np.asarray((cloth.nodes().mean(axis=0) - before) / world.step_s)
+    return np.asarray((cloth.nodes().mean(axis=0) - before) / world.substep_s)
 
 
 def _steady_push(
@@ -76,7 +76,7 @@ def _steady_push(
         world.set_gravity((0.0, 0.0, gravity_m_s2))
         disturbance = DisturbanceController(world, cloth, spec, np.random.default_rng(1))
         _run(world, disturbance)
-        fallen = np.array([0.0, 0.0, gravity_m_s2 * (world.time_s + world.step_s)])
+        fallen = np.array([0.0, 0.0, gravity_m_s2 * (world.time_s + world.substep_s)])
         return SMALL.mass_kg * (_velocity(world, cloth) - fallen), disturbance.impulse_n_s
 
 
@@ -178,7 +178,7 @@ def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
         world.set_gravity((0.0, 0.0, 0.0))
         before = cloth.nodes().mean(axis=0)
         disturbance = DisturbanceController(world, cloth, spec, np.random.default_rng(0))
-        for _ in range(round(0.5 / world.step_s)):
+        for _ in range(round(0.5 / world.substep_s)):
             disturbance.before_substep()
             world.step()
         moved = cloth.nodes().mean(axis=0) - before
@@ -243,8 +243,8 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
         pickers.grip()
         substeps = round(spec.rate_hz / 10)
 
-        def tick(dx: float, disturbance: DisturbanceController | None = None) -> None:
-            pickers.start_tick(np.array([dx, 0.0, 0.0] * 2), substeps)
+        def step(dx: float, disturbance: DisturbanceController | None = None) -> None:
+            pickers.start_step(np.array([dx, 0.0, 0.0] * 2), substeps)
             for _ in range(substeps):
                 pickers.before_substep()
                 if disturbance is not None:
@@ -259,18 +259,18 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
             return perceiver.perceive(*camera.capture()).contact_portion
 
         for _ in range(3):
-            tick(0.0)
+            step(0.0)
         assert contact() > 0.97
         disturbance = DisturbanceController(world, cloth, disturbance_spec("thesis"), np.random.default_rng(3))
         while not disturbance.done:
-            tick(0.0, disturbance)
+            step(0.0, disturbance)
         disturbed = cloth.nodes()
         assert cloth.instability(disturbed) is None
         after = contact()
         assert 0.74 < after < 0.94  # Table 4-2: 0.78 to 0.91
         assert cloth.flat_area(disturbed) > 0.85  # wrinkles, not a fold
         for _ in range(10):
-            tick(0.005)
+            step(0.005)
         assert contact() > after + 0.05
 
 
@@ -281,7 +281,7 @@ from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.physics.bullet.world import World
 spec = cloth_spec("napkin")
-world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
+world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
 cloth = Cloth(world, spec)
 cloth.set_nodes(spec.flat_nodes())
 disturbance = DisturbanceController(world, cloth, disturbance_spec("thesis"), np.random.default_rng(int(sys.argv[1])))

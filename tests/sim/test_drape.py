@@ -28,7 +28,7 @@ def _fine(spec: ClothSpec) -> ClothSpec:
 
 def _surface(spec: ClothSpec, situation: Literal["held", "over an edge"]) -> np.ndarray:
     """(41, 41, 3) m: the same places of the cloth, whatever its mesh."""
-    world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
     try:
         if situation == "held":
             high, half = spec.length_m + 0.12, spec.width_m / 2

@@ -36,7 +36,7 @@ def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
         made.close()
 
 
-def test_registered_with_a_limit_of_ticks() -> None:
+def test_registered_with_a_limit_of_steps() -> None:
     for name in IDS:
         assert gymnasium.spec(name).max_episode_steps == MAX_EPISODE_STEPS
 
@@ -58,13 +58,13 @@ def test_two_processes(name: str) -> None:
 
 
 def test_rewards_add_up_to_the_gain_of_contact(env: ClothPlaceEnv) -> None:
-    """A tick at a time, lowered until some of it touches."""
+    """A step at a time, lowered until some of it touches."""
     first, _ = env.reset(seed=0)
     total = 0.0
-    for tick in range(18):
+    for step_index in range(18):
         before = env.bench.holder.position()
         seen, reward, terminated, truncated, info = env.step(np.array([0.5, 0.0, -0.7] * 2, np.float32))
-        if tick == 0:
+        if step_index == 0:
             moved = env.bench.holder.position() - before
             np.testing.assert_allclose(moved, np.array([0.5, 0.0, -0.7]) * ACTION_LIMIT_M, atol=1e-6)
         total += reward
@@ -115,8 +115,8 @@ def test_resets_without_a_seed_follow_from_the_last_seed(env: ClothPlaceEnv) -> 
     assert seeds[0] == seeds[1] == int(np.random.default_rng(4).integers(2**31))
 
 
-def test_a_disturbance_comes_at_its_tick() -> None:
-    made = ClothPlaceEnv("pickers", cloth="napkin", disturbance="wind", disturb_tick=2)
+def test_a_disturbance_comes_at_its_step() -> None:
+    made = ClothPlaceEnv("pickers", cloth="napkin", disturbance="wind", disturb_step=2)
     made.reset(seed=0)
     heard = []
     for _ in range(4):

@@ -14,27 +14,27 @@ from layflat.sim.physics.bullet.world import SimError, World
 from layflat.sim.robots import hand_guiding, panda
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.simulation import ClothSimulation
-from layflat.tests.sim.test_hanger import START, bare_hanger, run_tick
+from layflat.tests.sim.test_hanger import START, bare_hanger, run_step
 
 AXES = [0, 2]
 
 
 @pytest.fixture
 def world() -> Iterator[World]:
-    made = World(step_s=1 / 200, table_friction=1.0)
+    made = World(substep_s=1 / 200, table_friction=1.0)
     yield made
     made.close()
 
 
-def guided_tick(
+def guided_step(
     world: World,
     hanger: PandaHanger,
     hand: FloatArray | None = None,
     push_n: tuple[float, float, float] = (0.0, 0.0, 0.0),
     load_n: float = 0.0,
 ) -> None:
-    substeps = round(0.1 / world.step_s)
-    hanger.start_guided_tick(hand, substeps, load_n)
+    substeps = round(0.1 / world.substep_s)
+    hanger.start_guided_step(hand, substeps, load_n)
     for _ in range(substeps):
         hanger.before_substep()
         if any(push_n):
@@ -50,7 +50,7 @@ class TestArm:
         hanger = bare_hanger(world)
         start = hanger.position()
         for _ in range(20):
-            guided_tick(world, hanger)
+            guided_step(world, hanger)
             assert np.abs(hanger.position() - start).max() < 1e-4
 
     @pytest.mark.parametrize("axis", AXES)
@@ -63,7 +63,7 @@ class TestArm:
             push = [0.0, 0.0, 0.0]
             push[axis] = newtons
             for _ in range(10):
-                guided_tick(world, hanger, push_n=(push[0], push[1], push[2]))
+                guided_step(world, hanger, push_n=(push[0], push[1], push[2]))
             moved[newtons] = hanger.position()[axis] - before[axis]
         assert 0 < moved[0.25] < 0.002
         # Steady speed: (1 N - friction) / damping.
@@ -73,7 +73,7 @@ class TestArm:
         hanger = bare_hanger(world)
         before = hanger.position()
         for _ in range(20):
-            guided_tick(world, hanger, push_n=(0.0, 4.0, 0.0))
+            guided_step(world, hanger, push_n=(0.0, 4.0, 0.0))
         assert hanger.position()[1] - before[1] == pytest.approx(0.01, abs=5e-4)
         left, right = hanger.corner_positions()
         assert abs(left[2] - right[2]) < 0.001
@@ -84,7 +84,7 @@ class TestArm:
             hanger = bare_hanger(world)
             before = hanger.position()[2]
             for _ in range(10):
-                guided_tick(world, hanger, push_n=(0.0, 0.0, -2.0), load_n=load)
+                guided_step(world, hanger, push_n=(0.0, 0.0, -2.0), load_n=load)
             fallen[load] = before - hanger.position()[2]
         assert abs(fallen[2.0]) < 0.002
         assert fallen[0.0] > 0.05
@@ -95,10 +95,10 @@ class TestArm:
         hanger = bare_hanger(world)
         hand = hanger.position()
         felt_n = hand_guiding.FRICTION_N + 12.0 * 0.05
-        for tick in range(25):
+        for step_index in range(25):
             hand = hand + 0.005 * np.array([direction[0], 0.0, direction[1]])
-            guided_tick(world, hanger, hand)
-            if tick > 10:
+            guided_step(world, hanger, hand)
+            if step_index > 10:
                 lag = np.linalg.norm((hand - hanger.position())[AXES])
                 assert lag < 0.006
                 assert np.linalg.norm(hanger.hand_force_n()) == pytest.approx(felt_n, rel=0.25)
@@ -108,7 +108,7 @@ class TestArm:
         rng = np.random.default_rng(1)
         for _ in range(40):
             before = hanger.position()
-            guided_tick(world, hanger, rng.uniform(-3.0, 3.0, 3))
+            guided_step(world, hanger, rng.uniform(-3.0, 3.0, 3))
             assert np.linalg.norm(hanger.hand_force_n()) <= hand_guiding.HAND_LIMIT_N + 1e-9
             assert np.abs(hanger.position() - before).max() < ACTION_LIMIT_M
             assert (np.abs(hanger.joint_torques()) <= panda.TORQUE_LIMIT_N_M).all()
@@ -117,9 +117,9 @@ class TestArm:
     def test_it_stays_in_its_workspace(self, world: World, hand: tuple[float, float, float]) -> None:
         hanger = bare_hanger(world, (0.25, 0.1))
         for _ in range(60):
-            guided_tick(world, hanger, np.array(hand))
+            guided_step(world, hanger, np.array(hand))
         for _ in range(10):
-            guided_tick(world, hanger)
+            guided_step(world, hanger)
         place = hanger.position()
         assert 0.0 < place[2] < 0.56
         assert -0.106 < place[0] < 0.606
@@ -127,20 +127,20 @@ class TestArm:
     def test_the_springs_take_over_without_a_jump(self, world: World) -> None:
         hanger = bare_hanger(world)
         hand = hanger.position()
-        for tick in range(15):
-            hand = hand + np.array([0.005, 0.0, -0.003]) * (tick < 10)
-            guided_tick(world, hanger, hand, load_n=0.5, push_n=(0.0, 0.0, -0.5))
+        for step_index in range(15):
+            hand = hand + np.array([0.005, 0.0, -0.003]) * (step_index < 10)
+            guided_step(world, hanger, hand, load_n=0.5, push_n=(0.0, 0.0, -0.5))
         before = hanger.position()
         assert before[0] > START[0] + 0.04
         for _ in range(3):
-            run_tick(world, hanger, push_n=(0.0, 0.0, -0.5))
+            run_step(world, hanger, push_n=(0.0, 0.0, -0.5))
         assert np.abs(hanger.position() - before).max() < 0.001
-        run_tick(world, hanger, (0.005, 0.0))
+        run_step(world, hanger, (0.005, 0.0))
         assert hanger.position()[0] - before[0] == pytest.approx(0.005, abs=0.002)
 
     def test_stiff_joints_do_not_yield(self, world: World) -> None:
         with pytest.raises(SimError, match="impedance"):
-            bare_hanger(world, control="position").start_guided_tick(None, 20, 0.0)
+            bare_hanger(world, control="position").start_guided_step(None, 20, 0.0)
 
 
 class TestOnTheBench:
@@ -150,8 +150,8 @@ class TestOnTheBench:
             bench.reset(1)
             start = bench.holder.position()
             hand, actions = start.copy(), []
-            for tick in range(16):
-                hand = hand + (np.array([0.006, 0.0, -0.006]) if tick < 12 else 0.0)
+            for step_index in range(16):
+                hand = hand + (np.array([0.006, 0.0, -0.006]) if step_index < 12 else 0.0)
                 actions.append(bench.guide(hand))
                 assert bench.instability() is None
             end = bench.holder.position()
@@ -185,7 +185,7 @@ class TestOnTheBench:
             hands = bench.holder.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
             first = bench.guide(hands)
             assert first.shape == (6,)
-            fastest = hand_guiding.HAND_SPEED_M_S * bench.settings.tick_s
+            fastest = hand_guiding.HAND_SPEED_M_S * bench.settings.step_s
             np.testing.assert_allclose(np.linalg.norm(first.reshape(2, 3), axis=1), fastest, rtol=1e-6)
             for _ in range(3):
                 bench.guide(hands)

@@ -19,7 +19,7 @@ from layflat.sim.robots import hanger as module
 from layflat.sim.robots import impedance, panda
 from layflat.sim.robots.hanger import PandaHanger
 
-TICK_S = 0.1
+STEP_S = 0.1
 START = (0.0, 0.45)
 ORIGINAL = os.path.join(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
 STEPS_S = (1 / 200, 1 / 240, 1 / 300)
@@ -27,7 +27,7 @@ STEPS_S = (1 / 200, 1 / 240, 1 / 300)
 
 @pytest.fixture
 def world() -> Iterator[World]:
-    made = World(step_s=1 / 240, table_friction=1.0)
+    made = World(substep_s=1 / 240, table_friction=1.0)
     yield made
     made.close()
 
@@ -44,15 +44,15 @@ def bare_hanger(world: World, start: tuple[float, float] = START, cloth: str = "
     return PandaHanger(holder, corners_at(spec, *start), **options)  # type: ignore[arg-type]
 
 
-def run_tick(
+def run_step(
     world: World,
     hanger: PandaHanger,
     action: tuple[float, float] = (0.0, 0.0),
     push_n: tuple[float, float, float] = (0, 0, 0),
 ) -> FloatArray:
-    """One tick; returns the largest torque of each joint (7,) N m."""
-    substeps = round(TICK_S / world.step_s)
-    hanger.start_tick(np.array(action), substeps)
+    """One step; returns the largest torque of each joint (7,) N m."""
+    substeps = round(STEP_S / world.substep_s)
+    hanger.start_step(np.array(action), substeps)
     largest = np.zeros(panda.JOINTS)
     for _ in range(substeps):
         hanger.before_substep()
@@ -181,7 +181,7 @@ class TestReach:
 
     def test_jacobian_is_the_slope_of_the_pose(self, world: World) -> None:
         hanger = bare_hanger(world, (0.2, 0.2))
-        run_tick(world, hanger)
+        run_step(world, hanger)
         jacobian = hanger._impedance.jacobian
         angles = panda.inverse_kinematics(np.array([0.2, 0.0, 0.2]))
         small = 1e-5
@@ -222,18 +222,18 @@ class TestStart:
         hanger = bare_hanger(world)
         for bad in (np.array([np.nan, 0.0]), np.zeros(6)):
             with pytest.raises(SimError, match="two finite numbers"):
-                hanger.start_tick(bad, 24)
+                hanger.start_step(bad, 24)
 
 
 class TestImpedance:
-    @pytest.mark.parametrize("step_s", STEPS_S)
-    def test_holds_still(self, step_s: float) -> None:
-        world = World(step_s=step_s, table_friction=1.0)
+    @pytest.mark.parametrize("substep_s", STEPS_S)
+    def test_holds_still(self, substep_s: float) -> None:
+        world = World(substep_s=substep_s, table_friction=1.0)
         try:
             hanger = bare_hanger(world)
             start = hanger.position()
             for _ in range(50):
-                torques = run_tick(world, hanger)
+                torques = run_step(world, hanger)
                 assert np.abs(hanger.position() - start).max() < 1e-5
                 assert (torques < panda.TORQUE_LIMIT_N_M).all()
         finally:
@@ -247,7 +247,7 @@ class TestImpedance:
         push[axis] = 4.0
         before = hanger.position()
         for _ in range(20):
-            run_tick(world, hanger, push_n=tuple(push))
+            run_step(world, hanger, push_n=tuple(push))
         np.testing.assert_allclose(hanger.position() - before, push / 400.0, atol=2e-4)
         np.testing.assert_allclose(hanger.spring_force_n(), -push, atol=0.1)
 
@@ -256,7 +256,7 @@ class TestImpedance:
         hanger = bare_hanger(world)
         start = hanger.position()[0]
         for _ in range(20):
-            run_tick(world, hanger, push_n=(4.0, 0.0, 0.0))
+            run_step(world, hanger, push_n=(4.0, 0.0, 0.0))
         path = []
         for _ in range(240):
             hanger.before_substep()
@@ -268,32 +268,32 @@ class TestImpedance:
         assert path[60] < 0.005
 
     @pytest.mark.parametrize("action", [(0.01, 0.0), (0.0, -0.01), (0.007, -0.007)])
-    def test_follows_ten_millimetres_a_tick(self, world: World, action: tuple[float, float]) -> None:
+    def test_follows_ten_millimetres_a_step(self, world: World, action: tuple[float, float]) -> None:
         hanger = bare_hanger(world)
-        for tick in range(30):
-            torques = run_tick(world, hanger, action)
+        for step_index in range(30):
+            torques = run_step(world, hanger, action)
             lag = np.linalg.norm(hanger.position() - hanger.set_point())
-            assert lag < (0.004 if tick < 5 else 0.0015)
+            assert lag < (0.004 if step_index < 5 else 0.0015)
             left, right = hanger.corner_positions()
             assert abs(left[2] - right[2]) < 0.001
             assert abs(left[0] - right[0]) < 0.001
             assert (torques < panda.TORQUE_LIMIT_N_M).all()
         for _ in range(10):
-            run_tick(world, hanger)
+            run_step(world, hanger)
         np.testing.assert_allclose(hanger.position()[[0, 2]], np.add(START, np.multiply(30, action)), atol=2e-4)
 
-    @pytest.mark.parametrize("step_s", STEPS_S)
-    def test_shaking_with_the_largest_actions_stays_stable(self, step_s: float) -> None:
-        world = World(step_s=step_s, table_friction=1.0)
+    @pytest.mark.parametrize("substep_s", STEPS_S)
+    def test_shaking_with_the_largest_actions_stays_stable(self, substep_s: float) -> None:
+        world = World(substep_s=substep_s, table_friction=1.0)
         try:
             hanger = bare_hanger(world, (0.25, 0.3))
             rng = np.random.default_rng(1)
             for _ in range(40):
-                torques = run_tick(world, hanger, tuple(rng.uniform(-0.02, 0.02, 2)))
+                torques = run_step(world, hanger, tuple(rng.uniform(-0.02, 0.02, 2)))
                 assert (torques < panda.TORQUE_LIMIT_N_M).all()
                 assert np.linalg.norm(hanger.position() - hanger.set_point()) < module.MAX_LEAD_M
             for _ in range(15):
-                run_tick(world, hanger)
+                run_step(world, hanger)
             assert np.linalg.norm(hanger.position() - hanger.set_point()) < 1e-3
         finally:
             world.close()
@@ -302,7 +302,7 @@ class TestImpedance:
         hanger = bare_hanger(world)
         largest = np.zeros(panda.JOINTS)
         for _ in range(5):
-            largest = np.maximum(largest, run_tick(world, hanger, push_n=(150.0, 0.0, -150.0)))
+            largest = np.maximum(largest, run_step(world, hanger, push_n=(150.0, 0.0, -150.0)))
         assert (largest <= panda.TORQUE_LIMIT_N_M).all()
         assert (largest == panda.TORQUE_LIMIT_N_M).any()
         assert np.isfinite(hanger.position()).all()
@@ -313,7 +313,7 @@ class TestImpedance:
         start = hanger.position()
         world.set_gravity((1.5, -1.0, -GRAVITY_M_S2))
         for _ in range(10):
-            run_tick(world, hanger)
+            run_step(world, hanger)
         assert np.abs(hanger.position() - start).max() < 0.001
 
 
@@ -322,13 +322,13 @@ class TestSetPoint:
         hanger = bare_hanger(world)
         start = hanger.set_point()
         for action in [(0.01, -0.005)] * 10 + [(-0.01, 0.005)] * 10:
-            run_tick(world, hanger, action)
+            run_step(world, hanger, action)
         np.testing.assert_allclose(hanger.set_point(), start, atol=1e-9)
 
     def test_stays_in_the_workspace(self, world: World) -> None:
         hanger = bare_hanger(world, (0.58, 0.02))
         for _ in range(5):
-            run_tick(world, hanger, (0.02, -0.02))
+            run_step(world, hanger, (0.02, -0.02))
         np.testing.assert_allclose(hanger.set_point()[[0, 2]], [0.60, 0.004], atol=1e-9)
 
     def test_a_blocked_arm_does_not_wind_up(self, world: World) -> None:
@@ -336,7 +336,7 @@ class TestSetPoint:
         hanger = bare_hanger(world)
         start = hanger.position()[0]
         for _ in range(25):
-            hanger.start_tick(np.array([0.01, 0.0]), 24)
+            hanger.start_step(np.array([0.01, 0.0]), 24)
             for _ in range(24):
                 hanger.before_substep()
                 place = hanger.position()
@@ -348,7 +348,7 @@ class TestSetPoint:
         assert hanger.position()[0] - start < 0.015
         assert 0.02 < hanger.set_point()[0] - hanger.position()[0] < module.MAX_LEAD_M + 1e-3
         for _ in range(4):
-            run_tick(world, hanger, (-0.01, 0.0))
+            run_step(world, hanger, (-0.01, 0.0))
         assert hanger.set_point()[0] < start + 0.01
 
 
@@ -356,11 +356,11 @@ class TestPositionControl:
     def test_follows_and_does_not_yield(self, world: World) -> None:
         hanger = bare_hanger(world, control="position")
         for _ in range(10):
-            run_tick(world, hanger, (0.01, -0.01))
+            run_step(world, hanger, (0.01, -0.01))
         np.testing.assert_allclose(hanger.position()[[0, 2]], np.add(START, (0.1, -0.1)), atol=1e-3)
         before = hanger.position()
         for _ in range(5):
-            torques = run_tick(world, hanger, push_n=(4.0, 0.0, 0.0))
+            torques = run_step(world, hanger, push_n=(4.0, 0.0, 0.0))
         assert np.linalg.norm(hanger.position() - before) < 0.001
         assert (torques <= panda.TORQUE_LIMIT_N_M + 1e-9).all()
         with pytest.raises(SimError, match="springs"):
@@ -385,8 +385,8 @@ class TestWithCloth:
         """It sags by weight / stiffness, level, and the clips keep their corners, each its own."""
         cloth, hanger = gripped(world, "towel")
         start = hanger.position()
-        for tick in range(12):
-            run_tick(world, hanger, (0.01, 0.0) if 5 <= tick < 8 else (0.0, 0.0))
+        for step_index in range(12):
+            run_step(world, hanger, (0.01, 0.0) if 5 <= step_index < 8 else (0.0, 0.0))
             held = cloth.nodes()[list(cloth.spec.corners)]
             np.testing.assert_allclose(held, hanger.corner_positions(), atol=1e-6)
         sag = start[2] - hanger.position()[2]
@@ -401,19 +401,19 @@ class TestWithCloth:
     def test_lays_it_flat(self, name: str, hem_m: float) -> None:
         """Whole placement, whichever side the hem has flopped to; x starts before the free edge touches."""
         spec = cloth_spec(name)
-        world = World(step_s=1 / spec.rate_hz, table_friction=1.0)
+        world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
         try:
             cloth, hanger = gripped(world, name, hem_m)
             for _ in range(20):
-                run_tick(world, hanger)
+                run_step(world, hanger)
             while cloth.nodes()[:, 2].min() > 0.04:
-                run_tick(world, hanger, (0.0, -0.01))
+                run_step(world, hanger, (0.0, -0.01))
             while hanger.position()[2] > 0.0065:
-                run_tick(world, hanger, (0.0095, -0.01))
+                run_step(world, hanger, (0.0095, -0.01))
             for _ in range(10):
-                run_tick(world, hanger, (0.005, 0.0))
+                run_step(world, hanger, (0.005, 0.0))
             for _ in range(10):
-                run_tick(world, hanger)
+                run_step(world, hanger)
             nodes = cloth.nodes()
             assert cloth.instability(nodes) is None
             assert cloth.flat_area(nodes) > 0.95

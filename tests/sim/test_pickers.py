@@ -22,7 +22,7 @@ HOME = np.array([[0.0, 0.5, 0.4 / 0.15], [0.0, -0.5, 0.4 / 0.15]]) * 0.15 * np.a
 
 @pytest.fixture
 def held() -> Iterator[tuple[World, Cloth, FreePickers]]:
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     nodes = SMALL.hanging_nodes(HOME)
     nodes[:, 0] = 0.0  # a taut hem: a drooping one keeps the cloth moving, and awake
@@ -33,8 +33,8 @@ def held() -> Iterator[tuple[World, Cloth, FreePickers]]:
     world.close()
 
 
-def _tick(world: World, pickers: FreePickers, action: np.ndarray, substeps: int = 24) -> None:
-    pickers.start_tick(action, substeps)
+def _step(world: World, pickers: FreePickers, action: np.ndarray, substeps: int = 24) -> None:
+    pickers.start_step(action, substeps)
     for _ in range(substeps):
         pickers.before_substep()
         world.step()
@@ -45,7 +45,7 @@ def test_corners_follow_within_a_substep_of_motion(held: tuple[World, Cloth, Fre
     rng = np.random.default_rng(0)
     for _ in range(10):
         action = rng.uniform(-0.015, 0.015, 6)
-        _tick(world, pickers, action)
+        _step(world, pickers, action)
         corners = cloth.nodes()[list(SMALL.corners)]
         allowed = np.abs(action).max() * np.sqrt(3) / 24 + 2e-4
         assert np.linalg.norm(corners - pickers.corner_positions(), axis=1).max() < allowed
@@ -55,7 +55,7 @@ def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[World, Clot
     world, _, pickers = held
     action = np.array([0.004, -0.001, 0.006, -0.003, 0.002, -0.005])
     before = pickers.corner_positions()
-    _tick(world, pickers, action)
+    _step(world, pickers, action)
     np.testing.assert_allclose(pickers.corner_positions() - before, action.reshape(2, 3), atol=1e-12)
     np.testing.assert_allclose(pickers.position(), pickers.corner_positions().mean(axis=0))
 
@@ -64,10 +64,10 @@ def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cl
     """Bullet puts a still cloth to sleep after about a second unless it is forbidden; it then ignores its anchors."""
     world, cloth, pickers = held
     for _ in range(30):
-        _tick(world, pickers, np.zeros(6))
+        _step(world, pickers, np.zeros(6))
     before = cloth.nodes()
     for _ in range(10):
-        _tick(world, pickers, np.array([0.0, 0.0, 0.01] * 2))
+        _step(world, pickers, np.array([0.0, 0.0, 0.01] * 2))
     raised = (cloth.nodes() - before)[:, 2]
     assert raised.min() > 0.08
     assert raised.mean() == pytest.approx(0.1, abs=0.01)
@@ -78,11 +78,11 @@ def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cl
 )
 @settings(max_examples=30, deadline=None)
 def test_whatever_is_asked_they_stay_in_the_workspace_and_near_each_other(actions: list[list[float]]) -> None:
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     try:
         pickers = FreePickers(Cloth(world, SMALL), HOME)  # not gripped: their path does not depend on the cloth
         for action in actions:
-            pickers.start_tick(np.array(action), 4)
+            pickers.start_step(np.array(action), 4)
             for _ in range(4):
                 pickers.before_substep()
             at = pickers.corner_positions()

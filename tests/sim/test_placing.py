@@ -75,7 +75,7 @@ def test_observations_keep_images_only_when_asked(started: ClothSimulation) -> N
     assert seen.rgb.shape == (*seen.depth.shape, 3)
 
 
-def test_a_tick_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimulation) -> None:
+def test_a_step_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimulation) -> None:
     before, time_s = started.observe(images=False).holder_position, started.time_s
     up = np.zeros(action_size(started.settings.task)).reshape(-1, 2 if started.settings.task == "hanger" else 3)
     up[:, -1] = 0.008
@@ -106,7 +106,7 @@ def test_a_bench_without_a_world_says_so() -> None:
     bench.close()
 
 
-@pytest.mark.parametrize("wrong", [{"task": "feet"}, {"cloth": "silk"}, {"tick_s": 0.0}, {"tick_s": 2.0}])
+@pytest.mark.parametrize("wrong", [{"task": "feet"}, {"cloth": "silk"}, {"step_s": 0.0}, {"step_s": 2.0}])
 def test_impossible_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(SimError, match=r"known ones|between"):
         SimConfig(**({"task": "hanger"} | wrong))

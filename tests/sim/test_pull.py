@@ -26,14 +26,14 @@ SMALL = ClothSpec(
 )  # fmt: skip
 MIDDLE = 24
 LIMIT_N = FORCE_WEIGHTS * SMALL.mass_kg * GRAVITY_M_S2
-TICK_S = 0.1
-TICK_STEPS = 24
+STEP_S = 0.1
+STEP_STEPS = 24
 
 
 @pytest.fixture
 def flying() -> Iterator[tuple[World, Cloth]]:
     """A small cloth without weight, far above the table."""
-    world = World(step_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     cloth.set_nodes(SMALL.flat_nodes(z_m=3.0))
     world.set_gravity((0.0, 0.0, 0.0))
@@ -41,9 +41,9 @@ def flying() -> Iterator[tuple[World, Cloth]]:
     world.close()
 
 
-def run_tick(world: World, pull: MouseDrag, target: np.ndarray) -> None:
-    pull.start_tick(target, TICK_S)
-    for _ in range(TICK_STEPS):
+def run_step(world: World, pull: MouseDrag, target: np.ndarray) -> None:
+    pull.start_step(target, STEP_S)
+    for _ in range(STEP_STEPS):
         pull.before_substep()
         world.step()
 
@@ -65,12 +65,12 @@ def test_momentum_is_the_logged_force_times_time(
     pull = MouseDrag(world, cloth, MIDDLE)
     start = cloth.nodes()[MIDDLE]
     for _ in range(5):
-        run_tick(world, pull, start + 5.0 * np.array(heading))
+        run_step(world, pull, start + 5.0 * np.array(heading))
     impulse = pull.impulse_n_s
     pull.let_go()
     before = cloth.nodes().mean(axis=0)
     world.step()
-    gained = SMALL.mass_kg * (cloth.nodes().mean(axis=0) - before) / world.step_s
+    gained = SMALL.mass_kg * (cloth.nodes().mean(axis=0) - before) / world.substep_s
     assert np.linalg.norm(impulse) > 0.005
     assert np.linalg.norm(gained - impulse) < tolerance * np.linalg.norm(impulse)
 
@@ -81,10 +81,10 @@ def test_the_force_is_bounded_and_the_target_followed_at_a_bounded_speed(flying:
     given_n_s = np.zeros(3)
     for _ in range(4):
         before = pull.position()
-        run_tick(world, pull, np.array([40.0, 0.0, 3.0]))
+        run_step(world, pull, np.array([40.0, 0.0, 3.0]))
         given, given_n_s = pull.impulse_n_s - given_n_s, pull.impulse_n_s
-        assert np.linalg.norm(given) / TICK_S < 1.1 * LIMIT_N
-        assert np.linalg.norm(pull.position() - before) < 1.2 * SPEED_M_S * TICK_S
+        assert np.linalg.norm(given) / STEP_S < 1.1 * LIMIT_N
+        assert np.linalg.norm(pull.position() - before) < 1.2 * SPEED_M_S * STEP_S
     assert np.linalg.norm(given_n_s) > 0
 
 
@@ -94,7 +94,7 @@ def test_the_node_comes_to_its_target_and_stays(flying: tuple[World, Cloth]) -> 
     target = cloth.nodes()[MIDDLE] + [0.05, -0.03, 0.04]
     distances = []
     for _ in range(25):
-        run_tick(world, pull, target)
+        run_step(world, pull, target)
         distances.append(float(np.linalg.norm(cloth.nodes()[MIDDLE] - target)))
     assert max(distances[-5:]) < 0.004
     np.testing.assert_allclose(pull.position(), cloth.nodes()[MIDDLE], atol=0.003)
@@ -104,7 +104,7 @@ def test_letting_go_leaves_nothing_behind(flying: tuple[World, Cloth]) -> None:
     world, cloth = flying
     bodies = bullet.getNumBodies(physicsClientId=world.client)
     pull = MouseDrag(world, cloth, 0)
-    run_tick(world, pull, np.array([0.1, 0.1, 3.1]))
+    run_step(world, pull, np.array([0.1, 0.1, 3.1]))
     assert bullet.getNumBodies(physicsClientId=world.client) == bodies + 1
     pull.let_go()
     assert bullet.getNumBodies(physicsClientId=world.client) == bodies
@@ -120,7 +120,7 @@ class TestOnTheBench:
     @pytest.mark.parametrize(("task", "cloth"), [("hanger", "napkin"), ("pickers", "towel")])
     @pytest.mark.parametrize("where", ["anywhere", "corner", "under"])
     def test_flinging_the_mouse_tears_nothing(self, task: str, cloth: str, where: str) -> None:
-        """Ten ticks of targets metres away, in all directions or under the table, then let go in the air."""
+        """Ten steps of targets metres away, in all directions or under the table, then let go in the air."""
         bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))  # type: ignore[arg-type]
         spec, rest = bench.settings.spec, np.zeros(action_size(bench.settings.task))
         rng = np.random.default_rng(2)
@@ -160,7 +160,7 @@ class TestOnTheBench:
             bench.disturb("wind", 3)
             before = bench._pull.impulse_n_s
             bench.step(np.zeros(6))
-            pulled = (bench._pull.impulse_n_s - before) / bench.settings.tick_s
+            pulled = (bench._pull.impulse_n_s - before) / bench.settings.step_s
             wind = bench.settings.spec.mass_kg * np.array(bench.disturbance_plan("wind", 3).wind_m_s2)
             assert wind[1] > 0.05
             np.testing.assert_allclose(bench.force_n(), pulled + wind, atol=1e-9)

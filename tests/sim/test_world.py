@@ -21,12 +21,18 @@ def _small(rows: int, columns: int) -> ClothSpec:
 
 
 def _world(**changes: float) -> World:
-    return World(**({"step_s": 1 / 240, "table_friction": 1.0} | changes))
+    return World(**({"substep_s": 1 / 240, "table_friction": 1.0} | changes))
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"step_s": 0.0}, {"step_s": 0.02}, {"step_s": math.nan}, {"table_friction": -1.0}, {"table_friction": 9.0}],
+    [
+        {"substep_s": 0.0},
+        {"substep_s": 0.02},
+        {"substep_s": math.nan},
+        {"table_friction": -1.0},
+        {"table_friction": 9.0},
+    ],
 )
 def test_impossible_worlds_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(SimError, match="must be"):

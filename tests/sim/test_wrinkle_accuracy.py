@@ -43,7 +43,7 @@ def axis_error(one: float, other: float) -> float:
 def measured(cloth: str, *, angles: int, repeats: int, seed: int) -> Iterator[Case]:
     """``angles`` directions over 180 degrees x ``repeats`` draws of wavelength, amplitude and phase."""
     spec = cloth_spec(cloth)
-    world = World(step_s=1.0 / spec.rate_hz, table_friction=1.0)
+    world = World(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
     camera = Camera(world, Cloth(world, spec), seed=seed)  # with depth noise
     perceiver = PerceptionPipeline(camera.pinhole)
     perceiver = perceiver.with_flat_pixels(perceiver.perceive(*camera.capture(spec.flat_nodes())).cloth_pixels)

@@ -175,7 +175,7 @@ def test_what_is_lifted_and_its_foot_do_not_turn_what_lies(rise: float) -> None:
 
 
 def test_contact_is_the_cloths() -> None:
-    world = World(step_s=1 / SPEC.rate_hz, table_friction=1.0)
+    world = World(substep_s=1 / SPEC.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SPEC)
     for nodes in (SPEC.flat_nodes(), wavy((0.3, 0.1, 0.006, 0.0)), wavy((1.0, 0.15, 0.004, 2.0))):
         assert wrinkle_truth(nodes, SPEC).contact_portion == cloth.contact_portion_true(nodes)

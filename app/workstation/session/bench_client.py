@@ -104,7 +104,7 @@ class BenchClient:
             if not (self._closing or self._done):
                 self.sentence = (
                     f"the bench ended by itself ({_how(process)}); what was kept is safe, and a running episode's"
-                    " ticks are kept as partial when it starts again"
+                    " steps are kept as partial when it starts again"
                 )
             self._forget()
         return messages

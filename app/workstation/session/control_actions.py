@@ -9,9 +9,9 @@ from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.data.types import Outcome
 
 SessionState: TypeAlias = Literal["waiting", "countdown", "running", "paused", "finished", "over"]
-"""waiting: for START, the next cloth hangs or is being hung. countdown: about to run. running: each ``tick`` simulates
+"""waiting: for START, the next cloth hangs or is being hung. countdown: about to run. running: each ``step`` simulates
 one; the first one waits for the first motion, so that no demonstration holds what nobody did. paused: by the person,
-or because the device is gone. finished: the bench has stopped (tick limit, unstable cloth) and only the verdict is
+or because the device is gone. finished: the bench has stopped (step limit, unstable cloth) and only the verdict is
 missing. over: nothing more is recorded."""
 
 ACTIVE = ("running", "paused", "finished")
@@ -40,7 +40,7 @@ def control_action(
     if state == "over":
         return None
     if control is Command.QUIT:
-        return "end; what there is of this one is kept as partial" if glance.ticks else "end the recording"
+        return "end; what there is of this one is kept as partial" if glance.n_steps else "end the recording"
     if control is Command.START:
         begins = {"waiting": f"begin demonstration of seed {seed}", "paused": "go on"}
         return "hand back to the policy" if state == "running" and glance.led else begins.get(state)
@@ -53,7 +53,7 @@ def control_action(
     if control is Command.DISTURB:
         can = state in ("running", "paused") and disturbance != "none" and not glance.disturbed
         return f"disturb the cloth ({disturbance})" if can else None
-    if state not in ACTIVE or not glance.ticks:
+    if state not in ACTIVE or not glance.n_steps:
         return None
     unstable = glance.stopped_by == "unstable"
     return None if unstable and control is Command.KEEP_SUCCESS else f"keep as {OUTCOMES[control]}"

@@ -14,9 +14,9 @@ from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeStatus:
-    """How an episode stands after a tick; what a status line or a window tells of it."""
+    """How an episode stands after a step; what a status line or a window tells of it."""
 
-    ticks: int = 0
+    n_steps: int = 0
     time_s: float = 0.0
     """Simulated."""
     contact_portion: float = 0.0
@@ -24,7 +24,7 @@ class EpisodeStatus:
     holder_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     flat_area: float = 0.0
     stopped_by: StoppedBy | None = None
-    """Not None: the bench takes no further ticks."""
+    """Not None: the bench takes no further steps."""
     disturbed: bool = False
     led: bool = False
     """The person has the lead over a policy."""
@@ -36,22 +36,22 @@ class EpisodeHandle(Protocol):
     seed: int
 
     def ready(self) -> bool:
-        """Whether the cloth hangs and ``glance`` and ``tick`` may be called; never waits. EpisodeLost if it died."""
+        """Whether the cloth hangs and ``glance`` and ``step`` may be called; never waits. EpisodeLost if it died."""
 
     def glance(self) -> EpisodeStatus:
         """How it stands."""
 
-    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
-        """One tick of what the reading says; returns when it is over. EpisodeLost if the simulation died."""
+    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
+        """One step of what the reading says; returns when it is over. EpisodeLost if the simulation died."""
 
     def disturb(self, name: str) -> None:
-        """Begin a named disturbance with the next tick."""
+        """Begin a named disturbance with the next step."""
 
     def hand_back(self) -> None:
-        """The person has done, and the policy that they corrected leads with the next tick."""
+        """The person has done, and the policy that they corrected leads with the next step."""
 
     def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
-        """End it and keep it, durable on return; None where not even one tick was over."""
+        """End it and keep it, durable on return; None where not even one step was over."""
 
     def discard(self) -> None:
         """End it, and nobody wants it. May be called twice."""

@@ -34,12 +34,12 @@ from layflat.sim.physics.bullet.world import SimError
 from layflat.sim.simulation import ClothSimulation
 
 ANSWER_S = 60.0
-"""A tick that takes longer will never end."""
+"""A step that takes longer will never end."""
 GONE_S = 5.0
 """A process that is asked to end has so long."""
 
 OnStep: TypeAlias = Callable[[EpisodeRunner, TeleopInput], None]
-"""Called in the take's process when its cloth hangs and after each tick, with what was read for it. Picklable."""
+"""Called in the take's process when its cloth hangs and after each step, with what was read for it. Picklable."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,8 +86,8 @@ class EpisodeProcess:
     def glance(self) -> EpisodeStatus:
         return self._glance or EpisodeStatus()
 
-    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
-        self._ask("tick", reading.heard(), pull)
+    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
+        self._ask("step", reading.heard(), pull)
         self._glance = self._answer()
         return self._glance
 
@@ -198,7 +198,7 @@ class EpisodeWorker:
     def glance(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
         seen, run = self._run.seen, self._run
         return EpisodeStatus(
-            ticks=run.ticks,
+            n_steps=run.n_steps,
             time_s=seen.time_s,
             contact_portion=seen.contact_portion,
             word=(float(seen.word[0]), float(seen.word[1])),
@@ -210,18 +210,18 @@ class EpisodeWorker:
         )
 
     def obey(self, command: str, *details: Any) -> object:
-        """Carry out ``tick``, ``disturb``, ``hand back`` or ``end``; returns what the parent is to be told."""
+        """Carry out ``step``, ``disturb``, ``hand back`` or ``end``; returns what the parent is to be told."""
         commands: dict[str, Callable[..., object]] = {
-            "tick": self.tick,
+            "step": self.step,
             "disturb": self.disturb,
             "hand back": self.hand_back,
             "end": self.end,
         }
         return commands[command](*details)
 
-    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
+    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
         self._reading = reading
-        stopped_by = self._run.tick("place", pull=pull)
+        stopped_by = self._run.step("place", pull=pull)
         self._show()
         return self.glance(stopped_by)
 

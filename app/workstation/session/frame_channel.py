@@ -1,4 +1,4 @@
-"""What the bench shows of itself after each tick, and its way through shared memory to the window."""
+"""What the bench shows of itself after each step, and its way through shared memory to the window."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GRID = TableGrid()
 _PINHOLE = default_pinhole()
 _DTYPE = np.dtype(
     [
-        ("episode", "i4"), ("tick", "i4"), ("phase", "U10"), ("sim_s", "f8"), ("told_s", "f8"), ("input_s", "f8"),
+        ("episode", "i4"), ("step", "i4"), ("phase", "U10"), ("sim_s", "f8"), ("told_s", "f8"), ("input_s", "f8"),
         ("work_s", "f8"), ("cloth", "U24"), ("task", "U10"), ("node_count", "i4"), ("nodes", "f4", (NODES_MAX, 3)),
         ("corners", "f8", (2, 3)), ("holder", "f8", 3), ("joint_count", "i4"), ("joints", "f8", JOINTS_MAX),
         ("hand_count", "i4"), ("hands", "f8", (HANDS_MAX, 3)), ("force", "f8", 3), ("pulled", "i4"),
@@ -38,19 +38,19 @@ _DTYPE = np.dtype(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BenchFrame:
-    """The bench at the end of a tick; world frame, m, N, s."""
+    """The bench at the end of a step; world frame, m, N, s."""
 
     episode: int
     """Counts the episodes of one bench process: with a new one, curves begin anew."""
-    tick: int
+    step: int
     phase: str
     sim_s: float
     told_s: float
     """When it was told, by the monotonic clock."""
     input_s: float
-    """Stamp of the input that acted in this tick; 0 where none did."""
+    """Stamp of the input that acted in this step; 0 where none did."""
     work_s: float
-    """Wall time that the tick took."""
+    """Wall time that the step took."""
     task: str
     cloth: str
     nodes: FloatArray
@@ -78,7 +78,7 @@ class BenchFrame:
     percept: ClothState | None
     """What perception made of it."""
     led: bool = False
-    """A person had the lead over a policy in the tick that led here."""
+    """A person had the lead over a policy in the step that led here."""
 
 
 class FrameChannel:
@@ -94,19 +94,19 @@ class FrameChannel:
         truth: GroundTruth,
         *,
         episode: int,
-        tick: int,
+        step: int,
         phase: str,
         input_s: float = 0.0,
         work_s: float = 0.0,
         led: bool = False,
     ) -> None:
-        """Called by the bench after each tick."""
+        """Called by the bench after each step."""
         fields = _holding(bench) | _seeing(bench, seen)
         nodes = np.zeros((NODES_MAX, 3), np.float32)
         nodes[: len(truth.nodes)] = truth.nodes
         self._value.write(
             episode=episode,
-            tick=tick,
+            step=step,
             phase=phase,
             sim_s=seen.time_s,
             told_s=time.monotonic(),
@@ -170,7 +170,7 @@ def _seeing(bench: ClothSimulation, seen: Observation) -> dict[str, Any]:
 def _moment(value: np.void) -> BenchFrame:
     return BenchFrame(
         episode=int(value["episode"]),
-        tick=int(value["tick"]),
+        step=int(value["step"]),
         phase=str(value["phase"]),
         sim_s=float(value["sim_s"]),
         told_s=float(value["told_s"]),

@@ -1,4 +1,4 @@
-"""A take's process tells the window of its bench after each tick."""
+"""A take's process tells the window of its bench after each step."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FramePublisher:
             run.truth,
             # Every take has a process of its own.
             episode=os.getpid(),
-            tick=run.ticks,
+            step=run.n_steps,
             phase=run.steps[-1].phase if run.steps else "place",
             input_s=reading.stamp_s if run.steps else 0.0,
             work_s=now - reading.stamp_s if reading.stamp_s else 0.0,

@@ -40,7 +40,7 @@ class InterventionController:
         return "back" if reading.connected else "gone"
 
     def hand_back(self) -> None:
-        """The person has done, and the policy leads from the next tick on, unless the hands still move."""
+        """The person has done, and the policy leads from the next step on, unless the hands still move."""
         self._grip.let_go()
 
     def told(self) -> str:

@@ -19,15 +19,15 @@ from layflat.app.workstation.session.requests import model_of, recorder_of, sett
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.types import DragTarget, Episode, Outcome, Phase, StoppedBy
-from layflat.policy.base import extra_ticks
+from layflat.policy.base import extra_steps
 from layflat.sim.simulation import ClothSimulation
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
 PHASES: dict[State, Phase] = {"placing": "place", "disturbing": "disturb", "repairing": "repair"}
-LIMIT_TICKS: dict[State, int] = {"placing": 160, "disturbing": 600, "repairing": 80}
-"""Ticks after which a phase is over although nobody has ended it; a person may pull for a minute."""
-SETTLE_TICKS = 10
-"""Ticks that the cloth is given after the mouse has let go, as after any disturbance."""
+LIMIT_STEPS: dict[State, int] = {"placing": 160, "disturbing": 600, "repairing": 80}
+"""Steps after which a phase is over although nobody has ended it; a person may pull for a minute."""
+SETTLE_STEPS = 10
+"""Steps that the cloth is given after the mouse has let go, as after any disturbance."""
 DISTURBANCE = "push"
 """What a device's button for it begins; the others have keys."""
 NOT_RECORDED = "nothing is recorded: give a session file before placing"
@@ -37,7 +37,7 @@ class PlaceTask:
     """One episode of a policy.
 
     The order: ``task, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
-    ``with`` (names of layflat.policy.registry.DECORATORS), ``descriptor, noise, tick_s, speed, hurry`` (as fast as it goes
+    ``with`` (names of layflat.policy.registry.DECORATORS), ``descriptor, noise, step_s, speed, hurry`` (as fast as it goes
     until the cloth is placed), ``record`` (a session's path, or empty), ``images`` and ``source`` (the device of a
     person who may take over, or empty).
     """
@@ -55,7 +55,7 @@ class PlaceTask:
         self._stopped_by: StoppedBy = "interrupted"
         self._running: EpisodeWriter | None = None
         self._settle = 0
-        self._phase_ticks = 0
+        self._phase_steps = 0
         self._repeats = 0
         self._pulled = 0
         self._last = {"input_s": 0.0, "work_s": 0.0}
@@ -70,7 +70,7 @@ class PlaceTask:
         begin = None if self._recorder is None else self._begin
         policy, source = policy_of(job, self.bench), str(order.get("source", ""))
         self._person = InterventionController(policy, source) if source else None
-        self._name, self._extra_ticks = policy.name, extra_ticks(policy)
+        self._name, self._extra_steps = policy.name, extra_steps(policy)
         self._decides: State = "placing"
         self._without_device = False
         self.run = EpisodeRunner(
@@ -133,7 +133,7 @@ class PlaceTask:
             return "go on" if self.paused else "pause"
         if control is Command.DISTURB:
             return None if self.state in ("ready", "over") else f"disturb the cloth ({DISTURBANCE})"
-        if control is Command.REDO or self._running is None or not self.run.ticks:
+        if control is Command.REDO or self._running is None or not self.run.n_steps:
             return None
         if control is Command.DISCARD:
             return "forget this one"
@@ -184,10 +184,10 @@ class PlaceTask:
             return left_s
         self._cadence.begin()
         began = time.monotonic()
-        # Looked at again: what came while the tick was waited for counts already.
+        # Looked at again: what came while the step was waited for counts already.
         letter, led = self._look(), self._leads()
         pull = None if letter is None else letter.pull
-        stop = self._tick(pull)
+        stop = self._step(pull)
         self._last = {"input_s": 0.0 if letter is None else letter.stamp_s, "work_s": time.monotonic() - began}
         self._cadence.end()
         self._tell()
@@ -196,21 +196,21 @@ class PlaceTask:
         self._follow(stop, pull)
         return 0.0
 
-    def _tick(self, pull: DragTarget | None) -> StoppedBy | None:
-        self._phase_ticks += 1
+    def _step(self, pull: DragTarget | None) -> StoppedBy | None:
+        self._phase_steps += 1
         self._pulled += pull is not None
-        limit = LIMIT_TICKS[self.state] + (0 if self.state == "disturbing" else self._extra_ticks)
-        if self._phase_ticks > limit and self._leads() != YOU:
-            return "tick_limit"
-        return self.run.tick(PHASES[self.state], pull=pull)
+        limit = LIMIT_STEPS[self.state] + (0 if self.state == "disturbing" else self._extra_steps)
+        if self._phase_steps > limit and self._leads() != YOU:
+            return "step_limit"
+        return self.run.step(PHASES[self.state], pull=pull)
 
     def _follow(self, stop: StoppedBy | None, pull: DragTarget | None) -> None:
-        """What comes after a tick."""
+        """What comes after a step."""
         if stop == "unstable":
             self._stopped_by, self.message = stop, "the cloth became unstable, which ends this episode"
             self._turn("over")
         elif self.state == "disturbing":
-            self._settle = SETTLE_TICKS if pull is not None else self._settle - 1
+            self._settle = SETTLE_STEPS if pull is not None else self._settle - 1
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
                 self.run.policy.resume()
                 self._turn("repairing")
@@ -226,7 +226,7 @@ class PlaceTask:
             self._turn("disturbing")
 
     def _turn(self, state: State) -> None:
-        self.state, self._phase_ticks, self._settle = state, 0, SETTLE_TICKS if state == "disturbing" else 0
+        self.state, self._phase_steps, self._settle = state, 0, SETTLE_STEPS if state == "disturbing" else 0
         if state == "disturbing":
             self._decides = "repairing"
         if state == "placed" and self._order.get("hurry"):
@@ -235,7 +235,7 @@ class PlaceTask:
 
     def _paced(self) -> RateLimiter:
         speed = 0.0 if self._order.get("hurry") else float(self._order["speed"])
-        return RateLimiter(float(self._order["tick_s"]), speed)
+        return RateLimiter(float(self._order["step_s"]), speed)
 
     def _disturb(self, name: str) -> None:
         self.run.disturb(name, self._repeats)
@@ -271,7 +271,7 @@ class PlaceTask:
             self.run.seen,
             self.run.truth,
             episode=1,
-            tick=self.run.ticks,
+            step=self.run.n_steps,
             phase=PHASES.get(self.state, "place"),
             led=bool(self.run.steps) and self.run.steps[-1].intervention,
             **self._last,
@@ -284,17 +284,17 @@ class PlaceTask:
             "paused": self.paused,
             "policy": self.run.policy.name,
             "leads": self._leads(),
-            "led_ticks": sum(step.intervention for step in self.run.steps),
+            "led_steps": sum(step.intervention for step in self.run.steps),
             "does": {control.name: self.does(control) for control in Command} if self._person else {},
             "contact": self.run.seen.contact_portion,
             "seed": self.run.seed,
-            "ticks": self.run.ticks,
+            "steps": self.run.n_steps,
             "message": self.message,
             "recording": self._recorder is not None,
-            "pulled_ticks": self._pulled,
+            "pulled_steps": self._pulled,
             "disturbances": [record.name for record in self.run.disturbances],
             "rhythm": rhythm.told(),
-            "factor": rhythm.factor(float(self._order["tick_s"])),
+            "factor": rhythm.factor(float(self._order["step_s"])),
             "flat_area": self.run.truth.flat_area,
         }
 
@@ -302,7 +302,7 @@ class PlaceTask:
         """An episode that nobody has judged is kept as partial, where it is recorded at all."""
         if self._recorder is not None:
             recorder, self._recorder = self._recorder, None
-            if self._running is not None and not self.run.ticks:
+            if self._running is not None and not self.run.n_steps:
                 self._running.discard()
             recorder.close()
         self.bench.close()

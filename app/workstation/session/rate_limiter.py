@@ -1,4 +1,4 @@
-"""Steady time: ticks begin when they are due by the wall's clock, where the machine keeps up, and how well they do."""
+"""Steady time: steps begin when they are due by the wall's clock, where the machine keeps up, and how well they do."""
 
 from __future__ import annotations
 
@@ -8,69 +8,69 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 LATE_SHARE = 0.1
-"""A tick is late when it begins more than this share of a tick after it was due."""
+"""A step is late when it begins more than this share of a step after it was due."""
 MEMORY = 200
-"""Ticks that the cadence is told of."""
+"""Steps that the cadence is told of."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoopTiming:
-    """How the last ticks went, in wall time."""
+    """How the last steps went, in wall time."""
 
-    ticks: int = 0
+    n_steps: int = 0
     mean_s: float = 0.0
-    """From the beginning of a tick to that of the next."""
+    """From the beginning of a step to that of the next."""
     worst_s: float = 0.0
     late: float = 0.0
-    """Share of ticks that began late."""
+    """Share of steps that began late."""
     work_s: float = 0.0
-    """Mean time that the simulation itself took of a tick."""
+    """Mean time that the simulation itself took of a step."""
 
-    def factor(self, tick_s: float) -> float:
+    def factor(self, step_s: float) -> float:
         """Simulated over wall time; 0 where nothing was measured."""
-        return tick_s / self.mean_s if self.mean_s > 0 else 0.0
+        return step_s / self.mean_s if self.mean_s > 0 else 0.0
 
     def told(self) -> str:
         """One line for a person."""
-        if not self.ticks:
-            return "no ticks yet"
+        if not self.n_steps:
+            return "no steps yet"
         return (
-            f"tick {1000 * self.mean_s:.0f} ms mean, {1000 * self.worst_s:.0f} ms worst, {100 * self.late:.0f} % late,"
+            f"step {1000 * self.mean_s:.0f} ms mean, {1000 * self.worst_s:.0f} ms worst, {100 * self.late:.0f} % late,"
             f" {1000 * self.work_s:.0f} ms of it simulation"
         )
 
 
 class RateLimiter:
-    """Paces ticks of ``tick_s`` of simulated time at ``speed`` times real time; 0 is as fast as it goes.
+    """Paces steps of ``step_s`` of simulated time at ``speed`` times real time; 0 is as fast as it goes.
 
     A machine that does not keep up slows the motion: what is late is never made up for by hurrying. ``memory`` is how
-    many ticks the rhythm is told of; None: all.
+    many steps the rhythm is told of; None: all.
     """
 
     def __init__(
         self,
-        tick_s: float,
+        step_s: float,
         speed: float = 1.0,
         *,
         memory: int | None = MEMORY,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._pitch_s = tick_s / speed if speed > 0 else 0.0
+        self._pitch_s = step_s / speed if speed > 0 else 0.0
         self._clock = clock
         self._sleep = sleep
         self._due: float | None = None
         self._began: deque[tuple[float, float]] = deque(maxlen=memory)
-        """Length and lateness of each tick, s."""
+        """Length and lateness of each step, s."""
         self._work: deque[float] = deque(maxlen=memory)
         self._last: float | None = None
 
     def left_s(self) -> float:
-        """Time until the next tick is due; 0 where it is, or where none has been."""
+        """Time until the next step is due; 0 where it is, or where none has been."""
         return 0.0 if self._due is None else max(self._due - self._clock(), 0.0)
 
     def begin(self) -> None:
-        """Wait until the next tick is due, and begin it."""
+        """Wait until the next step is due, and begin it."""
         left = self.left_s()
         if left > 0:
             self._sleep(left)
@@ -82,12 +82,12 @@ class RateLimiter:
         self._due = (now if late or self._due is None else self._due) + self._pitch_s
 
     def end(self) -> None:
-        """The tick's work is done."""
+        """The step's work is done."""
         if self._last is not None:
             self._work.append(self._clock() - self._last)
 
     def pause(self) -> None:
-        """No ticks for a while, which is nobody's fault."""
+        """No steps for a while, which is nobody's fault."""
         self._due = self._last = None
 
     def rhythm(self) -> LoopTiming:
@@ -96,7 +96,7 @@ class RateLimiter:
         lengths = [length for length, _ in self._began]
         late = [behind for _, behind in self._began if behind > LATE_SHARE * self._pitch_s]
         return LoopTiming(
-            ticks=len(lengths),
+            n_steps=len(lengths),
             mean_s=sum(lengths) / len(lengths),
             worst_s=max(lengths),
             late=len(late) / len(lengths) if self._pitch_s else 0.0,

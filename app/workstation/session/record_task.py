@@ -20,13 +20,13 @@ from layflat.policy import model_io as model_files
 
 
 class RecordTask:
-    """The order: ``task, cloth, descriptor, noise, tick_s, speed, images, source, record, seed, countdown_s``,
+    """The order: ``task, cloth, descriptor, noise, step_s, speed, images, source, record, seed, countdown_s``,
     ``episodes`` (None: until told to end), ``disturbance`` and ``correct`` (the path of a model that places, and that
     the person takes over from; or empty)."""
 
     def __init__(self, order: Request, desk: Endpoint) -> None:
         self._desk = desk
-        self._tick_s = float(order["tick_s"])
+        self._step_s = float(order["step_s"])
         settings, source = settings_of(order, descriptor=None), str(order["source"])
         correct = str(order.get("correct", ""))
         model = model_files.load(Path(correct)) if correct else None
@@ -35,7 +35,7 @@ class RecordTask:
         if recorder is None:
             raise ValueError("a recording needs a session file")
         self._recorder = recorder
-        self._cadence = RateLimiter(self._tick_s, float(order["speed"]))
+        self._cadence = RateLimiter(self._step_s, float(order["speed"]))
         self._controls: list[Command] = []
         self._path = Path(str(order["record"]))
         # This process never steps a simulation, and has no threads: its takes are forked.
@@ -77,13 +77,13 @@ class RecordTask:
         pull = letter.pull
         if not (self._recording.simulates or (self._recording.awaits_motion and pull is not None)):
             self._cadence.pause()
-            self._recording.tick()
+            self._recording.step()
             return IDLE_S
         left_s = self._cadence.left_s()
         if left_s > 0:
             return left_s
         self._cadence.begin()
-        self._recording.tick(pull)
+        self._recording.step(pull)
         self._cadence.end()
         return 0.0
 
@@ -103,7 +103,7 @@ class RecordTask:
             "leads": self._leads(),
             "countdown": recording.countdown_left_s(),
             "seed": recording.seed,
-            "ticks": recording.glance.ticks,
+            "steps": recording.glance.n_steps,
             "time_s": recording.glance.time_s,
             "contact": recording.glance.contact_portion,
             "flat_area": recording.glance.flat_area,
@@ -112,7 +112,7 @@ class RecordTask:
             "message": recording.message,
             "does": {control.name: recording.does(control) for control in Command},
             "rhythm": rhythm.told(),
-            "factor": rhythm.factor(self._tick_s),
+            "factor": rhythm.factor(self._step_s),
         }
 
     def close(self) -> None:

@@ -18,7 +18,7 @@ from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 COUNTDOWN_S = 3.0
-TICKS_MAX = 600
+STEPS_MAX = 600
 """A minute of motion: several times what a placing takes."""
 JUDGED: StoppedBy = "converged"
 """What an episode says when the person said that it was over."""
@@ -29,7 +29,7 @@ class RecordingSession:
 
     >>> while recording.state != "over":
     ...     recording.hear(source.poll())
-    ...     if not recording.tick():
+    ...     if not recording.step():
     ...         time.sleep(0.01)
     """
 
@@ -43,7 +43,7 @@ class RecordingSession:
         episodes: int | None = None,
         disturbance: str = "none",
         countdown_s: float = COUNTDOWN_S,
-        ticks_max: int = TICKS_MAX,
+        steps_max: int = STEPS_MAX,
         led: bool = False,
         tell: Callable[[str], None] = print,
         clock: Callable[[], float] = time.monotonic,
@@ -51,7 +51,7 @@ class RecordingSession:
         """``episodes``: over after so many have been kept as success or failure; None: until QUIT.
 
         Seeds go up from ``seed``, without those in ``skip``, which the session has already. ``tell`` gets the
-        contract's lines (``kept demo_3 success 84 ticks contact 0.97 FILE.h5``, ``discarded seed 4 ...``), each only
+        contract's lines (``kept demo_3 success 84 steps contact 0.97 FILE.h5``, ``discarded seed 4 ...``), each only
         when it is true. ``disturbance`` is what DISTURB begins. ``led``: a policy has the lead until the person's hands
         move, so that time waits for no motion before it has stopped.
         """
@@ -60,7 +60,7 @@ class RecordingSession:
         self._episodes = episodes
         self._disturbance = disturbance
         self._countdown_s = countdown_s
-        self._ticks_max = ticks_max
+        self._steps_max = steps_max
         self._led = led
         self._tell = tell
         self._clock = clock
@@ -133,8 +133,8 @@ class RecordingSession:
         """What the control would do now, for a person; None where it would do nothing."""
         return control_action(control, self.state, self.glance, seed=self.seed, disturbance=self._disturbance)
 
-    def tick(self, pull: DragTarget | None = None) -> bool:
-        """One step of what the state asks; True where a tick was simulated. Waits for nothing but the simulation.
+    def step(self, pull: DragTarget | None = None) -> bool:
+        """One step of what the state asks; True where a step was simulated. Waits for nothing but the simulation.
 
         ``pull`` is what the mouse draws the cloth by. EpisodeLost where no cloth can be hung at all.
         """
@@ -152,7 +152,7 @@ class RecordingSession:
             self.message = led_sentence(True, "the policy")
         self._still, led = False, self.glance.led
         try:
-            self.glance = self._take.tick(self._reading, pull)
+            self.glance = self._take.step(self._reading, pull)
         except EpisodeLost as lost:
             self._lose(lost)
             return False
@@ -169,7 +169,7 @@ class RecordingSession:
 
     @property
     def simulates(self) -> bool:
-        """Whether the next ``tick`` will simulate one, if nothing is pulled at."""
+        """Whether the next ``step`` will simulate one, if nothing is pulled at."""
         return self.state == "running" and not (self._still and (self._reading is None or not self._reading.moving))
 
     @property
@@ -183,7 +183,7 @@ class RecordingSession:
         was, self.state = self.state, "over"
         if take is None:
             return
-        if was in ACTIVE and self.glance.ticks:
+        if was in ACTIVE and self.glance.n_steps:
             kept = take.keep("partial", "interrupted")
             if kept is not None:
                 self._say_kept(kept)
@@ -261,8 +261,8 @@ class RecordingSession:
         elif self.glance.stopped_by is not None:
             self._still = True
             self.message = f"the policy has stopped ({self.glance.stopped_by}); move to go on yourself, or keep it"
-        elif self.glance.ticks >= self._ticks_max:
-            self._finish(f"{self._ticks_max} ticks are over; keep it or discard it")
+        elif self.glance.n_steps >= self._steps_max:
+            self._finish(f"{self._steps_max} steps are over; keep it or discard it")
 
     def _finish(self, why: str) -> None:
         self.state = "finished"
@@ -272,7 +272,7 @@ class RecordingSession:
         take, self._take = self._take, None
         if take is None:
             return
-        kept = take.keep(outcome, self.glance.stopped_by or ("tick_limit" if self.state == "finished" else JUDGED))
+        kept = take.keep(outcome, self.glance.stopped_by or ("step_limit" if self.state == "finished" else JUDGED))
         if kept is not None:
             self._say_kept(kept)
         if self._episodes is not None and self.counts["success"] + self.counts["failure"] >= self._episodes:
@@ -286,9 +286,9 @@ class RecordingSession:
             return
         take.discard()
         glance = self.glance
-        if glance.ticks:
+        if glance.n_steps:
             self.counts["discarded"] += 1
-            self._tell(discarded_line(self.seed, glance.ticks, glance.contact_portion, self._path))
+            self._tell(discarded_line(self.seed, glance.n_steps, glance.contact_portion, self._path))
         self.message = f"discarded seed {self.seed}; {self._so_far()}"
 
     def _lose(self, lost: EpisodeLost) -> None:

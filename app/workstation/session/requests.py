@@ -22,7 +22,7 @@ def settings_of(order: Request, *, descriptor: str | None) -> SimConfig:
         cloth=str(order["cloth"]),
         descriptor=descriptor or str(order["descriptor"]),
         noise=bool(order["noise"]),
-        tick_s=float(order["tick_s"]),
+        step_s=float(order["step_s"]),
     )
 
 

@@ -76,7 +76,7 @@ def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
         )
         stack.callback(recording.close)
         introduce(recording, hands, screen.say)
-        cadence = run_recording(recording, hands, screen, tick_s=settings.tick_s, stopped=stopped)
+        cadence = run_recording(recording, hands, screen, step_s=settings.step_s, stopped=stopped)
         recording.close()
         screen.note(recording.message)
         screen.say(f"cadence: {cadence.rhythm().told()}")

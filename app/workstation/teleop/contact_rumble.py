@@ -17,9 +17,9 @@ class ContactRumble:
         self._source = source
         self._touching = True
 
-    def see(self, contact_portion: float, ticks: int) -> None:
-        """The newest contact portion, and ticks since the demonstration began."""
+    def see(self, contact_portion: float, n_steps: int) -> None:
+        """The newest contact portion, and steps since the demonstration began."""
         touching = contact_portion >= TOUCHES
-        if touching and not self._touching and ticks:
+        if touching and not self._touching and n_steps:
             self._source.rumble(RUMBLE, RUMBLE_S)
         self._touching = touching

@@ -30,7 +30,7 @@ CONTROLS = {
     "up": Command.DISTURB,
 }
 SPEED = 0.5
-"""With both triggers let go: 10 mm a tick, about what the scripted demonstrator does."""
+"""With both triggers let go: 10 mm a step, about what the scripted demonstrator does."""
 FINE_SPEED = 0.1
 """With L2 pulled; R2 goes to 1."""
 

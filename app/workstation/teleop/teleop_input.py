@@ -36,7 +36,7 @@ class TeleopInput:
     motion: FloatArray
     """(A,) in [-1, 1], in the order of layflat.data.types.ACTION_NAMES: share of the speed along each axis."""
     speed: float = 1.0
-    """0..1: share of ACTION_LIMIT_M that a full deflection moves in one tick."""
+    """0..1: share of ACTION_LIMIT_M that a full deflection moves in one step."""
     controls: tuple[Command, ...] = ()
     """In the order in which they came."""
     connected: bool = True
@@ -62,7 +62,7 @@ class TeleopInput:
 
     @property
     def action(self) -> FloatArray:
-        """(A,) m: the displacement of one tick."""
+        """(A,) m: the displacement of one step."""
         return self.motion * (self.speed * ACTION_LIMIT_M)
 
     @property

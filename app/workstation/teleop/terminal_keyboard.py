@@ -18,7 +18,7 @@ from layflat.app.workstation.teleop.terminal_keys import TerminalKeys
 from layflat.data.types import RobotName
 
 TAP_S = 0.3
-"""A key that is pressed counts as held for so long: three ticks, 3 cm at the first speed."""
+"""A key that is pressed counts as held for so long: three steps, 3 cm at the first speed."""
 REPEAT_S = 0.2
 """The same of a key that repeats, which terminals do 10 to 30 times a second."""
 SAME_PRESS_S = 0.8

@@ -19,7 +19,7 @@ from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Teleoperator
 
 POLL_S = 0.01
-"""How often the source is asked between two ticks."""
+"""How often the source is asked between two steps."""
 SHOW_S = 0.1
 
 
@@ -71,9 +71,9 @@ def status_line(recording: RecordingSession, reading: TeleopInput) -> str:
     said = {
         "waiting": f"seed {recording.seed} " + ("hangs" if recording.ready else "is being hung"),
         "countdown": f"begins in {recording.countdown_left_s():.0f}" if recording.ready else "hanging the cloth",
-        "running": ("move to go on" if glance.ticks else "move to begin") if recording.awaits_motion else "RECORDING",
+        "running": ("move to go on" if glance.n_steps else "move to begin") if recording.awaits_motion else "RECORDING",
     }.get(state, state)
-    numbers = f"{glance.ticks} ticks  contact {100 * glance.contact_portion:.0f} %  speed {100 * reading.speed:.0f} %"
+    numbers = f"{glance.n_steps} steps  contact {100 * glance.contact_portion:.0f} %  speed {100 * reading.speed:.0f} %"
     doable = [(control, recording.does(control)) for control in Command]
     return f"[{said}]  {numbers}  " + ", ".join(control.value for control, does in doable if does)
 
@@ -92,28 +92,28 @@ def run_recording(
     source: Teleoperator,
     screen: TerminalDisplay,
     *,
-    tick_s: float,
+    step_s: float,
     stopped: Callable[[], bool],
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> RateLimiter:
-    """Until it is over, or ``stopped`` says so. Returns how steadily the ticks came.
+    """Until it is over, or ``stopped`` says so. Returns how steadily the steps came.
 
-    The source is asked right before each tick: what the hands do then moves the cloth in this very tick.
+    The source is asked right before each step: what the hands do then moves the cloth in this very step.
     """
-    cadence = RateLimiter(tick_s, memory=None, clock=clock, sleep=sleep)
+    cadence = RateLimiter(step_s, memory=None, clock=clock, sleep=sleep)
     touch = ContactRumble(source)
     while recording.state != "over" and not stopped():
         reading = source.poll()
         recording.hear(reading)
         if not recording.simulates:
-            recording.tick()
+            recording.step()
             cadence.pause()
         elif cadence.left_s() == 0:
             cadence.begin()
-            recording.tick()
+            recording.step()
             cadence.end()
-            touch.see(recording.glance.contact_portion, recording.glance.ticks)
+            touch.see(recording.glance.contact_portion, recording.glance.n_steps)
         screen.show(recording, reading)
         sleep(min(cadence.left_s() or POLL_S, POLL_S) if recording.simulates else POLL_S)
     screen.clear()
@@ -122,7 +122,7 @@ def run_recording(
 
 @contextmanager
 def stops_on_signals() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C, SIGTERM and a closed terminal end the recording between two ticks, with everything kept.
+    """Ctrl-C, SIGTERM and a closed terminal end the recording between two steps, with everything kept.
 
     Yields whether one has come; a second Ctrl-C interrupts at once.
     """

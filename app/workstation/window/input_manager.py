@@ -94,7 +94,7 @@ class InputManager:
             self._pane.release_pull()
         link.put(self.reading or zero_input(self._task), self._pane.pull)
         if self._touch is not None:
-            self._touch.see(float(link.status.get("contact", 0.0)), int(link.status.get("ticks", 0)))
+            self._touch.see(float(link.status.get("contact", 0.0)), int(link.status.get("steps", 0)))
 
     def _press(self, control: Command) -> None:
         self._shop.link.ask("control", name=control.name)

@@ -27,7 +27,7 @@ MOMENTS_KEPT = 64
 
 
 class Playback:
-    """Moments of one episode by number: 0 before its first tick, ``last`` after its last."""
+    """Moments of one episode by number: 0 before its first step, ``last`` after its last."""
 
     def __init__(self, name: str, episode: Episode) -> None:
         """UsageError where the recorded cloth is none that can be drawn."""
@@ -49,13 +49,13 @@ class Playback:
         return self._made(min(max(number, 0), self.last))
 
     def befalls(self, number: int) -> str:
-        """What disturbs the cloth in this tick, and whether a person leads; empty where neither is so."""
+        """What disturbs the cloth in this step, and whether a person leads; empty where neither is so."""
         if number >= self.last:
             return ""
         names = [
             record.name
             for record in self.episode.disturbances
-            if record.first_tick <= number and (record.last_tick is None or number <= record.last_tick)
+            if record.first_step <= number and (record.last_step is None or number <= record.last_step)
         ]
         step = self.episode.steps[number]
         by_hand = ["pulled by hand"] if step.pull is not None else []
@@ -63,12 +63,12 @@ class Playback:
 
     def _make(self, number: int) -> BenchFrame:
         seen, truth = self._seen[number], self._truths[number]
-        # What acted in the tick that led here.
+        # What acted in the step that led here.
         step = self.episode.steps[number - 1] if number else None
         rgb, percept = self._sight(seen, truth.nodes)
         return BenchFrame(
             episode=self.number,
-            tick=number,
+            step=number,
             phase=self.history.phase[number],
             sim_s=seen.time_s,
             told_s=0.0,
@@ -121,14 +121,14 @@ def facts(episode: Episode) -> Mapping[str, str]:
     befell = [record.name for record in episode.disturbances]
     pulls = sum(step.pull is not None for step in episode.steps)
     led = sum(step.intervention for step in episode.steps)
-    corrected = {"corrected": f"a person led in {led} ticks"} if led else {}
+    corrected = {"corrected": f"a person led in {led} steps"} if led else {}
     return {
         "source": f"{episode.source}, seed {episode.seed}",
-        "bench": f"{episode.task}, {episode.cloth}, tick {episode.tick_s:g} s",
+        "bench": f"{episode.task}, {episode.cloth}, step {episode.step_s:g} s",
         "outcome": f"{episode.outcome}, {episode.stopped_by.replace('_', ' ')}",
-        "ticks": str(len(episode.steps)),
+        "steps": str(len(episode.steps)),
         "contact": f"{100 * contact[0]:.0f} to {100 * contact[-1]:.0f} %",
-        "disturbed by": ", ".join([*befell, *([f"pulls in {pulls} ticks"] if pulls else [])]) or "nothing",
+        "disturbed by": ", ".join([*befell, *([f"pulls in {pulls} steps"] if pulls else [])]) or "nothing",
         **corrected,
         "recorded": episode.provenance.created_utc.replace("T", " ")[:16] or "not told",
     }

@@ -21,7 +21,7 @@ def preview(task: RobotName, cloth: str) -> BenchFrame:
     centre = home.mean(axis=0)
     return BenchFrame(
         episode=-1,
-        tick=0,
+        step=0,
         phase="place",
         sim_s=0.0,
         told_s=0.0,

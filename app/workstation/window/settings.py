@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from layflat.app.support.atomic_write import write_text
-from layflat.data.types import ROBOTS, TICK_S
+from layflat.data.types import ROBOTS, STEP_S
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
 
@@ -29,7 +29,7 @@ class Settings:
     noise: bool = True
     """Depth noise of the camera."""
     speed: str = "real time"
-    tick_s: float = TICK_S
+    step_s: float = STEP_S
     images: bool = False
     session: str = "demos.h5"
     """In the folder."""
@@ -52,7 +52,7 @@ class Settings:
 
     def bench(self) -> dict[str, Any]:
         """The part of an order that says what the bench is made of."""
-        names = ("task", "cloth", "descriptor", "noise", "tick_s", "images")
+        names = ("task", "cloth", "descriptor", "noise", "step_s", "images")
         return {name: getattr(self, name) for name in names} | {"speed": SPEEDS[self.speed]}
 
 

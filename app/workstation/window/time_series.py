@@ -25,7 +25,7 @@ _SHIFT = 4
 
 @dataclass
 class TimeSeries:
-    """What was, tick by tick, of one episode."""
+    """What was, step by step, of one episode."""
 
     episode: int = -1
     time_s: list[float] = field(default_factory=list)
@@ -34,7 +34,7 @@ class TimeSeries:
     """Of WORD, -90..90; NaN where there is no direction."""
     phase: list[str] = field(default_factory=list)
     led: list[bool] = field(default_factory=list)
-    """Whether a person had the lead over a policy in the tick before."""
+    """Whether a person had the lead over a policy in the step before."""
 
     def add(self, moment: BenchFrame) -> None:
         """Take note of a moment; another episode, or going back in time, begins anew."""

@@ -37,7 +37,7 @@ class AirDrag:
         # Single numbers from here on: numpy's overhead on three of them is most of what this would cost.
         cx, cy, _ = self._cloth.nodes().mean(axis=0).tolist()
         if not math.isfinite(cx + cy):
-            return  # The guard finds a cloth that has diverged at the end of the tick.
+            return  # The guard finds a cloth that has diverged at the end of the step.
         last, self._last = self._last, (world.halves_done, cx, cy)
         if last is None:
             return

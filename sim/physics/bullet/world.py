@@ -24,19 +24,19 @@ class SimError(ValueError):
 class World:
     """One deformable Bullet world in DIRECT mode; one per process, never shared between threads."""
 
-    def __init__(self, *, step_s: float, table_friction: float) -> None:
+    def __init__(self, *, substep_s: float, table_friction: float) -> None:
         """Make an empty world with a table whose top is z = 0.
 
         Parameters
         ----------
-        step_s: physics step (substep), s, as long as nobody asks for a finer one.
+        substep_s: physics step (substep), s, as long as nobody asks for a finer one.
         table_friction: Coulomb coefficient of the table, >= 0; Bullet multiplies it with the cloth's.
         """
-        if not 0.0 < step_s <= 1 / 100:
-            raise SimError(f"the physics step is {step_s} s; it must be above 0 and at most 0.01 s")
+        if not 0.0 < substep_s <= 1 / 100:
+            raise SimError(f"the physics step is {substep_s} s; it must be above 0 and at most 0.01 s")
         if not 0.0 <= table_friction <= 5.0:
             raise SimError(f"the table's friction is {table_friction}; it must be between 0 and 5")
-        self.coarse_step_s = self.step_s = step_s
+        self.coarse_substep_s = self.substep_s = substep_s
         self.substeps_done = 0
         self.halves_done = 0
         """Time in halves of a coarse step: a whole number, so that what is not refined keeps its times to the bit."""
@@ -44,7 +44,7 @@ class World:
         if self.client < 0:
             raise SimError("Bullet did not give a client; close other simulations in this process")
         bullet.resetSimulation(bullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=self.client)
-        bullet.setPhysicsEngineParameter(enableFileCaching=0, fixedTimeStep=step_s, physicsClientId=self.client)
+        bullet.setPhysicsEngineParameter(enableFileCaching=0, fixedTimeStep=substep_s, physicsClientId=self.client)
         self.set_gravity((0.0, 0.0, -GRAVITY_M_S2))
         self.table = self._make_table(table_friction)
 
@@ -76,22 +76,22 @@ class World:
         """One substep."""
         bullet.stepSimulation(physicsClientId=self.client)
         self.substeps_done += 1
-        self.halves_done += 2 if self.step_s == self.coarse_step_s else 1
+        self.halves_done += 2 if self.substep_s == self.coarse_substep_s else 1
 
     def refine(self, finer: bool) -> int:
         """Halve the step from now on, or make it whole again; how many substeps one coarse step then has."""
         parts = 2 if finer else 1
-        if self.step_s != self.coarse_step_s / parts:
-            self.step_s = self.coarse_step_s / parts
-            bullet.setPhysicsEngineParameter(fixedTimeStep=self.step_s, physicsClientId=self.client)
+        if self.substep_s != self.coarse_substep_s / parts:
+            self.substep_s = self.coarse_substep_s / parts
+            bullet.setPhysicsEngineParameter(fixedTimeStep=self.substep_s, physicsClientId=self.client)
         return parts
 
     def halves(self, duration_s: float) -> int:
         """A duration in whole coarse steps, at least one, counted as ``halves_done`` is."""
-        return 2 * max(1, round(duration_s / self.coarse_step_s))
+        return 2 * max(1, round(duration_s / self.coarse_substep_s))
 
     def seconds(self, halves: int) -> float:
-        return halves * (self.coarse_step_s / 2)
+        return halves * (self.coarse_substep_s / 2)
 
     @property
     def time_s(self) -> float:

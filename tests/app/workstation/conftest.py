@@ -16,7 +16,7 @@ from layflat.data.types import DragTarget, Episode, Outcome, RobotName, StoppedB
 
 
 class DrawnTake:
-    """Counts ticks, and keeps a drawn episode of as many."""
+    """Counts steps, and keeps a drawn episode of as many."""
 
     def __init__(self, seed: int, recorder: SessionRecorder, draw: Callable[..., Episode]) -> None:
         self.seed = seed
@@ -26,7 +26,7 @@ class DrawnTake:
         self.corrects = False
         """Whether the person takes over from a policy: they hand back by a button alone."""
         self.work: Callable[[], None] = lambda: None
-        """What happens during a tick."""
+        """What happens during a step."""
         self.readings: list[TeleopInput] = []
         self.disturbed: list[str] = []
         self.discarded = False
@@ -40,17 +40,17 @@ class DrawnTake:
     def glance(self) -> EpisodeStatus:
         return self._glance
 
-    def tick(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
+    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
         if len(self.readings) == self.dies_at:
             raise EpisodeLost("the simulation ended by itself")
         self.readings.append(reading)
         self.work()
-        ticks = len(self.readings)
-        stop: StoppedBy | None = "unstable" if ticks == self.unstable_at else None
+        n_steps = len(self.readings)
+        stop: StoppedBy | None = "unstable" if n_steps == self.unstable_at else None
         self._glance = EpisodeStatus(
-            ticks=ticks,
-            time_s=0.1 * ticks,
-            contact_portion=min(0.01 * ticks, 1.0),
+            n_steps=n_steps,
+            time_s=0.1 * n_steps,
+            contact_portion=min(0.01 * n_steps, 1.0),
             stopped_by=stop,
             led=self.corrects and (reading.moving or self._glance.led),
         )
@@ -66,9 +66,9 @@ class DrawnTake:
     def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
         if not self.readings:
             return None
-        ticks = len(self.readings)
+        n_steps = len(self.readings)
         task, cloth = self._recorder.task, self._recorder.cloth
-        episode = self._draw(task, ticks=ticks, seed=self.seed, cloth=cloth, source="keyboard")
+        episode = self._draw(task, n_steps=n_steps, seed=self.seed, cloth=cloth, source="keyboard")
         return self._recorder.keep(replace(episode, outcome=outcome, stopped_by=stopped_by))
 
     def discard(self) -> None:

@@ -1,4 +1,4 @@
-"""Work for a bench process that has no bench: counts ticks, and can be told to die in several ways."""
+"""Work for a bench process that has no bench: counts steps, and can be told to die in several ways."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from layflat.app.workstation.session.bench_process import Endpoint, Request
 from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.sim.physics.bullet.world import SimError
 
-TICK_S = 0.05
+STEP_S = 0.05
 
 
 class FakeWork:
-    """Ticks from the start on; of the last ones it says when each began and which input it acted on."""
+    """Steps from the start on; of the last ones it says when each began and which input it acted on."""
 
     def __init__(self, order: Request, desk: Endpoint) -> None:
         if order.get("refuse"):
             raise SimError("this bench cannot be made")
         self._desk = desk
-        self._cadence = RateLimiter(TICK_S)
+        self._cadence = RateLimiter(STEP_S)
         self._ends = str(order.get("leaves", ""))
-        self._ticks: list[tuple[float, float]] = []
+        self._n_steps: list[tuple[float, float]] = []
         self.over = False
 
     def obey(self, order: Request) -> None:
@@ -40,12 +40,12 @@ class FakeWork:
             return left_s
         self._cadence.begin()
         began_s, letter = time.monotonic(), self._desk.letter()
-        self._ticks.append((began_s, 0.0 if letter is None else letter.stamp_s))
-        del self._ticks[:-200]
+        self._n_steps.append((began_s, 0.0 if letter is None else letter.stamp_s))
+        del self._n_steps[:-200]
         return 0.0
 
     def status(self) -> dict[str, Any]:
-        return {"ticks": self._ticks}
+        return {"steps": self._n_steps}
 
     def close(self) -> None:
         if self._ends:

@@ -23,7 +23,7 @@ from layflat.app.workstation.window.window import FRAMES_HZ, Window
 from layflat.tests.app.workstation.person import Person, headless
 
 AIR, TABLE = range(2, 22), range(42, 66)
-"""Ticks of the scripted demonstrator in which the towel hangs, and in which most of it lies."""
+"""Steps of the scripted demonstrator in which the towel hangs, and in which most of it lies."""
 
 
 def told(values: list[float], unit: str = "ms", scale: float = 1000.0) -> str:
@@ -31,8 +31,8 @@ def told(values: list[float], unit: str = "ms", scale: float = 1000.0) -> str:
     return f"{middle:.1f} {unit} (5 to 95 %: {low:.1f} to {high:.1f}, n {len(values)})"
 
 
-def where(tick: int) -> str:
-    return "in the air" if tick in AIR else "on the table" if tick in TABLE else ""
+def where(step_index: int) -> str:
+    return "in the air" if step_index in AIR else "on the table" if step_index in TABLE else ""
 
 
 def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool = False) -> dict[str, list[float]]:
@@ -46,23 +46,23 @@ def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool 
         mode.seed = seed
         person, last = Person(window), -1
         mode.start()
-        person.wait(lambda: person.status.get("ticks", 0) >= AIR[0], "the first ticks", 60.0)
-        cpu, first, began = time.process_time(), person.status["ticks"], time.perf_counter()
+        person.wait(lambda: person.status.get("steps", 0) >= AIR[0], "the first steps", 60.0)
+        cpu, first, began = time.process_time(), person.status["steps"], time.perf_counter()
         while person.state() != "placed":
             if redraw:
                 window.pane.orbit = window.pane.orbit.turned(1, 0)
             person.look()
             now, moment = time.perf_counter(), mode.moment()
-            phase = where(moment.tick) if moment is not None else ""
+            phase = where(moment.step) if moment is not None else ""
             if phase:
                 found[f"frame {phase}"].append(window.frames_s[-1])
                 found[f"pitch {phase}"].append(now - began)
-            if moment is not None and moment.tick != last and moment.input_s:
-                last = moment.tick
-                found[f"tick {phase}"].append(moment.work_s)
+            if moment is not None and moment.step != last and moment.input_s:
+                last = moment.step
+                found[f"step {phase}"].append(moment.work_s)
                 found["input"].append(moment.told_s - moment.work_s - moment.input_s)
             began = now
-        found["cpu"].append((time.process_time() - cpu) / (person.status["ticks"] - first))
+        found["cpu"].append((time.process_time() - cpu) / (person.status["steps"] - first))
         found["frames"].append(float(person.frames))
     finally:
         window.close()
@@ -81,9 +81,9 @@ def without_window(folder: Path, task: str, seed: int, *, record: bool) -> dict[
     while link.alive and link.status.get("state") != "placed":
         link.hear()
         link.put(zero_input(task))
-        if link.moment is not None and link.moment.tick != last:
-            last = link.moment.tick
-            found[f"tick {where(last)}"].append(link.moment.work_s)
+        if link.moment is not None and link.moment.step != last:
+            last = link.moment.step
+            found[f"step {where(last)}"].append(link.moment.work_s)
             found["all"].append(link.moment.work_s)
         time.sleep(1 / FRAMES_HZ / 4)
     link.ask("discard")
@@ -110,20 +110,20 @@ def main(folder: Path, seeds: int) -> None:
 
 def report(task: str, real: dict, fast: dict, bare: dict, kept: dict) -> None:
     print(f"\n{task}, real time")
-    print("  input waits for its tick   ", told(real["input"]))
-    print("  processor time of the window for a tick", told(real["cpu"]))
+    print("  input waits for its step   ", told(real["input"]))
+    print("  processor time of the window for a step", told(real["cpu"]))
     for phase in ("in the air", "on the table"):
-        print(f"  {phase}: tick             ", told(real[f"tick {phase}"]))
+        print(f"  {phase}: step             ", told(real[f"step {phase}"]))
         print(f"  {phase}: work of a frame  ", told(real[f"frame {phase}"]))
         rate = 1 / np.mean(real[f"pitch {phase}"])
         share = np.mean(real[f"frame {phase}"]) * rate
         print(f"  {phase}: {rate:.1f} frames/s; the window works {100 * share:.1f} % of the time")
         rate = 1 / np.mean(fast[f"pitch {phase}"])
         print(f"  {phase}, full speed, the view turning in every frame: {rate:.1f} frames/s")
-        drawn, alone = np.median(fast[f"tick {phase}"]), np.median(bare[f"tick {phase}"])
-        print(f"  {phase}, full speed: tick {1000 * drawn:.1f} ms with, {1000 * alone:.1f} ms without the window")
+        drawn, alone = np.median(fast[f"step {phase}"]), np.median(bare[f"step {phase}"])
+        print(f"  {phase}, full speed: step {1000 * drawn:.1f} ms with, {1000 * alone:.1f} ms without the window")
     ratio = np.mean(kept["all"]) / np.mean(bare["all"])
-    print(f"  recording adds {100 * (ratio - 1):+.1f} % to a tick (n {len(kept['all'])} and {len(bare['all'])})")
+    print(f"  recording adds {100 * (ratio - 1):+.1f} % to a step (n {len(kept['all'])} and {len(bare['all'])})")
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ class Person:
         """One frame."""
         self.window.frame()
         self.frames += 1
-        self._clock.tick(FRAMES_HZ)
+        self._clock.step(FRAMES_HZ)
 
     def wait(self, until: Callable[[], bool], what: str, seconds: float = PATIENCE_S) -> None:
         """Watch until it is so."""
@@ -198,7 +198,7 @@ class Person:
         self.pad.tap("cross")
         self.wait(lambda: self.state() == "running", "the countdown")
 
-    def demonstrate(self, seed: int, *, ticks: int | None = None, seconds: float = 240.0) -> None:
+    def demonstrate(self, seed: int, *, n_steps: int | None = None, seconds: float = 240.0) -> None:
         """Lay the cloth with the sticks, as the scripted demonstrator would from what the window shows."""
         moment = self.moment()
         assert moment is not None
@@ -208,7 +208,7 @@ class Person:
             self._seen = (moment.episode, -1)
         self.pad.axis("r2", 1.0)
         self.wait(
-            lambda: self._move() or (ticks is not None and self.status.get("ticks", 0) >= ticks), "the end", seconds
+            lambda: self._move() or (n_steps is not None and self.status.get("steps", 0) >= n_steps), "the end", seconds
         )
         self.rest()
 
@@ -227,9 +227,9 @@ class Person:
     def _move(self) -> bool:
         """Push the sticks as the newest moment asks for; True once the cloth lies."""
         moment = self.moment()
-        if moment is None or (moment.episode, moment.tick) == self._seen:
+        if moment is None or (moment.episode, moment.step) == self._seen:
             return self.state() not in ("running", "paused")
-        self._seen = (moment.episode, moment.tick)
+        self._seen = (moment.episode, moment.step)
         decision = self._expert.act(seen_of(moment))
         if decision.stop is not None:
             return True

@@ -91,7 +91,7 @@ def record(album: Album) -> None:
             album.wait_for_state("running")
         else:
             person.begin()
-        person.demonstrate(0, ticks=34)
+        person.demonstrate(0, n_steps=34)
         album.shoot(f"record-{task}")
         if task == "hanger":
             person.pad.unplug()
@@ -121,7 +121,7 @@ def lead_by_hand(album: Album) -> None:
         (x + view.left, y + view.top),
         (70, 170),
         frames=60,
-        until=lambda: person.status["ticks"] >= 16,
+        until=lambda: person.status["steps"] >= 16,
         shot=lambda: album.shoot("kinesthetic"),
     )
     window.mode.stop()
@@ -150,7 +150,7 @@ def place(album: Album) -> None:
     window.mode.seed, window.mode.record = 21, "placed.h5"
     window.mode.build()
     person.menu("Place")
-    person.wait(lambda: person.status.get("ticks", 0) >= 42, "42 ticks", 60.0)
+    person.wait(lambda: person.status.get("steps", 0) >= 42, "42 steps", 60.0)
     album.shoot("place")
     album.wait_for_state("placed")
     person.key(pygame.K_1)
@@ -174,10 +174,10 @@ def take_over(album: Album) -> None:
     window.mode.seed, window.mode.record, window.mode.source = 21, "placed-corrected.h5", "gamepad"
     window.mode.build()
     person.menu("Place")
-    for ticks, led in ((22, 5), (42, 16)):
-        person.wait(lambda ticks=ticks: person.status.get("ticks", 0) >= ticks, f"{ticks} ticks", 60.0)
+    for n_steps, led in ((22, 5), (42, 16)):
+        person.wait(lambda n_steps=n_steps: person.status.get("steps", 0) >= n_steps, f"{n_steps} steps", 60.0)
         person.pad.axis("left_x", 0.5)
-        person.wait(lambda led=led: person.status["led_ticks"] >= led, f"{led} ticks of the person", 60.0)
+        person.wait(lambda led=led: person.status["led_steps"] >= led, f"{led} steps of the person", 60.0)
         if led == 5:
             person.rest()
             person.wait(lambda: person.status["leads"] == "gp-word", "the model's lead", 60.0)
@@ -201,7 +201,7 @@ def disturb(album: Album) -> None:
         45,
         (-90, -120),
         frames=40,
-        until=lambda: person.status["pulled_ticks"] >= 9,
+        until=lambda: person.status["pulled_steps"] >= 9,
         shot=lambda: album.shoot("disturb"),
     )
     album.wait_for_state("repairing")
@@ -216,8 +216,8 @@ def look_back(album: Album) -> None:
     mode.session = "placed.h5"
     mode.build()
     person.menu("Watch")
-    ticks = [k for k, step in enumerate(mode.playback.episode.steps) if step.phase == "disturb"]
-    mode.to(ticks[min(5, len(ticks) - 1)])
+    n_steps = [k for k, step in enumerate(mode.playback.episode.steps) if step.phase == "disturb"]
+    mode.to(n_steps[min(5, len(n_steps) - 1)])
     album.shoot("replay")
     person.tab("Data")
     window.mode.session = "hanger.h5"
@@ -240,7 +240,7 @@ def small(album: Album) -> None:
     window.mode.seed = 21
     window.mode.build()
     person.menu("Place")
-    person.wait(lambda: person.status.get("ticks", 0) >= 45, "45 ticks", 60.0)
+    person.wait(lambda: person.status.get("steps", 0) >= 45, "45 steps", 60.0)
     album.shoot("small")
 
 

@@ -32,7 +32,7 @@ def record(person: Person) -> None:
     person.menu("Begin")
     person.begin()
     pad.axis("left_y", 0.3)
-    person.wait(lambda: person.status.get("ticks", 0) >= 8, "8 ticks")
+    person.wait(lambda: person.status.get("steps", 0) >= 8, "8 steps")
 
 
 def place(person: Person) -> None:
@@ -42,7 +42,7 @@ def place(person: Person) -> None:
     mode.record = "placed"
     mode.build()
     person.menu("Place")
-    person.wait(lambda: person.status.get("ticks", 0) >= 8, "8 ticks")
+    person.wait(lambda: person.status.get("steps", 0) >= 8, "8 steps")
 
 
 def train(person: Person) -> None:
@@ -102,7 +102,7 @@ def demonstrate_once() -> None:
     post(pygame.KEYDOWN, key=pygame.K_RETURN, mod=0, unicode="")
     wait(lambda status: status.get("state") == "running")
     post(pygame.KEYDOWN, key=pygame.K_DOWN, mod=0, unicode="")
-    wait(lambda status: status.get("ticks", 0) >= 6)
+    wait(lambda status: status.get("steps", 0) >= 6)
     post(pygame.KEYUP, key=pygame.K_DOWN, mod=0)
     post(pygame.KEYDOWN, key=pygame.K_y, mod=0, unicode="y")
 

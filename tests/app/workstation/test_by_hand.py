@@ -77,7 +77,7 @@ class Terminal:
         return bool(text)
 
     def begin(self, key: str = "s") -> None:
-        """Through the countdown and a few ticks."""
+        """Through the countdown and a few steps."""
         self.until(" hangs]")
         self.type("\r")
         self.until("move to begin")
@@ -148,14 +148,14 @@ def test_one_is_kept_another_discarded_and_the_terminal_is_as_before(terminal, t
     one.type("q")
     assert one.end() == 0
     assert one.as_before()
-    assert "cadence: tick " in one.text
+    assert "cadence: step " in one.text
     assert "1 demonstration in" in one.text
     assert left_behind(one.child) == []
     with open_session(path) as session:
         (info,) = session.infos().values()
         episode = session[0]
     assert (info.seed, info.source, info.outcome, info.task) == (3, "keyboard", "success", "pickers")
-    assert f"{info.ticks} ticks" in kept
+    assert f"{info.n_steps} steps" in kept
     heights = [step.action[[2, 5]] for step in episode.steps]
     assert heights[0][1] < 0 == heights[0][0]  # Time stood until the key: s lowers the left picker, which is at -y.
     assert [file.name for file in tmp_path.iterdir()] == ["s.h5"]

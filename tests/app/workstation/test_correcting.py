@@ -25,15 +25,15 @@ def desk(tmp_path) -> Desk:
     made.close()
 
 
-def _rest(desk: Desk, ticks: int) -> int:
+def _rest(desk: Desk, n_steps: int) -> int:
     desk.recording.hear(TeleopInput(motion=np.zeros(2)))
-    return sum(desk.recording.tick() for _ in range(ticks))
+    return sum(desk.recording.step() for _ in range(n_steps))
 
 
 def test_time_waits_for_nobody_while_a_policy_leads(desk):
     desk.press(Command.START)
     desk.now += 10.0
-    desk.recording.tick()
+    desk.recording.step()
     assert desk.state == "running"
     assert not desk.recording.awaits_motion
     assert _rest(desk, 5) == 5
@@ -46,10 +46,10 @@ def test_time_waits_for_nobody_while_a_policy_leads(desk):
 def test_after_its_stop_time_stands_until_the_hands_move(desk):
     desk.press(Command.START)
     desk.now += 10.0
-    desk.recording.tick()
+    desk.recording.step()
     take = desk.takes[0]
-    real, stops = take.tick, iter([None, "threshold", None, None])
-    take.tick = lambda *given: replace(real(*given), stopped_by=next(stops))
+    real, stops = take.step, iter([None, "threshold", None, None])
+    take.step = lambda *given: replace(real(*given), stopped_by=next(stops))
     assert _rest(desk, 6) == 2
     assert desk.recording.awaits_motion
     assert "has stopped (threshold)" in desk.recording.message
@@ -62,7 +62,7 @@ def test_after_its_stop_time_stands_until_the_hands_move(desk):
 def test_who_leads_is_said_and_a_button_hands_back(desk):
     desk.press(Command.START)
     desk.now += 10.0
-    desk.recording.tick()
+    desk.recording.step()
     desk.takes[0].corrects = True
     assert _rest(desk, 2) == 2
     assert desk.recording.does(Command.START) is None
@@ -79,11 +79,11 @@ def test_who_leads_is_said_and_a_button_hands_back(desk):
 def test_a_pad_unplugged_in_a_correction_pauses_and_goes_on(desk):
     desk.press(Command.START)
     desk.now += 10.0
-    desk.recording.tick()
+    desk.recording.step()
     assert desk.move(2) == 2
     desk.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="the pad is gone"))
     assert (desk.state, desk.recording.message) == ("paused", "paused: the pad is gone")
-    assert not desk.recording.tick()
+    assert not desk.recording.step()
     assert _rest(desk, 2) == 2
     assert "is back; the policy places; move to take over" in desk.recording.message
 
@@ -122,7 +122,7 @@ def terminal() -> Callable[..., Terminal]:
 
 @pytest.mark.slow
 def test_a_correction_at_the_keyboard_is_marked_and_runs_again(terminal, tmp_path):
-    """The model knows no move: it stops after eight ticks, and again so long after each correction."""
+    """The model knows no move: it stops after eight steps, and again so long after each correction."""
     path, model = tmp_path / "s.h5", random_model("pickers", 20)
     model_files.save(replace(model, alpha=np.zeros_like(model.alpha)), tmp_path / "m.npz")
     one = terminal(

@@ -23,7 +23,7 @@ from layflat.data import validate
 from layflat.data.session.reader import open_session
 from layflat.data.types import Episode
 from layflat.policy import model_io as model_files
-from layflat.policy.wrappers.takeover import REST_TICKS
+from layflat.policy.wrappers.takeover import REST_STEPS
 from layflat.tests.app.workstation.fake_placing import make_fake
 from layflat.tests.app.workstation.person import Person, headless, post, unplug_all
 from layflat.tests.app.workstation.test_ends import BASE, ROOT, display  # noqa: F401  # A fixture.
@@ -60,7 +60,7 @@ def begin(person: Person, source: str, record: str = "") -> PlacePage:
     mode.source, mode.record = source, record
     mode.build()
     person.menu("Place")
-    person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
+    person.wait(lambda: person.state() == "placing" and person.status["steps"] >= 3, "it to begin")
     return mode
 
 
@@ -90,7 +90,7 @@ def test_what_is_around_the_policy_is_chosen_in_the_menu(window, choice, who):
     person.tab("Place")
     person.choose(HELP_LIST, choice)
     person.menu("Place")
-    person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
+    person.wait(lambda: person.state() == "placing" and person.status["steps"] >= 3, "it to begin")
     assert person.status["policy"] == who
 
 
@@ -158,9 +158,9 @@ def test_a_pad_unplugged_in_the_middle_of_a_correction_is_said(window):
     person.look()
     assert one.mode.banner() == ("Paused", one.shop.message)
     assert "is gone; plug it in again" in one.shop.message
-    at = person.status["ticks"]
+    at = person.status["steps"]
     person.watch(0.4)
-    assert person.status["ticks"] == at
+    assert person.status["steps"] == at
     person.plug_in()
     person.wait(lambda: not person.status["paused"], "it to go on", 5.0)
     person.look()
@@ -225,12 +225,12 @@ def test_no_pad_is_said_and_the_policy_can_go_on_alone(window):
     person.look()
     assert "no gamepad is plugged in" in one.shop.message
     person.key(pygame.K_SPACE, " ")
-    person.wait(lambda: person.status["ticks"] > 5, "it to go on")
+    person.wait(lambda: person.status["steps"] > 5, "it to go on")
     assert leads(person) == "forward"
 
 
 def still_model(folder: Path) -> Path:
-    """A model that knows no move: it stops after eight ticks."""
+    """A model that knows no move: it stops after eight steps."""
     model = random_model("pickers", 20)
     model_files.save(replace(model, alpha=np.zeros_like(model.alpha)), folder / "m.npz")
     return folder / "m.npz"
@@ -253,7 +253,7 @@ def test_a_correction_at_the_window_is_learned_from(window, tmp_path, capsys):
     assert "move to go on yourself" in person.status["message"]
     for name in ("left_y", "right_y"):
         pad.axis(name, 1.0)
-    person.wait(lambda: person.status["led_ticks"] >= 20, "a correction")
+    person.wait(lambda: person.status["led_steps"] >= 20, "a correction")
     pad.unplug()
     person.wait(lambda: person.status["paused"], "the pause")
     pad = person.plug_in()
@@ -266,11 +266,11 @@ def test_a_correction_at_the_window_is_learned_from(window, tmp_path, capsys):
     assert (episode.source, episode.outcome) == ("gp-word+gamepad", "success")
     marked = np.array([step.intervention for step in episode.steps])
     actions = np.array([step.action for step in episode.steps])
-    assert 20 <= marked.sum() <= 20 + 4 + REST_TICKS
+    assert 20 <= marked.sum() <= 20 + 4 + REST_STEPS
     assert (actions[marked][:20, [2, 5]] < 0).all(), "both went down"
     assert not actions[~marked].any(), "the model stood still"
     layflat("train", path, tmp_path / "better.npz", "--intervention-weight", "3")
-    assert f"{marked.sum()} ticks in which a person corrected a policy count 3 times each" in capsys.readouterr().out
+    assert f"{marked.sum()} steps in which a person corrected a policy count 3 times each" in capsys.readouterr().out
     layflat("replay", path, "--episode", "0", "--mode", "action", "--json", tmp_path / "r.json")
     assert '"identical": true' in (tmp_path / "r.json").read_text()
 

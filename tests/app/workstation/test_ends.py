@@ -74,7 +74,7 @@ def check_kept(folder: Path, what: str) -> None:
         infos = list(session.infos().values())
     if what in ("record", "place"):
         assert infos[-1].outcome == "partial"
-        assert infos[-1].ticks >= 7
+        assert infos[-1].n_steps >= 7
     assert [info.outcome for info in infos[:2]] == ["success", "success"] or what == "place"
     assert not list(folder.glob("*.npz")), "a model is whole or not there"
 
@@ -172,7 +172,7 @@ def test_record_in_its_window_ends_with_its_last_episode(tmp_path, display):
     (line,) = [line for line in done.stdout.splitlines() if line.startswith(("kept", "discarded"))]
     with open_session(tmp_path / "one.h5") as session:
         (episode,) = [session.episode(name) for name in session.names]
-    assert line.startswith(f"kept demo_0 success {len(episode.steps)} ticks contact ")
+    assert line.startswith(f"kept demo_0 success {len(episode.steps)} steps contact ")
     assert line.endswith(str(tmp_path / "one.h5"))
     assert episode.source == "keyboard"
     # Both pickers went down.

@@ -310,8 +310,8 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
     said: list[str] = []
     felt: list[int] = []
 
-    def ticks() -> int:
-        return desk.recording.glance.ticks
+    def n_steps() -> int:
+        return desk.recording.glance.n_steps
 
     def script() -> Iterator[None]:
         for verdict in ("triangle", "circle", "square"):
@@ -321,23 +321,23 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
                 yield
             pads[-1].axis("left_x", 1.0)
             pads[-1].axis("left_y", 1.0)
-            while ticks() < 5:
+            while n_steps() < 5:
                 yield
             if verdict == "circle":
                 felt.append(sum(motors != (0, 0) for motors in pads[-1].rumbles))
                 pads.pop().unplug()
                 while desk.state != "paused":
                     yield
-                at = ticks()
+                at = n_steps()
                 for _ in range(50):
                     yield
                 said.append(desk.recording.message)
-                assert ticks() == at
+                assert n_steps() == at
                 pads.append(plug())
                 while desk.state == "paused":
                     yield
                 pads[-1].axis("left_x", -1.0)
-                while ticks() < at + 5:
+                while n_steps() < at + 5:
                     yield
             pads[-1].tap(verdict)
             while desk.state == "running":
@@ -361,7 +361,7 @@ def test_a_person_with_a_pad_from_beginning_to_end(plug, tmp_path):
         desk.recording,
         gamepad,
         screen,
-        tick_s=0.1,
+        step_s=0.1,
         stopped=lambda: desk.now > 1000,
         clock=lambda: desk.now,
         sleep=sleep,

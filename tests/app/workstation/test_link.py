@@ -12,7 +12,7 @@ import pytest
 
 from layflat.app.workstation.session.bench_client import BenchClient
 from layflat.app.workstation.teleop.teleop_input import zero_input
-from layflat.tests.app.workstation.fake_work import TICK_S, FakeWork
+from layflat.tests.app.workstation.fake_work import STEP_S, FakeWork
 
 
 @pytest.fixture
@@ -32,37 +32,37 @@ def hear_until(link: BenchClient, what, seconds: float = 60.0) -> list[dict]:
     return heard
 
 
-def test_an_input_acts_in_the_next_tick(link):
-    """Put in at any moment between two ticks, it is what the next tick acts on, and no later one is needed."""
+def test_an_input_acts_in_the_next_step(link):
+    """Put in at any moment between two steps, it is what the next step acts on, and no later one is needed."""
     link.start({}, "hanger")
-    hear_until(link, lambda: link.status.get("ticks"))
+    hear_until(link, lambda: link.status.get("steps"))
     rng = np.random.default_rng(0)
     stamps = []
     for _ in range(25):
-        time.sleep(float(rng.uniform(0.2, 1.8)) * TICK_S)
+        time.sleep(float(rng.uniform(0.2, 1.8)) * STEP_S)
         # It is there when `put` returns, which a busy machine may keep waiting after the stamp.
         stamps.append((link.put(zero_input("hanger")), time.monotonic()))
-    hear_until(link, lambda: link.status["ticks"][-1][1] >= stamps[-1][0])
-    ticks = link.status["ticks"]
+    hear_until(link, lambda: link.status["steps"][-1][1] >= stamps[-1][0])
+    n_steps = link.status["steps"]
     late = []
     for stamp, there in stamps:
-        began, acted_on = next((began, acted) for began, acted in ticks if began > there)
+        began, acted_on = next((began, acted) for began, acted in n_steps if began > there)
         assert acted_on >= stamp
         late.append(began - stamp)
-    # A tick waits for nobody: what it had to wait for is the rest of the tick before.
-    assert np.median(late) <= TICK_S
+    # A step waits for nobody: what it had to wait for is the rest of the step before.
+    assert np.median(late) <= STEP_S
 
 
 def test_a_bench_that_dies_becomes_a_sentence_and_can_be_started_again(link):
     link.start({}, "hanger")
-    hear_until(link, lambda: link.status.get("ticks"))
+    hear_until(link, lambda: link.status.get("steps"))
     link.ask("die")
     hear_until(link, lambda: not link.alive)
     assert "ended by itself (signal 9)" in link.sentence
     assert "kept" in link.sentence
     link.start({}, "hanger")
     assert link.sentence == ""
-    hear_until(link, lambda: link.status.get("ticks"))
+    hear_until(link, lambda: link.status.get("steps"))
 
 
 @pytest.mark.parametrize(("order", "asked"), [({"refuse": True}, None), ({}, "fail")])
@@ -84,7 +84,7 @@ def test_a_bench_that_is_done_is_no_accident(link):
 def test_ending_waits_until_everything_is_on_disk(link, tmp_path: Path):
     leaves = tmp_path / "kept"
     link.start({"leaves": str(leaves)}, "hanger")
-    hear_until(link, lambda: link.status.get("ticks"))
+    hear_until(link, lambda: link.status.get("steps"))
     process = psutil.Process(link.pid)
     link.end()
     assert leaves.read_text() == "kept"
@@ -95,7 +95,7 @@ def test_ending_waits_until_everything_is_on_disk(link, tmp_path: Path):
 def test_sigterm_lets_the_bench_keep_what_it_has(link, tmp_path: Path):
     leaves = tmp_path / "kept"
     link.start({"leaves": str(leaves)}, "hanger")
-    hear_until(link, lambda: link.status.get("ticks"))
+    hear_until(link, lambda: link.status.get("steps"))
     psutil.Process(link.pid).terminate()
     hear_until(link, lambda: not link.alive)
     assert leaves.read_text() == "kept"
@@ -106,4 +106,4 @@ def test_another_order_ends_the_one_before(link):
     first = psutil.Process(link.pid)
     link.start({}, "pickers")
     assert not first.is_running()
-    hear_until(link, lambda: link.status.get("ticks"))
+    hear_until(link, lambda: link.status.get("steps"))

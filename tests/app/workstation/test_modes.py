@@ -115,7 +115,7 @@ def test_settings_last(tmp_path):
         "no json",
         "[]",
         json.dumps({"task": "juggling", "noise": "loud", "unknown": 3}),
-        json.dumps({"tick_s": None}),
+        json.dumps({"step_s": None}),
     ],
 )
 def test_settings_of_another_world_are_the_usual_ones(tmp_path, text):

@@ -20,11 +20,11 @@ from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode, GroundTruth, Observation, Step
 from layflat.tests.app.workstation.conftest import DrawnTake
 
-KEPT = re.compile(r"kept demo_\d+ (success|failure|partial) \d+ ticks contact [01]\.\d\d \S+")
-DISCARDED = re.compile(r"discarded seed \d+ \d+ ticks contact [01]\.\d\d \S+")
+KEPT = re.compile(r"kept demo_\d+ (success|failure|partial) \d+ steps contact [01]\.\d\d \S+")
+DISCARDED = re.compile(r"discarded seed \d+ \d+ steps contact [01]\.\d\d \S+")
 
 
-def draw(task: str, *, ticks: int, seed: int, cloth: str, source: str) -> Episode:
+def draw(task: str, *, n_steps: int, seed: int, cloth: str, source: str) -> Episode:
     """An episode of zeros."""
     size = 2 if task == "hanger" else 6
     seen = Observation(
@@ -36,7 +36,7 @@ def draw(task: str, *, ticks: int, seed: int, cloth: str, source: str) -> Episod
         contact_portion=0.5,
     )
     truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.5, flat_area=0.5)
-    steps = tuple(Step(observation=seen, truth=truth, action=np.zeros(size)) for _ in range(ticks))
+    steps = tuple(Step(observation=seen, truth=truth, action=np.zeros(size)) for _ in range(n_steps))
     return Episode(
         task=task,
         cloth=cloth,
@@ -73,18 +73,18 @@ class Desk:
     def press(self, *controls: Command) -> None:
         self.recording.hear(TeleopInput(motion=np.zeros(2), controls=controls))
 
-    def move(self, ticks: int) -> int:
-        """So many ticks of motion; returns how many were simulated."""
+    def move(self, n_steps: int) -> int:
+        """So many steps of motion; returns how many were simulated."""
         self.recording.hear(TeleopInput(motion=np.array([1.0, 0.0])))
-        return sum(self.recording.tick() for _ in range(ticks))
+        return sum(self.recording.step() for _ in range(n_steps))
 
-    def begin(self, ticks: int = 0) -> None:
+    def begin(self, n_steps: int = 0) -> None:
         """Through the countdown."""
         self.press(Command.START)
         self.now += COUNTDOWN_S
-        self.recording.tick()
+        self.recording.step()
         assert self.state == "running"
-        self.move(ticks)
+        self.move(n_steps)
 
     def close(self) -> None:
         self.recording.close()
@@ -106,20 +106,20 @@ def desk(tmp_path) -> Iterator[Callable[..., Desk]]:
 
 def outcomes(path: Path) -> list[tuple[int, str, int]]:
     with open_session(path) as session:
-        return [(info.seed, info.outcome, info.ticks) for info in session.infos().values()]
+        return [(info.seed, info.outcome, info.n_steps) for info in session.infos().values()]
 
 
 def test_kept_discarded_and_done_again(desk, tmp_path):
     one = desk(seed=4)
-    one.begin(ticks=3)
+    one.begin(n_steps=3)
     one.press(Command.KEEP_SUCCESS)
-    one.begin(ticks=2)
+    one.begin(n_steps=2)
     one.press(Command.DISCARD)
-    one.begin(ticks=5)
+    one.begin(n_steps=5)
     one.press(Command.REDO)
     assert (one.state, one.recording.seed) == ("countdown", 6)
     one.now += COUNTDOWN_S
-    one.recording.tick()
+    one.recording.step()
     one.move(7)
     one.press(Command.KEEP_FAILURE)
     assert one.state == "waiting"
@@ -135,21 +135,21 @@ def test_kept_discarded_and_done_again(desk, tmp_path):
 def test_it_says_where_and_how_many(desk, tmp_path):
     one = desk()
     for count in (1, 2, 3):
-        one.begin(ticks=2)
+        one.begin(n_steps=2)
         one.press(Command.KEEP_SUCCESS)
-        assert one.lines[-1].startswith(f"kept demo_{count - 1} success 2 ticks contact 0.50 ")
+        assert one.lines[-1].startswith(f"kept demo_{count - 1} success 2 steps contact 0.50 ")
         assert one.lines[-1].endswith(str(tmp_path / "s.h5"))
         assert f"{count} demonstration" in one.recording.message
 
 
 def test_over_when_so_many_are_kept(desk):
     one = desk(episodes=2)
-    one.begin(ticks=1)
+    one.begin(n_steps=1)
     one.press(Command.KEEP_SUCCESS)
-    one.begin(ticks=1)
+    one.begin(n_steps=1)
     one.press(Command.DISCARD)
     assert one.state == "waiting"
-    one.begin(ticks=1)
+    one.begin(n_steps=1)
     one.press(Command.KEEP_FAILURE)
     assert one.state == "over"
 
@@ -164,7 +164,7 @@ def test_nothing_runs_before_the_countdown_and_the_cloth_are_done(desk):
     one.now += 1.0
     assert one.move(3) == 0  # The cloth is still being hung.
     one.takes[0].hangs = True
-    one.recording.tick()
+    one.recording.step()
     assert one.state == "running"
 
 
@@ -173,16 +173,16 @@ def test_time_stands_until_the_first_motion(desk):
     one.begin()
     one.press()
     assert one.recording.awaits_motion
-    assert not any(one.recording.tick() for _ in range(5))
+    assert not any(one.recording.step() for _ in range(5))
     assert one.move(1) == 1
     one.press()  # Standing still in between is part of what is done.
-    assert one.recording.tick()
+    assert one.recording.step()
     assert [bool(reading.moving) for reading in one.takes[0].readings] == [True, False]
 
 
 def test_paused_time_stands_and_goes_on(desk):
     one = desk()
-    one.begin(ticks=2)
+    one.begin(n_steps=2)
     one.press(Command.PAUSE)
     assert (one.state, one.move(4)) == ("paused", 0)
     one.press(Command.PAUSE)
@@ -196,26 +196,26 @@ def test_paused_time_stands_and_goes_on(desk):
 
 def test_a_pad_that_goes_pauses_and_says_so_and_comes_back(desk):
     one = desk()
-    one.begin(ticks=2)
+    one.begin(n_steps=2)
     gone = TeleopInput(motion=np.zeros(2), connected=False, problem="the pad is gone; plug it in again")
     one.recording.hear(gone)
     assert one.state == "paused"
     said = one.recording.message
     assert said == "paused: the pad is gone; plug it in again"
-    assert not one.recording.tick()
+    assert not one.recording.step()
     one.recording.hear(gone)
     assert one.recording.message == said
     one.recording.hear(TeleopInput(motion=np.zeros(2), device="Pad"))
     assert one.state == "running"
     assert "Pad is back" in one.recording.message
-    assert not one.recording.tick()  # Nobody has moved yet.
+    assert not one.recording.step()  # Nobody has moved yet.
     assert one.move(3) == 3
-    assert one.recording.glance.ticks == 5
+    assert one.recording.glance.n_steps == 5
 
 
 def test_what_the_person_paused_stays_paused_when_the_pad_comes_back(desk):
     one = desk()
-    one.begin(ticks=1)
+    one.begin(n_steps=1)
     one.press(Command.PAUSE)
     one.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="gone"))
     one.recording.hear(TeleopInput(motion=np.zeros(2)))
@@ -235,7 +235,7 @@ def test_a_pad_that_goes_in_the_countdown_counts_down_again(desk):
 def test_a_cloth_that_came_apart_is_no_success(desk, tmp_path):
     one = desk()
     one.takes[0].unstable_at = 3
-    one.begin(ticks=3)
+    one.begin(n_steps=3)
     assert one.state == "finished"
     one.press(Command.KEEP_SUCCESS)
     assert one.state == "finished"
@@ -245,20 +245,20 @@ def test_a_cloth_that_came_apart_is_no_success(desk, tmp_path):
         assert [(info.outcome, info.stopped_by) for info in session.infos().values()] == [("failure", "unstable")]
 
 
-def test_the_tick_limit_leaves_only_the_verdict(desk, tmp_path):
-    one = desk(ticks_max=4)
+def test_the_step_limit_leaves_only_the_verdict(desk, tmp_path):
+    one = desk(steps_max=4)
     one.begin()
     assert one.move(9) == 4
     assert one.state == "finished"
     one.press(Command.KEEP_SUCCESS)
     one.close()
     with open_session(tmp_path / "s.h5") as session:
-        assert session[0].stopped_by == "tick_limit"
+        assert session[0].stopped_by == "step_limit"
 
 
 def test_quitting_keeps_what_runs_as_partial(desk, tmp_path):
     one = desk()
-    one.begin(ticks=4)
+    one.begin(n_steps=4)
     one.press(Command.QUIT)
     assert one.state == "over"
     assert KEPT.fullmatch(one.lines[-1])
@@ -269,7 +269,7 @@ def test_quitting_keeps_what_runs_as_partial(desk, tmp_path):
 def test_a_simulation_that_dies_leaves_what_there_was_and_the_same_seed_again(desk, tmp_path):
     one = desk(seed=9)
     one.takes[0].dies_at = 3
-    one.begin(ticks=5)
+    one.begin(n_steps=5)
     assert one.state == "waiting"
     assert [take.seed for take in one.takes] == [9, 9]
     assert "ended by itself" in one.recording.message
@@ -285,18 +285,18 @@ def test_where_no_cloth_can_be_hung_it_is_said(desk):
 
     one.takes[0].ready = dead
     with pytest.raises(EpisodeLost, match="no memory"):
-        one.recording.tick()
+        one.recording.step()
 
 
 def test_disturbing_needs_a_disturbance(desk):
     plain, disturbing = desk(), None
-    plain.begin(ticks=1)
+    plain.begin(n_steps=1)
     plain.press(Command.DISTURB)
     assert plain.takes[0].disturbed == []
     plain.close()
     disturbing = desk(disturbance="push")
     disturbing.press(Command.DISTURB)
-    disturbing.begin(ticks=1)
+    disturbing.begin(n_steps=1)
     disturbing.press(Command.DISTURB, Command.DISTURB)
     assert disturbing.takes[0].disturbed == ["push"]
 
@@ -305,9 +305,9 @@ def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
     path = tmp_path / "s.h5"
     first = desk()
     for verdict in (Command.KEEP_SUCCESS, Command.DISCARD, Command.KEEP_FAILURE):
-        first.begin(ticks=2)
+        first.begin(n_steps=2)
         first.press(verdict)
-    first.begin(ticks=2)
+    first.begin(n_steps=2)
     first.press(Command.QUIT)
     first.close()
     assert recorded_seeds(path, "keyboard") == {0, 2}  # The partial one of seed 3 is to be done again.
@@ -315,7 +315,7 @@ def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
     assert stored(path) == 3
     second = desk(skip=recorded_seeds(path, "keyboard"))
     assert second.recording.seed == 1
-    second.begin(ticks=2)
+    second.begin(n_steps=2)
     second.press(Command.KEEP_SUCCESS)
     assert second.recording.seed == 3
     assert "4 demonstrations" in second.recording.message
@@ -323,7 +323,7 @@ def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
 
 def test_a_session_of_another_task_is_refused(tmp_path, desk):
     one = desk()
-    one.begin(ticks=2)
+    one.begin(n_steps=2)
     one.press(Command.KEEP_SUCCESS)
     one.close()
     with pytest.raises(ValueError, match="task hanger, not pickers"):
@@ -341,7 +341,7 @@ def test_whatever_is_pressed_the_session_holds_what_was_said(tmp_path_factory, a
             one.move(2)
         elif act == "wait":
             one.now += COUNTDOWN_S
-            one.recording.tick()
+            one.recording.step()
         elif act == "gone":
             one.recording.hear(TeleopInput(motion=np.zeros(2), connected=False, problem="gone"))
         else:
@@ -354,6 +354,6 @@ def test_whatever_is_pressed_the_session_holds_what_was_said(tmp_path_factory, a
     one.close()
     kept = [line.split() for line in one.lines if line.startswith("kept")]
     found = [] if not kept else outcomes(path)
-    assert [(outcome, ticks) for _, outcome, ticks in found] == [(words[2], int(words[3])) for words in kept]
+    assert [(outcome, n_steps) for _, outcome, n_steps in found] == [(words[2], int(words[3])) for words in kept]
     assert stored(path) == len(kept)
     assert sum(take.discarded for take in one.takes) + len(kept) == len(one.takes)

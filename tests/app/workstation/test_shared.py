@@ -98,8 +98,8 @@ class Clock:
         self.now += seconds
 
 
-def ticks_of(works: list[float], *, speed: float = 1.0) -> tuple[list[float], RateLimiter]:
-    """When each tick began, on a machine that needs ``works`` for them."""
+def steps_of(works: list[float], *, speed: float = 1.0) -> tuple[list[float], RateLimiter]:
+    """When each step began, on a machine that needs ``works`` for them."""
     clock = Clock()
     cadence = RateLimiter(0.1, speed, clock=clock, sleep=clock.sleep)
     began = []
@@ -111,8 +111,8 @@ def ticks_of(works: list[float], *, speed: float = 1.0) -> tuple[list[float], Ra
     return began, cadence
 
 
-def test_a_machine_that_keeps_up_ticks_evenly():
-    began, cadence = ticks_of([0.03, 0.08, 0.01, 0.09, 0.05])
+def test_a_machine_that_keeps_up_steps_evenly():
+    began, cadence = steps_of([0.03, 0.08, 0.01, 0.09, 0.05])
     np.testing.assert_allclose(np.diff(began), 0.1)
     rhythm = cadence.rhythm()
     assert (rhythm.mean_s, rhythm.late) == (pytest.approx(0.1), 0.0)
@@ -121,8 +121,8 @@ def test_a_machine_that_keeps_up_ticks_evenly():
 
 
 def test_what_is_late_is_not_made_up_for():
-    """Hurrying after a slow tick would make the motion jump under the person's hands."""
-    began, cadence = ticks_of([0.02, 0.35, 0.02, 0.02, 0.02])
+    """Hurrying after a slow step would make the motion jump under the person's hands."""
+    began, cadence = steps_of([0.02, 0.35, 0.02, 0.02, 0.02])
     lengths = np.diff(began)
     np.testing.assert_allclose(lengths, [0.1, 0.35, 0.1, 0.1])
     assert cadence.rhythm().worst_s == pytest.approx(0.35)
@@ -130,13 +130,13 @@ def test_what_is_late_is_not_made_up_for():
 
 
 def test_a_slow_machine_slows_time():
-    began, cadence = ticks_of([0.25] * 6)
+    began, cadence = steps_of([0.25] * 6)
     np.testing.assert_allclose(np.diff(began), 0.25)
     assert cadence.rhythm().factor(0.1) == pytest.approx(0.4)
 
 
 def test_twice_the_speed_is_half_the_wait():
-    began, _ = ticks_of([0.01] * 5, speed=2.0)
+    began, _ = steps_of([0.01] * 5, speed=2.0)
     np.testing.assert_allclose(np.diff(began), 0.05)
 
 

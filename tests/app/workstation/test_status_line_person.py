@@ -22,7 +22,7 @@ from layflat.tests.virtual_pad import VirtualPad, plugged
 TRAIL_M = 0.075
 COVERS = 0.99
 """Share of the cloth's length between where its free edge lands and where the held one does."""
-HOLD_TICKS = 12
+HOLD_STEPS = 12
 
 
 class Layer:
@@ -77,20 +77,20 @@ class Layer:
 
     def _drag(self) -> Iterator[None]:
         self._pad.axis("r2", -1)
-        best, since, began = 0.0, self._recording.glance.ticks, self._recording.glance.ticks
+        best, since, began = 0.0, self._recording.glance.n_steps, self._recording.glance.n_steps
         while True:
-            contact, ticks = self._recording.glance.contact_portion, self._recording.glance.ticks
+            contact, n_steps = self._recording.glance.contact_portion, self._recording.glance.n_steps
             if contact > best + 0.003:
-                best, since = contact, ticks
-            if contact > 0.975 or ticks - since > 25 or ticks - began > 60:
+                best, since = contact, n_steps
+            if contact > 0.975 or n_steps - since > 25 or n_steps - began > 60:
                 return
             self._stick(0.35 if contact < 0.93 else 0.2, 0)
             yield
 
     def _hold(self) -> Iterator[None]:
         self._stick(0, 0)
-        until = self._recording.glance.ticks + HOLD_TICKS
-        while self._recording.glance.ticks < until:
+        until = self._recording.glance.n_steps + HOLD_STEPS
+        while self._recording.glance.n_steps < until:
             yield
 
     def _stick(self, right: float, up: float) -> None:
@@ -117,7 +117,7 @@ def test_a_towel_is_laid_flat_with_the_sticks(task, tmp_path):
             next(acts)
 
         screen = TerminalDisplay(io.StringIO())
-        run_recording(recording, gamepad, screen, tick_s=settings.tick_s, stopped=lambda: False, sleep=sleep)
+        run_recording(recording, gamepad, screen, step_s=settings.step_s, stopped=lambda: False, sleep=sleep)
         recording.close()
         gamepad.close()
     with open_session(path) as session:

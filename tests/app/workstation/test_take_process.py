@@ -59,15 +59,15 @@ def pid_of(take: EpisodeProcess) -> int:
 
 def test_what_the_hands_ask_for_is_what_is_done_and_kept(begin, session):
     take = begin(images=True)
-    assert take.glance().ticks == 0
+    assert take.glance().n_steps == 0
     height = take.glance().holder_m[2]
-    for ticks in (1, 2, 3):
-        glance = take.tick(DOWN)
-        assert (glance.ticks, glance.stopped_by) == (ticks, None)
-        assert glance.time_s == pytest.approx(0.1 * ticks)
+    for n_steps in (1, 2, 3):
+        glance = take.step(DOWN)
+        assert (glance.n_steps, glance.stopped_by) == (n_steps, None)
+        assert glance.time_s == pytest.approx(0.1 * n_steps)
     assert glance.holder_m[2] < height - 0.01
     kept = take.keep("failure", "converged")
-    assert (kept.name, kept.ticks, kept.outcome) == ("demo_0", 3, "failure")
+    assert (kept.name, kept.n_steps, kept.outcome) == ("demo_0", 3, "failure")
     assert not psutil.pid_exists(pid_of(take)) or psutil.Process(pid_of(take)).status() == psutil.STATUS_ZOMBIE
     begin.recorder().close()
     with open_session(session) as found:
@@ -79,7 +79,7 @@ def test_what_the_hands_ask_for_is_what_is_done_and_kept(begin, session):
     assert validate(session) == ()
 
 
-def test_a_take_without_ticks_is_not_kept(begin, session):
+def test_a_take_without_steps_is_not_kept(begin, session):
     take = begin()
     assert take.keep("success", "converged") is None
     begin.recorder().close()
@@ -88,7 +88,7 @@ def test_a_take_without_ticks_is_not_kept(begin, session):
 
 def test_discarding_leaves_nothing(begin, session):
     take = begin()
-    take.tick(DOWN)
+    take.step(DOWN)
     take.discard()
     take.discard()
     begin.recorder().close()
@@ -100,7 +100,7 @@ def test_led_by_hand_the_hanger_follows_and_what_it_did_is_the_action(begin, ses
     start = np.array(take.glance().holder_m)
     hand = start + np.array([0.06, 0.0, -0.04])
     for _ in range(12):
-        glance = take.tick(TeleopInput(motion=np.zeros(2), hand=hand))
+        glance = take.step(TeleopInput(motion=np.zeros(2), hand=hand))
     went = np.array(glance.holder_m) - start
     assert np.linalg.norm(hand - glance.holder_m) < 0.5 * np.linalg.norm(hand - start)
     take.keep("success", "converged")
@@ -115,16 +115,16 @@ def test_led_by_hand_the_hanger_follows_and_what_it_did_is_the_action(begin, ses
 
 def test_disturbances_and_pulls_are_kept_with_the_episode(begin, session):
     take = begin()
-    take.tick(DOWN)
+    take.step(DOWN)
     take.disturb("push")
-    assert take.tick(DOWN).disturbed
+    assert take.step(DOWN).disturbed
     target = np.array([0.1, 0.0, 0.1])
-    take.tick(DOWN, DragTarget(node=0, target_m=target))
+    take.step(DOWN, DragTarget(node=0, target_m=target))
     take.keep("success", "converged")
     begin.recorder().close()
     with open_session(session) as found:
         episode = found[0]
-    assert [(record.name, record.first_tick) for record in episode.disturbances] == [("push", 1)]
+    assert [(record.name, record.first_step) for record in episode.disturbances] == [("push", 1)]
     assert [step.pull is not None for step in episode.steps] == [False, False, True]
     assert episode.steps[2].pull.target_m == pytest.approx(target)
 
@@ -132,14 +132,14 @@ def test_disturbances_and_pulls_are_kept_with_the_episode(begin, session):
 def test_a_simulation_that_dies_is_said_and_its_journal_kept(begin, session):
     take = begin()
     for _ in range(5):
-        take.tick(DOWN)
+        take.step(DOWN)
     time.sleep(1.0)  # The journal is flushed twice a second.
     os.kill(pid_of(take), signal.SIGSEGV)
     with pytest.raises(EpisodeLost, match=f"status -{signal.SIGSEGV.value}"):
-        take.tick(DOWN)
+        take.step(DOWN)
     kept = take.keep("partial", "crashed")
     assert kept.outcome == "partial"
-    assert 3 <= kept.ticks <= 5
+    assert 3 <= kept.n_steps <= 5
     begin.recorder().close()
     with open_session(session) as found:
         assert found[0].stopped_by == "crashed"

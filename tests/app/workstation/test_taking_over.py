@@ -24,7 +24,7 @@ from layflat.data import validate
 from layflat.data.session.reader import open_session
 from layflat.data.types import ACTION_LIMIT_M, DragTarget
 from layflat.policy.registry import wrap
-from layflat.policy.wrappers.takeover import REST_TICKS
+from layflat.policy.wrappers.takeover import REST_STEPS
 from layflat.tests.app.fake_bench import FakeBench, Forward
 
 PUSH = TeleopInput(motion=np.array([-1.0, 0.0]), speed=0.5, device="a pad")
@@ -41,7 +41,7 @@ class Table:
         self._connection, theirs = context.Pipe()
         self.policy = policy
         order = {
-            "task": "hanger", "cloth": "towel", "descriptor": "word-axial", "noise": True, "tick_s": 0.1, "speed": 0.0,
+            "task": "hanger", "cloth": "towel", "descriptor": "word-axial", "noise": True, "step_s": 0.1, "speed": 0.0,
             "seed": 3, "policy": "scripted", "record": "" if record is None else str(record), "source": source,
             "with": list(around),
         }  # fmt: skip
@@ -53,16 +53,16 @@ class Table:
         return self.work.status()
 
     @property
-    def ticks(self) -> int:
-        return self.work.run.ticks
+    def n_steps(self) -> int:
+        return self.work.run.n_steps
 
     def go(self, reading: TeleopInput, rounds: int = 1, pull: DragTarget | None = None) -> int:
-        """So many rounds of the bench with this in the mailbox; returns how many ticks came of it."""
-        before = self.ticks
+        """So many rounds of the bench with this in the mailbox; returns how many steps came of it."""
+        before = self.n_steps
         self.channels.mailbox.put(reading, pull)
         for _ in range(rounds):
             self.work.advance()
-        return self.ticks - before
+        return self.n_steps - before
 
     def press(self, control: Command) -> None:
         self.work.obey({"do": "control", "name": control.name})
@@ -97,16 +97,16 @@ def table(monkeypatch) -> Iterator[Callable[..., Table]]:
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(moves=st.lists(st.booleans(), min_size=1, max_size=40))
-def test_who_moves_leads_in_that_very_tick_and_until_they_have_rested(table, moves):
-    """Whatever the hands do: a tick is the person's where they moved in it or in one of the seven before."""
+def test_who_moves_leads_in_that_very_step_and_until_they_have_rested(table, moves):
+    """Whatever the hands do: a step is the person's where they moved in it or in one of the seven before."""
     one = table()
     for moving in moves:
         assert one.go(PUSH if moving else REST) == 1
-        expected = any(moves[max(0, one.ticks - REST_TICKS) : one.ticks])
+        expected = any(moves[max(0, one.n_steps - REST_STEPS) : one.n_steps])
         assert (one.status["leads"] == "you") is expected
         moment = one.channels.moments.read()[1]
         assert moment.led is expected
-    theirs = [any(moves[max(0, k - REST_TICKS + 1) : k + 1]) for k in range(len(moves))]
+    theirs = [any(moves[max(0, k - REST_STEPS + 1) : k + 1]) for k in range(len(moves))]
     assert one.marked() == theirs
     # Where the person leads it is done what they do, and else what the policy decides.
     done = [float(step.action[0]) for step in one.work.run.steps]
@@ -120,9 +120,9 @@ def test_the_lead_is_said_when_it_changes_hands(table):
     assert one.status["leads"] == "forward"
     one.go(PUSH, 2)
     assert one.status["message"] == "you have the lead; rest, and forward has it again"
-    one.go(REST, REST_TICKS)
+    one.go(REST, REST_STEPS)
     assert one.status["message"] == "forward has the lead again"
-    assert one.status["led_ticks"] == sum(one.marked()) == 2 + REST_TICKS - 1
+    assert one.status["led_steps"] == sum(one.marked()) == 2 + REST_STEPS - 1
 
 
 def test_a_button_hands_back_at_once(table):
@@ -174,14 +174,14 @@ def test_after_the_stop_time_stands_until_the_hands_move(table):
     one.go(REST, 30)
     assert one.status["state"] == "placed"
     assert "move to go on yourself" in one.status["message"]
-    at = one.ticks
+    at = one.n_steps
     assert one.go(REST, 5) == 0
     assert one.go(PUSH, 4) == 4
     assert one.status["leads"] == "you"
     # Handed back, the policy goes on from where the person has led it.
     one.go(REST, 60)
     assert one.status["state"] == "placed"
-    assert one.marked()[at:] == [True] * (4 + REST_TICKS - 1) + [False] * (one.ticks - at - 4 - REST_TICKS + 1)
+    assert one.marked()[at:] == [True] * (4 + REST_STEPS - 1) + [False] * (one.n_steps - at - 4 - REST_STEPS + 1)
     assert not one.marked()[-1]
     assert {step.phase for step in one.work.run.steps} == {"place"}
 
@@ -199,29 +199,29 @@ def test_after_a_disturbance_what_the_person_leads_is_the_repair(table):
     ]  # fmt: skip
 
 
-def test_what_recovers_has_the_ticks_that_recovering_takes(table, monkeypatch):
+def test_what_recovers_has_the_steps_that_recovering_takes(table, monkeypatch):
     """The limit of a placing is longer by what the decorator says that it may need."""
-    monkeypatch.setitem(place_task.LIMIT_TICKS, "placing", 4)
+    monkeypatch.setitem(place_task.LIMIT_STEPS, "placing", 4)
     bare, around = table(source=""), table(source="", around=("recovery", "steady"))
     for each in (bare, around):
         each.go(REST, 30)
     assert bare.status["state"] == "placed"
     assert around.status["state"] == "placing"
     assert around.status["policy"] == f"{bare.status['policy']}+recovery+steady"
-    assert around.ticks == 30
+    assert around.n_steps == 30
 
 
 def test_who_leads_is_not_cut_off_by_the_limit_of_the_policy(table, monkeypatch):
-    monkeypatch.setitem(place_task.LIMIT_TICKS, "placing", 5)
+    monkeypatch.setitem(place_task.LIMIT_STEPS, "placing", 5)
     one = table()
     one.go(REST, 3)
     assert one.go(PUSH, 10) == 10
-    one.go(REST, REST_TICKS + 3)
+    one.go(REST, REST_STEPS + 3)
     assert one.status["state"] == "placed"
 
 
 @pytest.mark.parametrize(("control", "outcome"), [(Command.KEEP_SUCCESS, "success"), (Command.KEEP_FAILURE, "failure")])
-def test_what_is_kept_says_which_ticks_were_the_person_s(table, tmp_path, control, outcome):
+def test_what_is_kept_says_which_steps_were_the_person_s(table, tmp_path, control, outcome):
     path = tmp_path / "s.h5"
     one = table(path)
     one.go(REST, 2)
@@ -230,7 +230,7 @@ def test_what_is_kept_says_which_ticks_were_the_person_s(table, tmp_path, contro
     one.press(control)
     assert one.work.over
     (kept,) = [message for message in one.heard() if message["kind"] == "kept"]
-    assert kept["line"].startswith(f"kept demo_0 {outcome} 5 ticks contact ")
+    assert kept["line"].startswith(f"kept demo_0 {outcome} 5 steps contact ")
     one.work.close()
     assert validate(path) == ()
     with open_session(path) as session:
@@ -262,7 +262,7 @@ def test_what_nobody_judges_is_kept_as_partial_with_its_marks(table, tmp_path):
     with open_session(path) as session:
         assert session[0].outcome == "partial"
         marked = [step.intervention for step in session[0].steps]
-    # The journal's last tick is the end of the one before.
+    # The journal's last step is the end of the one before.
     assert marked == [True] * 5
 
 
@@ -292,7 +292,7 @@ def test_without_a_device_nobody_takes_over(table):
     one.go(PUSH, 5)
     one.go(GONE, 5)
     assert not any(one.marked())
-    assert (one.ticks, one.status["leads"], one.status["does"]) == (10, "", {})
+    assert (one.n_steps, one.status["leads"], one.status["does"]) == (10, "", {})
 
 
 def band(history: TimeSeries, width: int = 300) -> np.ndarray:
@@ -309,7 +309,7 @@ def band(history: TimeSeries, width: int = 300) -> np.ndarray:
 @given(st.lists(st.booleans(), min_size=10, max_size=10))
 @settings(max_examples=20, deadline=None)
 def test_the_curves_show_when_the_person_led(led):
-    """A tick a second, so that each has its own place."""
+    """A step a second, so that each has its own place."""
     history = TimeSeries(
         episode=1,
         time_s=[float(s) for s in range(11)],

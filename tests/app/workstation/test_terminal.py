@@ -1,4 +1,4 @@
-"""Recording in a terminal: when ticks come, what is shown; the keyboard of a terminal."""
+"""Recording in a terminal: when steps come, what is shown; the keyboard of a terminal."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from layflat.data.types import ROBOTS, action_size
 from layflat.tests.app.workstation.conftest import HandSource
 from layflat.tests.app.workstation.test_recording import Desk
 
-TICK_S = 0.1
+STEP_S = 0.1
 SMALL_S = 1e-9
 
 
@@ -41,7 +41,7 @@ class Night:
     def __init__(self, desk: Desk, source: HandSource, work_s: list[float]) -> None:
         self.desk, self.source = desk, source
         self.began: list[float] = []
-        """When each tick did."""
+        """When each step did."""
         self.until_s = 0.0
         take = desk.takes[0]
 
@@ -61,7 +61,7 @@ class Night:
             self.desk.recording,
             self.source,
             screen,
-            tick_s=TICK_S,
+            step_s=STEP_S,
             stopped=lambda: self.desk.now >= until_s,
             clock=lambda: self.desk.now,
             sleep=self.sleep,
@@ -78,7 +78,7 @@ def night(tmp_path_factory):
         desks.append(desk)
         desk.press(Command.START)
         desk.now += COUNTDOWN_S
-        desk.recording.tick()
+        desk.recording.step()
         source = HandSource()
         source.motion = np.array([1.0, 0.0])
         return Night(desk, source, work_s)
@@ -89,29 +89,29 @@ def night(tmp_path_factory):
         desk.close()
 
 
-def test_a_machine_that_keeps_up_ticks_in_real_time(night):
+def test_a_machine_that_keeps_up_steps_in_real_time(night):
     one = night([0.03, 0.09, 0.05])
     rhythm = one.run(COUNTDOWN_S + 5.0).rhythm()
-    assert np.diff(one.began) == pytest.approx(TICK_S, abs=POLL_S)
+    assert np.diff(one.began) == pytest.approx(STEP_S, abs=POLL_S)
     assert len(one.began) == pytest.approx(50, abs=1)
-    assert rhythm.ticks == len(one.began) - 1
-    assert rhythm.mean_s == pytest.approx(TICK_S, rel=0.01)
+    assert rhythm.n_steps == len(one.began) - 1
+    assert rhythm.mean_s == pytest.approx(STEP_S, rel=0.01)
     assert rhythm.late == 0.0
 
 
 def test_a_slow_machine_slows_the_motion_and_never_hurries(night):
     one = night([0.25] * 4 + [0.02] * 8)
     rhythm = one.run(COUNTDOWN_S + 10.0).rhythm()
-    assert np.diff(one.began).min() >= TICK_S - POLL_S
+    assert np.diff(one.began).min() >= STEP_S - POLL_S
     assert rhythm.worst_s == pytest.approx(0.25, abs=2 * POLL_S)
     assert rhythm.late > 0
     # Simulated time is what it always is.
-    assert one.desk.recording.glance.time_s == pytest.approx(TICK_S * len(one.began))
+    assert one.desk.recording.glance.time_s == pytest.approx(STEP_S * len(one.began))
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(0.001, 0.3), min_size=1, max_size=5), st.floats(0.0, 3.0))
-def test_from_input_to_motion_is_at_most_a_tick_and_a_frame(night, work_s, at_s):
+def test_from_input_to_motion_is_at_most_a_step_and_a_frame(night, work_s, at_s):
     one = night(work_s)
     moved_s = COUNTDOWN_S + at_s
     up = np.array([0.0, 1.0])
@@ -124,15 +124,15 @@ def test_from_input_to_motion_is_at_most_a_tick_and_a_frame(night, work_s, at_s)
     one.run(COUNTDOWN_S + 5.0)
     readings = one.desk.takes[0].readings
     first = next(k for k, reading in enumerate(readings) if reading.motion[1] > 0)
-    # A tick lasts as long as it is to last, or as the machine needs for it.
-    tick_s = max(TICK_S, *work_s)
-    assert one.began[first] - moved_s <= tick_s + POLL_S + SMALL_S
+    # A step lasts as long as it is to last, or as the machine needs for it.
+    step_s = max(STEP_S, *work_s)
+    assert one.began[first] - moved_s <= step_s + POLL_S + SMALL_S
     assert all(reading.motion[1] > 0 for reading in readings[first:])
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.floats(0.001, 0.3), st.floats(0.2, 3.0))
-def test_from_pause_to_standstill_is_at_most_a_tick_and_a_frame(night, work_s, at_s):
+def test_from_pause_to_standstill_is_at_most_a_step_and_a_frame(night, work_s, at_s):
     one = night([work_s])
 
     def hand() -> None:
@@ -153,13 +153,13 @@ def test_a_pause_is_nobody_s_fault(night):
         one.desk.now += 30.0
         one.desk.press(Command.PAUSE)
     rhythm = one.run(one.desk.now + 1.0).rhythm()
-    assert rhythm.worst_s <= TICK_S + POLL_S
+    assert rhythm.worst_s <= STEP_S + POLL_S
 
 
 def test_contact_is_felt_once_each_time_it_begins(hands):
     touch = ContactRumble(hands)
-    for ticks, contact in enumerate([0.0, 0.01, TOUCHES, 0.5, 0.3, 0.0, 0.4]):
-        touch.see(contact, ticks)
+    for n_steps, contact in enumerate([0.0, 0.01, TOUCHES, 0.5, 0.3, 0.0, 0.4]):
+        touch.see(contact, n_steps)
     assert len(hands.rumbles) == 2
     touch = ContactRumble(hands)
     for contact in (0.5, 0.5):  # The last demonstration's cloth.
@@ -174,9 +174,9 @@ def test_the_status_line_tells_state_numbers_and_what_can_be_done(tmp_path, hand
     assert "seed 0 hangs" in line
     assert "start" in line
     assert "keep" not in line
-    desk.begin(ticks=7)
+    desk.begin(n_steps=7)
     line = status_line(desk.recording, hands.poll())
-    for word in ("RECORDING", "7 ticks", "contact 7 %", "keep as success", "discard", "pause"):
+    for word in ("RECORDING", "7 steps", "contact 7 %", "keep as success", "discard", "pause"):
         assert word in line
     desk.close()
 
@@ -184,7 +184,7 @@ def test_the_status_line_tells_state_numbers_and_what_can_be_done(tmp_path, hand
 def test_without_a_terminal_only_what_is_new_is_printed(tmp_path, hands):
     desk, stream = Desk(tmp_path / "s.h5"), io.StringIO()
     screen = TerminalDisplay(stream)
-    desk.begin(ticks=3)
+    desk.begin(n_steps=3)
     for _ in range(20):
         screen.show(desk.recording, hands.poll())
     assert stream.getvalue() == desk.recording.message + "\n"

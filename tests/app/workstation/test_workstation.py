@@ -69,36 +69,36 @@ def stored_episodes(path: Path) -> list[Episode]:
         return [session.episode(name) for name in session.names]
 
 
-def record_three(person: Person, ticks: int | None) -> list[int]:
-    """One kept as success, one discarded, one with the pad unplugged in its middle; returns ticks of those kept."""
+def record_three(person: Person, n_steps: int | None) -> list[int]:
+    """One kept as success, one discarded, one with the pad unplugged in its middle; returns steps of those kept."""
     pad, lengths = person.plug_in(), []
     person.menu("Begin")
 
     def keep() -> None:
         before = person.status["stored"]
-        lengths.append(int(person.status["ticks"]))
+        lengths.append(int(person.status["steps"]))
         person.pad.tap("triangle")
         person.wait(lambda: person.status.get("stored") == before + 1, "it to be kept")
         assert "kept demo_" in person.window.shop.message
 
     person.begin()
-    person.demonstrate(0, ticks=ticks)
+    person.demonstrate(0, n_steps=n_steps)
     keep()
     person.begin()
-    person.demonstrate(1, ticks=8)
+    person.demonstrate(1, n_steps=8)
     pad.tap("circle")
     person.wait(lambda: person.status["counts"]["discarded"] == 1, "it to be discarded")
     person.begin()
-    person.demonstrate(2, ticks=8)
+    person.demonstrate(2, n_steps=8)
     pad.unplug()
     person.wait(lambda: person.state() == "paused", "the pause")
     assert "is gone" in person.window.hands.told()
-    at = person.status["ticks"]
+    at = person.status["steps"]
     person.watch(0.5)
-    assert person.status["ticks"] == at, "time stands without a device"
+    assert person.status["steps"] == at, "time stands without a device"
     person.plug_in()
     person.wait(lambda: person.state() == "running", "it to go on")
-    person.demonstrate(2, ticks=ticks)
+    person.demonstrate(2, n_steps=n_steps)
     keep()
     person.pad.tap("ps")
     person.wait(lambda: not person.window.mode.running, "the end of the recording")
@@ -112,14 +112,14 @@ def check_recorded(path: Path, task: RobotName, lengths: list[int]) -> None:
         ("success", "gamepad", task, 0),
         ("success", "gamepad", task, 2),
     ]
-    # Between the last look and the button a tick or two went by.
+    # Between the last look and the button a step or two went by.
     assert all(length <= len(e.steps) <= length + 4 for e, length in zip(episodes, lengths, strict=True))
     for episode in episodes:
         actions = np.array([step.action for step in episode.steps])
         assert actions.shape[1] == action_size(task)
         assert 0 < np.abs(actions).max() <= ACTION_LIMIT_M
         times = [seen.time_s for seen in episode.observations()]
-        np.testing.assert_allclose(np.diff(times), episode.tick_s, atol=1e-9)
+        np.testing.assert_allclose(np.diff(times), episode.step_s, atol=1e-9)
         assert not any(step.pull for step in episode.steps)
 
 
@@ -137,7 +137,7 @@ def train(person: Person, session: str) -> str:
     return mode.model
 
 
-def place_and_pull(person: Person, ticks: int | None) -> int | None:
+def place_and_pull(person: Person, n_steps: int | None) -> int | None:
     """Place with what was learned into a session of its own, and pull at the cloth with the mouse meanwhile.
 
     Returns the node that was seen under the mouse.
@@ -149,17 +149,17 @@ def place_and_pull(person: Person, ticks: int | None) -> int | None:
     mode.seed, mode.record = 9, "placed"
     mode.build()
     person.menu("Place")
-    person.wait(lambda: person.state() == "placing" and person.status["ticks"] >= 3, "it to begin")
-    if ticks is None:
+    person.wait(lambda: person.state() == "placing" and person.status["steps"] >= 3, "it to begin")
+    if n_steps is None:
         person.wait(lambda: person.state() == "placed", "it to be placed", 90.0)
     moment = person.moment()
-    pulled = person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_ticks"] >= 4)
-    if ticks is None:
+    pulled = person.drag_node(45, (-50, -40), frames=10, until=lambda: person.status["pulled_steps"] >= 4)
+    if n_steps is None:
         person.wait(lambda: person.state() == "repairing", "the repair")
         person.wait(lambda: person.state() == "placed", "the repair's end", 60.0)
     person.key(pygame.K_2)
     person.wait(lambda: person.status["disturbances"] == ["pull"], "the disturbance")
-    person.wait(lambda at=person.status["ticks"]: person.status["ticks"] > at + 3, "it to act")
+    person.wait(lambda at=person.status["steps"]: person.status["steps"] > at + 3, "it to act")
     person.press("keep")
     person.wait(lambda: mode.finished, "it to be kept")
     mode.stop()
@@ -199,14 +199,14 @@ def replay(person: Person, session: str) -> None:
     assert mode.at == last
 
 
-def use_it_all(window: Window, task: RobotName, ticks: int | None) -> None:
+def use_it_all(window: Window, task: RobotName, n_steps: int | None) -> None:
     person = Person(window)
     set_up(window, task)
     folder = window.shop.folder
-    lengths = record_three(person, ticks)
+    lengths = record_three(person, n_steps)
     check_recorded(folder / f"{task}.h5", task, lengths)
     train(person, f"{task}.h5")
-    node = place_and_pull(person, ticks)
+    node = place_and_pull(person, n_steps)
     assert node == 45 or task == "pickers"
     check_placed(folder / "placed.h5", node)
     replay(person, "placed.h5")
@@ -220,14 +220,14 @@ def use_it_all(window: Window, task: RobotName, ticks: int | None) -> None:
 
 
 def test_a_short_afternoon_at_the_workstation(window):
-    use_it_all(window, "hanger", ticks=14)
+    use_it_all(window, "hanger", n_steps=14)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("task", ["hanger", "pickers"])
 def test_an_afternoon_at_the_workstation(window, task):
-    use_it_all(window, task, ticks=None)
+    use_it_all(window, task, n_steps=None)
     episodes = stored_episodes(window.shop.folder / f"{task}.h5")
     # The person laid it: the demonstrations are what their verdict says.
     assert all(episode.final_truth.flat_area > 0.9 for episode in episodes)
@@ -239,7 +239,7 @@ def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(windo
     person.plug_in()
     person.menu("Begin")
     person.begin()
-    person.demonstrate(0, ticks=10)
+    person.demonstrate(0, n_steps=10)
     (take,) = psutil.Process(window.shop.link.pid).children()
     take.kill()
     person.pad.axis("left_y", 0.5)
@@ -248,7 +248,7 @@ def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(windo
     # The same start again, and the device is still in the hands.
     person.pad.axis("left_y", 0.0)
     person.begin()
-    person.demonstrate(0, ticks=6)
+    person.demonstrate(0, n_steps=6)
     person.pad.tap("triangle")
     person.wait(lambda: person.status["stored"] == 2, "it to be kept")
     person.key(pygame.K_ESCAPE)
@@ -264,7 +264,7 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     person.plug_in()
     person.menu("Begin")
     person.begin()
-    person.demonstrate(0, ticks=10)
+    person.demonstrate(0, n_steps=10)
     bench = psutil.Process(window.shop.link.pid)
     family = [bench, *bench.children(recursive=True)]
     bench.kill()
@@ -274,7 +274,7 @@ def test_a_bench_that_dies_is_a_sentence_and_the_menu_is_back(window):
     assert leftovers() == []
     # What there was of it is back with the next recording.
     person.menu("Begin")
-    person.wait(lambda: person.status.get("stored") == 1, "the recovered ticks")
+    person.wait(lambda: person.status.get("stored") == 1, "the recovered steps")
     window.mode.stop()
     (partial,) = stored_episodes(window.shop.folder / "pickers.h5")
     assert partial.outcome == "partial"
@@ -292,7 +292,7 @@ def test_the_hanger_is_led_by_hand(window):
     person.wait(lambda: person.state() == "running", "the countdown")
     before, view = person.moment(), window.shop.place.view
     x, y = window.pane.pixel_of(before.corners[1], view.size)
-    person.drag_pixel((x + view.left, y + view.top), (30, 90), frames=30, until=lambda: person.status["ticks"] >= 8)
+    person.drag_pixel((x + view.left, y + view.top), (30, 90), frames=30, until=lambda: person.status["steps"] >= 8)
     after = person.moment()
     person.press("keep as success")
     person.wait(lambda: person.status.get("stored") == 1, "it to be kept")
@@ -303,7 +303,7 @@ def test_the_hanger_is_led_by_hand(window):
     moved = after.holder - before.holder
     assert moved[0] > 0.005
     assert moved[2] < -0.02
-    # Nobody acts once the mouse has let go; how far the arm coasts in such a tick is in no action.
+    # Nobody acts once the mouse has let go; how far the arm coasts in such a step is in no action.
     led = sum(step.hand_m is not None for step in episode.steps)
     assert led >= 8
     assert all(step.hand_m is not None for step in episode.steps[:led])
@@ -359,7 +359,7 @@ def test_leaving_a_running_demonstration_is_asked_twice(window):
     person.plug_in()
     person.menu("Begin")
     person.begin()
-    person.demonstrate(0, ticks=6)
+    person.demonstrate(0, n_steps=6)
     area = next(area for area, mode in window.tabs if mode.name == "Data")
     person.click(area.center)
     assert window.mode.name == "Record"

@@ -55,14 +55,14 @@ OPERATIONS: Mapping[str, tuple[Field, ...]] = {
         Field("cloth", "Cloth", "--cloth", "text"),
         Field("min-contact", "Contact at the end, at least", "--min-contact", "text"),
         Field("max-contact", "Contact at the end, at most", "--max-contact", "text"),
-        Field("min-ticks", "Ticks, at least", "--min-ticks", "text"),
-        Field("max-ticks", "Ticks, at most", "--max-ticks", "text"),
+        Field("min-steps", "Steps, at least", "--min-steps", "text"),
+        Field("max-steps", "Steps, at most", "--max-steps", "text"),
     ),
     "merge": (Field("with", "With", "", "session"), _OUT),
     "trim": (
         _EPISODE, _OUT,
-        Field("start", "First tick to keep", "--start", "text", "0"),
-        Field("stop", "Tick after the last (empty: the end)", "--stop", "text"),
+        Field("start", "First step to keep", "--start", "text", "0"),
+        Field("stop", "Step after the last (empty: the end)", "--stop", "text"),
     ),
     "repair": (Field("out", "Write to (empty: in place)", "--out", "text"),),
     "export": (

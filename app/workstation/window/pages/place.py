@@ -172,8 +172,8 @@ class PlacePage(BasePage):
         self._drop_hands()
 
     def busy(self) -> str:
-        recording = self.running and self.record and self.shop.link.status.get("ticks")
-        return "the recorded placing, whose ticks would be kept as partial" if recording and not self.finished else ""
+        recording = self.running and self.record and self.shop.link.status.get("steps")
+        return "the recorded placing, whose steps would be kept as partial" if recording and not self.finished else ""
 
     def update(self) -> None:
         super().update()
@@ -285,7 +285,7 @@ class PlacePage(BasePage):
         rows = [
             FormRow("policy", str(status.get("policy", Path(self.shop.settings.model).stem))),
             FormRow("seed", str(self.seed)),
-            FormRow("time", "" if moment is None else f"{moment.sim_s:.1f} s, {moment.tick} ticks"),
+            FormRow("time", "" if moment is None else f"{moment.sim_s:.1f} s, {moment.step} steps"),
             FormRow("contact", "" if moment is None else f"{100 * moment.contact:.1f} %", style.CONTACT),
             FormRow("flat area", "" if moment is None else f"{moment.flat_area:.3f}"),
             FormRow("disturbed by", ", ".join(self._befell()) or "nothing so far", style.WORD),
@@ -293,14 +293,14 @@ class PlacePage(BasePage):
         if moment is not None:
             rows.append(FormRow("force", f"{sum(f * f for f in moment.force_n) ** 0.5:.2f} N", style.WARNING))
         if status.get("does"):
-            rows.append(FormRow("you led in", f"{status.get('led_ticks', 0)} ticks", style.LED))
+            rows.append(FormRow("you led in", f"{status.get('led_steps', 0)} steps", style.LED))
         rows.append(FormRow("recorded into", self.record or "nowhere"))
         return rows
 
     def _befell(self) -> list[str]:
         status = self.shop.link.status
-        pulled = int(status.get("pulled_ticks", 0))
-        return [*status.get("disturbances", []), *([f"your hand ({pulled} ticks)"] if pulled else [])]
+        pulled = int(status.get("pulled_steps", 0))
+        return [*status.get("disturbances", []), *([f"your hand ({pulled} steps)"] if pulled else [])]
 
     def banner(self) -> tuple[str, str]:
         if self.running and not self.shop.link.status and self.shop.link.alive:

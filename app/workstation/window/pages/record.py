@@ -141,7 +141,7 @@ class RecordPage(BasePage):
 
     def busy(self) -> str:
         status = self.shop.link.status
-        return "the running demonstration and keep it as partial" if self.running and status.get("ticks") else ""
+        return "the running demonstration and keep it as partial" if self.running and status.get("steps") else ""
 
     def hear(self, messages: list[dict[str, Any]]) -> None:
         """What the bench said; its end, whoever wanted it."""
@@ -202,7 +202,7 @@ class RecordPage(BasePage):
         partial = counts.get("partial", 0)
         return [
             FormRow("demonstration", f"seed {status.get('seed', self.seed)}"),
-            FormRow("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('ticks', 0)} ticks"),
+            FormRow("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('n_steps', 0)} steps"),
             FormRow("contact", f"{100 * status.get('contact', 0.0):.1f} %", style.CONTACT),
             FormRow("flat area", f"{status.get('flat_area', 0.0):.3f}"),
             FormRow("kept", kept + (f", {partial} partial" if partial else ""), style.CONTACT),

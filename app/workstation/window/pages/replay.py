@@ -1,4 +1,4 @@
-"""Replay: choose a session and an episode, and go through it tick by tick."""
+"""Replay: choose a session and an episode, and go through it step by step."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class ReplayPage(BasePage):
         now = time.monotonic()
         if self.playback is None or not self.playing or now < self._due_s:
             return
-        self._due_s = max(self._due_s, now - 0.05) + self.playback.episode.tick_s
+        self._due_s = max(self._due_s, now - 0.05) + self.playback.episode.step_s
         self.at = min(self.at + 1, self.playback.last)
         self.playing = self.at < self.playback.last
 
@@ -198,8 +198,8 @@ class ReplayPage(BasePage):
             return [KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and shift the view")]
         return [
             KeyHint("Space", "pause" if self.playing else "play", self._play, style.ACCENT),
-            KeyHint("Left", "one tick back", lambda: self._step(-1)),
-            KeyHint("Right", "one tick on", lambda: self._step(1)),
+            KeyHint("Left", "one step back", lambda: self._step(-1)),
+            KeyHint("Right", "one step on", lambda: self._step(1)),
             KeyHint("Home", "to the start", lambda: self.to(0)),
             KeyHint("End", "to the end", lambda: self.to(10**9)),
             KeyHint("drag the bar", "go through it"),
@@ -213,7 +213,7 @@ class ReplayPage(BasePage):
         if self.playback is None:
             return []
         moment = self.moment()
-        rows = [FormRow("moment", f"tick {self.at} of {self.playback.last}, {moment.sim_s:.1f} s" if moment else "")]
+        rows = [FormRow("moment", f"step {self.at} of {self.playback.last}, {moment.sim_s:.1f} s" if moment else "")]
         rows += [FormRow(name, value) for name, value in facts(self.playback.episode).items()]
         now = self.playback.befalls(self.at)
         return [*rows, FormRow("now", now, style.WARNING)] if now else rows

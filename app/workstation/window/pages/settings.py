@@ -18,10 +18,10 @@ ABOUT = (
      " the thesis. pickers: two free hands, one at each corner, three axes each (chapter 4-2)."),
     ("Cloth", "towel: 35 by 35 cm. napkin: 27.5 by 21.5 cm, thinner. towel-fine: the towel with a finer mesh, slower."),
     ("Descriptor", "What says in which direction the wrinkles contract. A session has one, and so has a model."),
-    ("Speed", "Simulated over wall time, at most. Data are the same at any speed: a tick is a tick."),
+    ("Speed", "Simulated over wall time, at most. Data are the same at any speed: a step is a step."),
     ("Camera noise", "The depth noise of a real camera. Perception is made for it; without it things look cleaner than"
      " they ever are."),
-    ("Keep images", "Every tick's camera image goes into the session, about 16 MB an episode."),
+    ("Keep images", "Every step's camera image goes into the session, about 16 MB an episode."),
 )  # fmt: skip
 
 
