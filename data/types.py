@@ -210,7 +210,7 @@ class Provenance:
 class Episode:
     """One attempt from hanging in the air to the stop."""
 
-    task: RobotName
+    robot: RobotName
     cloth: str
     seed: int
     source: str
@@ -230,7 +230,7 @@ class Episode:
     descriptor: str = "word"
     """What Observation.word was computed by: one of DESCRIPTORS."""
     bench: Mapping[str, str | float | bool] = field(default_factory=dict)
-    """Settings of the bench, by name: with task, cloth, seed and step_s they make the same start again."""
+    """Settings of the bench, by name: with robot, cloth, seed and step_s they make the same start again."""
     initial_joints: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(J,) rad: joints of the arm before the first step; none where no arm holds the cloth."""
     disturbances: tuple[DisturbanceRecord, ...] = ()
@@ -241,8 +241,8 @@ class Episode:
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
         _set(self, "disturbances", tuple(self.disturbances))
-        if self.task not in ROBOTS:
-            raise DataError(f"task is {self.task!r}; it must be one of {', '.join(ROBOTS)}")
+        if self.robot not in ROBOTS:
+            raise DataError(f"robot is {self.robot!r}; it must be one of {', '.join(ROBOTS)}")
         if self.stopped_by not in STOP_REASONS:
             raise DataError(f"stopped_by is {self.stopped_by!r}; it must be one of {', '.join(STOP_REASONS)}")
         if self.outcome not in OUTCOMES:
@@ -255,11 +255,11 @@ class Episode:
         for record in self.disturbances if self.steps else ():
             if max(record.first_step, record.last_step or 0) >= len(self.steps):
                 raise DataError(f"disturbance {record.name} is not within the episode's {len(self.steps)} steps")
-        size = len(ACTION_NAMES[self.task])
+        size = len(ACTION_NAMES[self.robot])
         for step_index, step in enumerate(self.steps):
             if step.action.shape != (size,):
                 raise DataError(
-                    f"step {step_index}: action has shape {step.action.shape}; task {self.task} needs ({size},)"
+                    f"step {step_index}: action has shape {step.action.shape}; robot {self.robot} needs ({size},)"
                 )
 
     def observations(self) -> tuple[Observation, ...]:
@@ -298,15 +298,15 @@ def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: 
 
 
 def as_robot(name: str) -> RobotName:
-    """A task by its name; DataError where there is none of it."""
-    for task in ROBOTS:
-        if task == name:
-            return task
-    raise DataError(f"task is {name!r}; it must be one of {', '.join(ROBOTS)}")
+    """A robot by its name; DataError where there is none of it."""
+    for robot in ROBOTS:
+        if robot == name:
+            return robot
+    raise DataError(f"robot is {name!r}; it must be one of {', '.join(ROBOTS)}")
 
 
-def action_size(task: RobotName) -> int:
-    return len(ACTION_NAMES[task])
+def action_size(robot: RobotName) -> int:
+    return len(ACTION_NAMES[robot])
 
 
 def actions_of(steps: Sequence[Step]) -> FloatArray:

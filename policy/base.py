@@ -44,7 +44,7 @@ class Policy(Protocol):
 
     name: str
     """As in tables and files: scripted, gp-word, gp-baseline, drag-rule, ..."""
-    task: RobotName
+    robot: RobotName
 
     def reset(self, seed: int) -> None:
         """Forget the last episode."""

@@ -41,7 +41,7 @@ COLUMNS: Mapping[RobotName, Mapping[str, Column]] = {
         **_CLOTH_COLUMNS,
     },
 }
-"""Every column a layout may use, by task; picker 1 holds the corner at +y."""
+"""Every column a layout may use, by robot; picker 1 holds the corner at +y."""
 
 POSITION_COLUMNS: Mapping[RobotName, tuple[str, ...]] = {
     "hanger": ("x", "z"),
@@ -74,17 +74,17 @@ through the air does not hide the last tenth that counts. On a planar toy with a
 class FeatureLayout:
     """Which columns a model sees, in which order."""
 
-    task: RobotName
+    robot: RobotName
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        if self.task not in ROBOTS:
-            raise PolicyError(f"task is {self.task!r}; it must be one of {', '.join(ROBOTS)}")
-        known = COLUMNS[self.task]
+        if self.robot not in ROBOTS:
+            raise PolicyError(f"robot is {self.robot!r}; it must be one of {', '.join(ROBOTS)}")
+        known = COLUMNS[self.robot]
         unknown = [name for name in self.names if name not in known]
         if unknown:
-            raise PolicyError(f"feature {unknown[0]!r} is unknown; task {self.task} has {', '.join(known)}")
+            raise PolicyError(f"feature {unknown[0]!r} is unknown; robot {self.robot} has {', '.join(known)}")
         if not self.names or len(set(self.names)) != len(self.names):
             raise PolicyError(f"features are {self.names}; there must be at least one and none twice")
 
@@ -94,7 +94,7 @@ class FeatureLayout:
 
     def vector(self, observation: Observation) -> FloatArray:
         """(D,) columns of one observation, in natural units."""
-        known = COLUMNS[self.task]
+        known = COLUMNS[self.robot]
         return np.array([known[name](observation) for name in self.names])
 
     def matrix(self, steps: Sequence[Step]) -> FloatArray:
@@ -106,13 +106,13 @@ class FeatureLayout:
         return np.array([_scale(name) for name in self.names])
 
 
-def input_set(task: RobotName, name: str) -> FeatureLayout:
+def input_set(robot: RobotName, name: str) -> FeatureLayout:
     """The layout of a named input set: position, position+contact, position+word or all."""
-    if task not in ROBOTS:
-        raise PolicyError(f"task is {task!r}; it must be one of {', '.join(ROBOTS)}")
+    if robot not in ROBOTS:
+        raise PolicyError(f"robot is {robot!r}; it must be one of {', '.join(ROBOTS)}")
     if name not in INPUT_SETS:
         raise PolicyError(f"input set {name!r} is unknown; it must be one of {', '.join(INPUT_SETS)}")
-    return FeatureLayout(task=task, names=POSITION_COLUMNS[task] + INPUT_SETS[name])
+    return FeatureLayout(robot=robot, names=POSITION_COLUMNS[robot] + INPUT_SETS[name])
 
 
 def _scale(name: str) -> float:

@@ -115,7 +115,7 @@ def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[st
     return {
         "format": model.FORMAT,
         "schema": SCHEMA,
-        "task": model.layout.task,
+        "robot": model.layout.robot,
         "features": list(model.layout.names),
         "outputs": list(model.outputs),
         "shapes": {name: list(array.shape) for name, array in arrays.items()},
@@ -135,14 +135,14 @@ def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Tr
     """A model from a checked header; the model itself checks what the numbers mean."""
     told, kind = header["heldout_rmse_m"], FORMATS[header["format"]]
     shared = {
-        "layout": FeatureLayout(task=header["task"], names=tuple(header["features"])),
+        "layout": FeatureLayout(robot=header["robot"], names=tuple(header["features"])),
         "heldout_rmse_m": None if told is None else tuple(told),
         "provenance": Provenance(**header["provenance"]),
         **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},
     }
     model = kind.restored(shared, arrays, {name: _scalar(header, name, of) for name, of in kind.SETTINGS.items()})
     if tuple(header["outputs"]) != model.outputs:
-        raise PolicyError(f"its outputs are {header['outputs']}; task {model.layout.task} has {list(model.outputs)}")
+        raise PolicyError(f"its outputs are {header['outputs']}; robot {model.layout.robot} has {list(model.outputs)}")
     return model
 
 

@@ -38,7 +38,7 @@ class ModelPolicy:
     def __init__(self, model: RegressionModel, *, guard: StopRule | None = None) -> None:
         self.model = model
         self.name = model.policy
-        self.task = model.layout.task
+        self.robot = model.layout.robot
         self._stop = stop_rule(model, guard)
 
     def reset(self, seed: int) -> None:

@@ -64,7 +64,7 @@ def _learner(module: str, name: str, inputs: str) -> Trainer:
             raise PolicyError("there are no demonstrations to learn from; at least one is needed")
         # Imported here: who only rolls out need not have, nor wait for, what only training needs.
         fit = import_module(f"layflat.policy.{module}").fit
-        layout = input_set(episodes[0].task, inputs)
+        layout = input_set(episodes[0].robot, inputs)
         model: TrainedModel = fit(
             episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress, **options
         )
@@ -92,13 +92,13 @@ methods (section 5-3). Each is a module with a ``fit`` and what it may see."""
 TRAINABLE_POLICIES = tuple(TRAINERS)
 
 
-def make(name: str, task: RobotName) -> Policy:
+def make(name: str, robot: RobotName) -> Policy:
     """A policy that needs no training."""
     if name in TRAINERS:
         raise PolicyError(f"policy {name!r} is learned; train it and give the model's file")
     if name not in BUILTIN_POLICIES:
         raise PolicyError(f"policy {name!r} is unknown; it must be one of {', '.join(BUILTIN_POLICIES)}")
-    return BUILTIN_POLICIES[name](task)
+    return BUILTIN_POLICIES[name](robot)
 
 
 def train(

@@ -65,7 +65,7 @@ class TrainedModel:
         if self.descriptor not in DESCRIPTORS:
             raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
         if self.heldout_rmse_m is not None:
-            outputs = action_size(self.layout.task)
+            outputs = action_size(self.layout.robot)
             object.__setattr__(self, "heldout_rmse_m", tuple(float(v) for v in self.heldout_rmse_m))
             if len(self.heldout_rmse_m) != outputs:
                 raise PolicyError(f"heldout_rmse_m has {len(self.heldout_rmse_m)} values; it must have {outputs}")
@@ -73,7 +73,7 @@ class TrainedModel:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the A outputs."""
-        return ACTION_NAMES[self.layout.task]
+        return ACTION_NAMES[self.layout.robot]
 
     @property
     def points(self) -> int:

@@ -24,7 +24,7 @@ Predict = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingSet:
-    """What was seen and done in whole demonstrations of one task, cloth and step; arrays read-only."""
+    """What was seen and done in whole demonstrations of one robot, cloth and step; arrays read-only."""
 
     layout: FeatureLayout
     episodes: tuple[Episode, ...]
@@ -65,7 +65,7 @@ def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> Tr
     count = sum(len(steps) for steps in kept)
     if count < MIN_POINTS:
         raise PolicyError(f"the demonstrations hold {count} steps; at least {MIN_POINTS} are needed")
-    size = action_size(layout.task)
+    size = action_size(layout.robot)
     return TrainingSet(
         layout=layout,
         episodes=tuple(episodes),
@@ -91,13 +91,13 @@ def held_out_rmse(taught: TrainingSet, fit: Callable[[FloatArray, FloatArray], P
 
 
 def _check_common(episodes: Sequence[Episode], layout: FeatureLayout) -> None:
-    """The demonstrations share the task of the layout, and among themselves the cloth, the step and the descriptor."""
+    """The demonstrations share the robot of the layout, and among themselves the cloth, the step and the descriptor."""
     if not episodes:
         raise PolicyError("there are no demonstrations to learn from; at least one is needed")
     first = episodes[0]
     for number, episode in enumerate(episodes):
-        if episode.task != layout.task:
-            raise PolicyError(f"demonstration {number} is of task {episode.task}; the model is for {layout.task}")
+        if episode.robot != layout.robot:
+            raise PolicyError(f"demonstration {number} is of robot {episode.robot}; the model is for {layout.robot}")
         if episode.cloth != first.cloth:
             raise PolicyError(f"demonstrations mix the cloths {first.cloth} and {episode.cloth}; choose one")
         if episode.step_s != first.step_s:

@@ -10,10 +10,10 @@ import layflat.sim.physics.bullet.suppress_output  # noqa: F401  # before anythi
 MAX_EPISODE_STEPS = 200
 """Steps after which an environment truncates: 20 s."""
 
-for _name, _task in (("HangerPlace", "hanger"), ("PickersPlace", "pickers")):
+for _name, _robot in (("HangerPlace", "hanger"), ("PickersPlace", "pickers")):
     register(
         id=f"layflat/{_name}-v0",
         entry_point="layflat.sim.env:PlaceEnv",
         max_episode_steps=MAX_EPISODE_STEPS,
-        kwargs={"task": _task},
+        kwargs={"robot": _robot},
     )

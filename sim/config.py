@@ -16,7 +16,7 @@ from layflat.sim.physics.bullet.world import SimError
 class SimConfig:
     """What a bench is made of; with a seed it determines a start."""
 
-    task: RobotName
+    robot: RobotName
     start: Start = "hanging"
     """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
     flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
@@ -34,12 +34,12 @@ class SimConfig:
     spec: ClothSpec = field(init=False)
 
     def __post_init__(self) -> None:
-        if self.task not in ROBOTS:
-            raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(ROBOTS)}")
+        if self.robot not in ROBOTS:
+            raise SimError(f"unknown robot {self.robot!r}; the known ones are {', '.join(ROBOTS)}")
         if self.start not in STARTS:
             raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
-        if self.start == "crumpled" and self.task != "pickers":
-            raise SimError(f"a crumpled start needs the pickers task, and this is {self.task!r}")
+        if self.start == "crumpled" and self.robot != "pickers":
+            raise SimError(f"a crumpled start needs the pickers robot, and this is {self.robot!r}")
         if self.descriptor not in DESCRIPTORS:
             raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
         if not 0.01 <= self.step_s <= 1.0:
@@ -47,9 +47,9 @@ class SimConfig:
         object.__setattr__(self, "spec", cloth_spec(self.cloth))
 
     def described(self) -> dict[str, str | float | bool]:
-        """All but task, cloth and step_s, by name: ``SimConfig(task=..., cloth=..., step_s=..., **described)``."""
+        """All but robot, cloth and step_s, by name: ``SimConfig(robot=..., cloth=..., step_s=..., **described)``."""
         names = [item.name for item in fields(self) if item.init]
-        return {name: getattr(self, name) for name in names if name not in ("task", "cloth", "step_s")}
+        return {name: getattr(self, name) for name in names if name not in ("robot", "cloth", "step_s")}
 
     @property
     def substeps(self) -> int:

@@ -53,7 +53,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
 
     def __init__(
         self,
-        task: RobotName,
+        robot: RobotName,
         *,
         cloth: str = "towel",
         table_friction: float = 1.0,
@@ -71,14 +71,14 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
             disturbance_spec(disturbance)
         self.render_mode = render_mode
         self.bench = ClothSimulation(
-            SimConfig(task=task, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
+            SimConfig(robot=robot, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
         )
         self._images = images
         self._disturbance = disturbance
         self._disturb_step = disturb_step
         self._step_index = 0
         self._seed = 0
-        self._size = action_size(task)
+        self._size = action_size(robot)
         self._spaces = self._make_spaces()
         self.action_space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
         self.observation_space = spaces.Dict({**self._spaces})  # type: ignore[assignment]  # gymnasium types it Dict[Any]

@@ -1,4 +1,4 @@
-"""The task: a cloth hangs in the air after 20 random moves, and is to lie flat on the table (chapter 4-2-2)."""
+"""The robot: a cloth hangs in the air after 20 random moves, and is to lie flat on the table (chapter 4-2-2)."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ClothSimulation:
         starts.attach(self.cloth, first.corners, self.air)
         self.holder: Robot = (
             PandaHanger(self.cloth, first.corners, control=settings.control)
-            if settings.task == "hanger"
+            if settings.robot == "hanger"
             else FreePickers(self.cloth, first.corners)
         )
         self.disturbance: DisturbanceController | None = None
@@ -139,7 +139,7 @@ class ClothSimulation:
         holds on, and a hanger stays where it was left.
         """
         self._running()
-        shape = (3,) if self.settings.task == "hanger" else (2, 3)
+        shape = (3,) if self.settings.robot == "hanger" else (2, 3)
         hand = None if hand_target_m is None else np.array(hand_target_m, dtype=float)
         if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
             raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
@@ -154,7 +154,7 @@ class ClothSimulation:
 
     def _held_at(self) -> FloatArray:
         """(A,) m: what the actions displace."""
-        if self.settings.task == "hanger":
+        if self.settings.robot == "hanger":
             return self.holder.position()[[0, 2]]
         return self.holder.corner_positions().ravel()
 

@@ -43,7 +43,7 @@ def _observation(rng: np.random.Generator, time_s: float, portion: float, images
 
 
 def _build_episode(
-    task: RobotName = "hanger",
+    robot: RobotName = "hanger",
     n_steps: int = 5,
     seed: int = 0,
     images: bool = False,
@@ -52,7 +52,7 @@ def _build_episode(
     **overrides: Any,
 ) -> Episode:
     rng = np.random.default_rng(seed)
-    size = len(ACTION_NAMES[task])
+    size = len(ACTION_NAMES[robot])
     portions = np.linspace(0.0, 0.97, n_steps + 1)
     observations = [_observation(rng, i * STEP_S, float(p), images) for i, p in enumerate(portions)]
     truths = [
@@ -69,7 +69,7 @@ def _build_episode(
         for i in range(n_steps)
     ]
     values: dict[str, Any] = {
-        "task": task,
+        "robot": robot,
         "cloth": "towel",
         "seed": seed,
         "source": "scripted",
@@ -87,7 +87,7 @@ def _build_episode(
 
 @pytest.fixture(scope="session")
 def make_episode() -> Callable[..., Episode]:
-    """``make_episode(task="hanger", steps=5, seed=0, images=False, nodes=12, with_std=False, **fields of Episode)``.
+    """``make_episode(robot="hanger", steps=5, seed=0, images=False, nodes=12, with_std=False, **fields of Episode)``.
 
     Valid random values without physics; the contact portion rises evenly from 0 to 0.97.
     """

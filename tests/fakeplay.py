@@ -85,7 +85,7 @@ class FakePlaying:
 
 
 def key_of(group: WorkItem) -> str:
-    return f"{group.entrant.task} {group.cloth} {group.entrant.name} {group.seed}"
+    return f"{group.entrant.robot} {group.cloth} {group.entrant.name} {group.seed}"
 
 
 def _suffer(fault: Fault) -> None:
@@ -117,13 +117,13 @@ def fake_episode(group: WorkItem, case: DisturbanceCase) -> Episode:
     truths = [
         GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=float(c), flat_area=0.5 + float(c)) for c in contact
     ]
-    size = 2 if group.entrant.task == "hanger" else 6
+    size = 2 if group.entrant.robot == "hanger" else 6
     steps = tuple(
         Step(observation=seen, truth=truth, action=np.zeros(size), phase=phase)
         for seen, truth, phase in zip(observations, truths, phases, strict=False)
     )
     return Episode(
-        task=group.entrant.task,
+        robot=group.entrant.robot,
         cloth=group.cloth,
         seed=group.seed,
         source="fake",
@@ -155,7 +155,7 @@ def fake_plan(
     push = ScheduledDisturbance(spec=DISTURBANCES["push"], repeats=2)
     early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=Trigger(moment="step", value=1))
     return EvaluationPlan(
-        entrants=tuple(PolicySpec(name=name, task="hanger", made=name) for name in policies),
+        entrants=tuple(PolicySpec(name=name, robot="hanger", made=name) for name in policies),
         cloths=("towel",),
         seeds=tuple(range(seeds)),
         cases=(DisturbanceCase(name="push", schedule=(push,)), DisturbanceCase(name="mix/early", schedule=(early,))),

@@ -12,8 +12,8 @@ class Down:
 
     name = "down"
 
-    def __init__(self, task: RobotName) -> None:
-        self.task = task
+    def __init__(self, robot: RobotName) -> None:
+        self.robot = robot
 
     def reset(self, seed: int) -> None:
         """Nothing to forget."""
@@ -22,4 +22,4 @@ class Down:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Decision:
-        return Decision(action=along_z(self.task, -0.01), reason="down")
+        return Decision(action=along_z(self.robot, -0.01), reason="down")

@@ -65,7 +65,7 @@ class BenchmarkResult:
     """One fresh process."""
 
     kind: str
-    task: RobotName
+    robot: RobotName
     cloth: str
     work: Callable[..., dict[str, FloatArray]]
     arguments: tuple[object, ...]
@@ -74,7 +74,7 @@ class BenchmarkResult:
 
     @property
     def title(self) -> str:
-        return f"{self.kind}, {self.task}, {self.cloth}"
+        return f"{self.kind}, {self.robot}, {self.cloth}"
 
 
 def bench(json: Path | None, *, force: bool) -> list[BenchmarkRow]:
@@ -110,43 +110,43 @@ def measurements(folder: Path | None) -> Iterator[BenchmarkResult]:
         ("fine physics", FINE_CLOTH),
         ("fine seeing", FINE_CLOTH),
     ):
-        for task in ROBOTS:
+        for robot in ROBOTS:
             if kind in SEEING_GOALS:
                 yield BenchmarkResult(
-                    kind=kind, task=task, cloth=cloth, work=measure.seeing, arguments=(task, cloth, folder)
+                    kind=kind, robot=robot, cloth=cloth, work=measure.seeing, arguments=(robot, cloth, folder)
                 )
             else:
                 blocks = measure.BLOCKS if cloth == CLOTH else measure.FEWER_BLOCKS
                 yield BenchmarkResult(
-                    kind=kind, task=task, cloth=cloth, work=measure.physics, arguments=(task, cloth, blocks)
+                    kind=kind, robot=robot, cloth=cloth, work=measure.physics, arguments=(robot, cloth, blocks)
                 )
-    yield BenchmarkResult(kind="sight", task=ROBOTS[0], cloth=CLOTH, work=measure_perception.sight, arguments=())
-    for task in ROBOTS:
-        yield BenchmarkResult(kind="predicting", task=task, cloth=CLOTH, work=measure.predicting, arguments=(task,))
+    yield BenchmarkResult(kind="sight", robot=ROBOTS[0], cloth=CLOTH, work=measure_perception.sight, arguments=())
+    for robot in ROBOTS:
+        yield BenchmarkResult(kind="predicting", robot=robot, cloth=CLOTH, work=measure.predicting, arguments=(robot,))
     for across in measure_solver_settings.ACROSS:
         yield BenchmarkResult(
             kind="recipes",
-            task=ROBOTS[0],
+            robot=ROBOTS[0],
             cloth=f"{across} x {across}",
             work=measure_solver_settings.recipes,
             arguments=(across, CLOTH),
         )
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
-        yield BenchmarkResult(kind=kind, task=measure_data.TASK, cloth=CLOTH, work=work, arguments=(folder,))
-    task = ROBOTS[0]
+        yield BenchmarkResult(kind=kind, robot=measure_data.ROBOT, cloth=CLOTH, work=work, arguments=(folder,))
+    robot = ROBOTS[0]
     yield BenchmarkResult(
-        kind="batch", task=task, cloth=CLOTH, work=measure_batch.scaling, arguments=(task, CLOTH, folder), forks=True
+        kind="batch", robot=robot, cloth=CLOTH, work=measure_batch.scaling, arguments=(robot, CLOTH, folder), forks=True
     )
 
 
 def rows_of(item: BenchmarkResult, samples: dict[str, FloatArray], before: list[BenchmarkRow]) -> list[BenchmarkRow]:
     """The lines that a measurement makes; ``before`` holds those of the default cloth."""
-    prefix = f"{item.task} {item.cloth}"
+    prefix = f"{item.robot} {item.cloth}"
     if item.kind in measure_data.SECONDS:
         lines = measure_data.lines_of(item.kind, samples)
         return [BenchmarkRow(name=name, value=v, unit=unit, baseline=b, samples=n) for name, v, unit, b, n in lines]
     if item.kind == "predicting":
-        name = f"{item.task} GP, {measure.GP_POINTS} points / GPy"
+        name = f"{item.robot} GP, {measure.GP_POINTS} points / GPy"
         return [_beside(name, samples["predict"], samples["GPy"], "ms")]
     if item.kind == "recipes":
         return [_faster(*line) for line in measure_solver_settings.lines_of(int(str(item.arguments[0])), samples)]
@@ -167,7 +167,7 @@ def rows_of(item: BenchmarkResult, samples: dict[str, FloatArray], before: list[
     goals = {"in the air": AIR_GOAL, "dragged": TABLE_GOAL, "flat": TABLE_GOAL}
     if item.kind == "fine physics":
         default = {row.name: row.value for row in before}
-        goals = {where: default[f"{item.task} {CLOTH} {where}"] for where in goals}
+        goals = {where: default[f"{item.robot} {CLOTH} {where}"] for where in goals}
     keys = {"in the air": "air", "dragged": "drag", "flat": "flat"}
     rows = [_rtf(f"{prefix} {where}", samples[keys[where]], goal) for where, goal in goals.items()]
     for where in ("in the air", "flat"):

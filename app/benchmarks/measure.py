@@ -46,14 +46,14 @@ EPISODE_STEPS = 100
 """Of the episode whose keeping is timed: about what a demonstration has."""
 
 
-def physics(task: RobotName, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_STEPS) -> dict[str, FloatArray]:
+def physics(robot: RobotName, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_STEPS) -> dict[str, FloatArray]:
     """Without a camera. Wall s per step: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
-    bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))
+    bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))
     try:
         bench.reset(SEED)
         samples = _side_by_side(bench, "air", blocks, n_steps)
         lay_down(bench)
-        drag = _moves(task, DRAG_STEP_M, 0.0)
+        drag = _moves(robot, DRAG_STEP_M, 0.0)
         samples["drag"] = np.array([_ours(bench, drag, n_steps) for _ in range(DRAG_BLOCKS)])
         samples |= _side_by_side(bench, "flat", blocks, n_steps)
         return samples
@@ -62,33 +62,33 @@ def physics(task: RobotName, cloth: str, blocks: int = BLOCKS, n_steps: int = BL
 
 
 def seeing(
-    task: RobotName, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS
+    robot: RobotName, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS
 ) -> dict[str, FloatArray]:
     """With camera, perception and recording, on the table.
 
     Wall s per step of ``rollout``, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
     of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_STEPS, durable in ``folder``).
     """
-    bench = ClothSimulation(SimConfig(task=task, cloth=cloth))
+    bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth))
     try:
         bench.reset(SEED)
         lay_down(bench)
         with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
             path = Path(place) / "session.h5"
-            with SessionRecorder(path, task=task, cloth=cloth) as recorder:
+            with SessionRecorder(path, robot=robot, cloth=cloth) as recorder:
                 return _seeing(bench, recorder, n_steps)
     finally:
         bench.close()
 
 
 def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
-    task = bench.settings.task
+    robot = bench.settings.robot
     policies: dict[str, Policy] = {
-        "drag": DragPolicy(task, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
-        "flat": ZeroPolicy(task),
+        "drag": DragPolicy(robot, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
+        "flat": ZeroPolicy(robot),
     }
     walls: dict[str, list[float]] = {}
-    episode = rollout(bench, ZeroPolicy(task), seed=SEED, max_steps=2)
+    episode = rollout(bench, ZeroPolicy(robot), seed=SEED, max_steps=2)
     for name, policy in policies.items():
         for _ in range(SEEING_BLOCKS):
             began = time.perf_counter()
@@ -105,9 +105,9 @@ def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> 
     }
 
 
-def predicting(task: RobotName) -> dict[str, FloatArray]:
+def predicting(robot: RobotName) -> dict[str, FloatArray]:
     """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs: ours and GPy's."""
-    model = random_model(task)
+    model = random_model(robot)
     here, there = np.zeros((1, model.layout.size)), np.zeros((1, model.layout.size))
     theirs = as_gpy(model)
     return alternating(
@@ -129,9 +129,9 @@ def as_gpy(model: GpModel) -> list[Any]:
     return processes
 
 
-def random_model(task: RobotName, points: int = GP_POINTS) -> GpModel:
+def random_model(robot: RobotName, points: int = GP_POINTS) -> GpModel:
     """As large as a trained one, and as good as chance."""
-    layout, outputs = input_set(task, "all"), action_size(task)
+    layout, outputs = input_set(robot, "all"), action_size(robot)
     rng = np.random.default_rng(SEED)
     return GpModel(
         policy="gp-word",
@@ -152,7 +152,7 @@ def random_model(task: RobotName, points: int = GP_POINTS) -> GpModel:
 
 def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
     """Down until the free edge touches, then forward and down until the held edge is at rest height."""
-    task, spec = bench.settings.task, bench.settings.spec
+    robot, spec = bench.settings.robot, bench.settings.spec
     forward, down = LAY_STEP_M
     for _ in range(most_steps):
         height = float(bench.holder.position()[2])
@@ -162,14 +162,14 @@ def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
         # Where the arm yields, its hanger stays a little above its set point: the steps never end before it is down.
         step = max(min(down, 0.3 * height), 0.0005)
         dx = forward * min(1.0, 0.3 + height / 0.05) if touches else 0.0
-        bench.step(_moves(task, dx, -step if touches else -down))
+        bench.step(_moves(robot, dx, -step if touches else -down))
     for _ in range(3):
-        bench.step(_moves(task, 0.0, 0.0))
+        bench.step(_moves(robot, 0.0, 0.0))
 
 
 def _side_by_side(bench: ClothSimulation, name: str, blocks: int, n_steps: int) -> dict[str, FloatArray]:
     """Steps without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
-    zeros = _moves(bench.settings.task, 0.0, 0.0)
+    zeros = _moves(bench.settings.robot, 0.0, 0.0)
     walls = [(_bare(bench, n_steps), _ours(bench, zeros, n_steps)) for _ in range(blocks)]
     bare, ours = np.array(walls).T
     return {name: ours, f"{name} bare": bare}
@@ -221,9 +221,9 @@ def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[s
     return {name: np.array(wall) for name, wall in walls.items()}
 
 
-def _moves(task: RobotName, dx: float, dz: float) -> FloatArray:
+def _moves(robot: RobotName, dx: float, dz: float) -> FloatArray:
     """(A,) m: the whole holder moves."""
-    return np.array([dx, dz] if task == "hanger" else [dx, 0.0, dz] * 2)
+    return np.array([dx, dz] if robot == "hanger" else [dx, 0.0, dz] * 2)
 
 
 def lengthened(episode: Episode) -> Episode:

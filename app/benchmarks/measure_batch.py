@@ -22,7 +22,7 @@ EPISODES = 4
 
 
 def scaling(
-    task: RobotName,
+    robot: RobotName,
     cloth: str,
     folder: Path | None = None,
     play: EpisodeFactory = SimulatedEpisode,
@@ -33,7 +33,7 @@ def scaling(
     Call it in a process that has stepped no simulation: the workers are forked from it.
     """
     plan = EvaluationPlan(
-        entrants=(PolicySpec(name=SCRIPTED, task=task, made=SCRIPTED),), cloths=(cloth,), seeds=tuple(range(episodes))
+        entrants=(PolicySpec(name=SCRIPTED, robot=robot, made=SCRIPTED),), cloths=(cloth,), seeds=tuple(range(episodes))
     )
     walls = {}
     for workers in WORKERS:

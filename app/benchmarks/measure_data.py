@@ -43,7 +43,7 @@ from layflat.policy.stopping import AnyOf
 from layflat.sim.config import SimConfig
 from layflat.sim.simulation import ClothSimulation
 
-TASK: RobotName = "pickers"
+ROBOT: RobotName = "pickers"
 CLOTH = "towel"
 STEPS = 24
 REPEATS = 5
@@ -88,7 +88,7 @@ def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, Flo
     ``size``, and by packing ``size none|lzf|gzip 1|gzip 4``; processor s of packing ``pack none|...``.
     """
     with _place(folder) as place:
-        with SessionRecorder(place / "s.h5", task=TASK, cloth=CLOTH, keep_images=True) as recorder:
+        with SessionRecorder(place / "s.h5", robot=ROBOT, cloth=CLOTH, keep_images=True) as recorder:
             samples, episode = _record(recorder, n_steps)
             samples["journal"] = np.array([_journal_alone(recorder, episode) for _ in range(REPEATS)])
             episode = lengthened(episode)
@@ -173,7 +173,7 @@ def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
 
 
 def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArray], Episode]:
-    bench = ClothSimulation(SimConfig(task=TASK, cloth=CLOTH))
+    bench = ClothSimulation(SimConfig(robot=ROBOT, cloth=CLOTH))
     timed: list[_Timed] = []
 
     def begin(beginning: Episode) -> _Timed:
@@ -183,7 +183,7 @@ def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArr
     try:
         bench.reset(SEED)
         lay_down(bench)
-        policy = DragPolicy(TASK, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
+        policy = DragPolicy(ROBOT, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
         began = time.perf_counter()
         episode = rollout(bench, policy, seed=SEED, images=True, max_steps=n_steps, begin=begin)
         wall_s = time.perf_counter() - began
@@ -249,12 +249,12 @@ def _made_up(*, n_steps: int, nodes: int) -> Episode:
         Step(
             observation=observation(step_index),
             truth=truth(step_index),
-            action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, action_size(TASK)),
+            action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, action_size(ROBOT)),
         )
         for step_index in range(n_steps)
     ]
     return Episode(
-        task=TASK,
+        robot=ROBOT,
         cloth=CLOTH,
         seed=SEED,
         source="scripted",

@@ -1,6 +1,6 @@
 """Published ways to simulate cloth in PyBullet, rebuilt from their sources, for the benchmark alone.
 
-- DeformableRavens (Seita et al. 2021), ``ravens/tasks/defs_cloth.py`` and ``environment.py``: 10 x 10 nodes, 0.2 m,
+- DeformableRavens (Seita et al. 2021), ``ravens/robots/defs_cloth.py`` and ``environment.py``: 10 x 10 nodes, 0.2 m,
   0.5 kg, elastic 40, damping 0.1 not in all directions, margin a fifth of an edge, friction 1, self-collision, 480 Hz.
 - DEDO (Antonova et al. 2021), ``dedo/utils/init_utils.py``, ``args.py`` and ``task_info.py``: 1 kg, elastic 50, damping
   0.1 in all directions, bending 1, friction 0.1, Bullet's own margin, self-collision, 500 Hz (8 steps an action). Its

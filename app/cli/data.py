@@ -120,7 +120,7 @@ def merge(
 ) -> None:
     """Put several sessions into one.
 
-    They agree in task, cloth and step; an episode that is in two of them is taken once.
+    They agree in robot, cloth and step; an episode that is in two of them is taken once.
     """
     from layflat.app.commands.dataset_operations import merge as run
 

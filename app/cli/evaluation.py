@@ -28,7 +28,7 @@ Cloths = Annotated[
     list[str] | None,
     typer.Option(show_default="those of the models", help="Which cloth: towel or napkin; may be given several times."),
 ]
-Tasks = Annotated[
+Robots = Annotated[
     list[str] | None,
     typer.Option(show_default="those of the models", help="hanger or pickers; needed only without a model."),
 ]
@@ -59,7 +59,7 @@ def evaluate(
     seed: Seed = 0,
     disturb: Disturbances = None,
     cloth: Cloths = None,
-    task: Tasks = None,
+    robot: Robots = None,
     start: StartAt = "hanging",
     limit_s: Limit = 900.0,
     engine: Engine = "local",
@@ -82,7 +82,7 @@ def evaluate(
         seed=seed,
         disturb=disturb or (),
         cloths=cloth or (),
-        tasks=task or (),
+        robots=robot or (),
         start=start,
         limit_s=limit_s,
         workers=workers,
@@ -101,7 +101,7 @@ def disturb(
     episodes: Episodes = 20,
     seed: Seed = 0,
     cloth: Cloths = None,
-    task: Tasks = None,
+    robot: Robots = None,
     start: StartAt = "hanging",
     limit_s: Limit = 900.0,
     engine: Engine = "local",
@@ -122,7 +122,7 @@ def disturb(
         seed=seed,
         disturb=suite,
         cloth=cloth,
-        task=task,
+        robot=robot,
         start=start,
         limit_s=limit_s,
         engine=engine,

@@ -16,8 +16,8 @@ from layflat.app.cli.options import (
     Force,
     Json,
     ModelFile,
+    RobotChoice,
     Seed,
-    TaskName,
     Workers,
 )
 from layflat.app.support import validators
@@ -33,7 +33,7 @@ Around = Annotated[
 def record(
     path: DataFile,
     workers: Workers,
-    task: Annotated[TaskName, typer.Option(help="What holds the cloth.")] = "hanger",
+    robot: Annotated[RobotChoice, typer.Option(help="What holds the cloth.")] = "hanger",
     cloth: Cloth = "towel",
     source: Annotated[SourceName, typer.Option(help="Who demonstrates.")] = "scripted",
     episodes: Episodes = 1,
@@ -66,7 +66,7 @@ def record(
     run(
         RecordConfig(
             path=path,
-            task=task,
+            robot=robot,
             cloth=cloth,
             source=source,
             episodes=episodes,

@@ -26,8 +26,8 @@ from layflat.app.cli.options import (
     Episodes,
     Force,
     Json,
+    RobotChoice,
     Seed,
-    TaskName,
     Workers,
     maybe_count,
 )
@@ -64,7 +64,7 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
     episodes: Episodes = 5,
     seed: Seed = 0,
-    task: Annotated[TaskName | None, typer.Option(help="Only this task; both by default.")] = None,
+    robot: Annotated[RobotChoice | None, typer.Option(help="Only this robot; both by default.")] = None,
     cloth: Cloth = "towel",
     force: Force = False,
     debug: Debug = False,
@@ -76,8 +76,8 @@ def demo(
     validators.require_simulator()
     from layflat.app.commands.demo import run_demo
 
-    tasks: tuple[TaskName, ...] = (task,) if task else ("hanger", "pickers")
-    run_demo(out, episodes=episodes, seed=seed, tasks=tasks, cloth=cloth, workers=workers, force=force)
+    robots: tuple[RobotChoice, ...] = (robot,) if robot else ("hanger", "pickers")
+    run_demo(out, episodes=episodes, seed=seed, robots=robots, cloth=cloth, workers=workers, force=force)
 
 
 def app_(

@@ -9,7 +9,7 @@ import typer
 
 from layflat.app.support import validators
 
-TaskName = Literal["hanger", "pickers"]
+RobotChoice = Literal["hanger", "pickers"]
 DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 

@@ -92,7 +92,7 @@ def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
             session.info(name)
         validators.writable_file(out, force=force)
         what = f"{len(names)} episodes" if episode is None else names[0]
-        title = f"{path.name}: {what}, {session.task}, {session.cloth}"
+        title = f"{path.name}: {what}, {session.robot}, {session.cloth}"
         count = plot_session(out, title, (curves_of(name, session.episode(name, images=False)) for name in names))
     print(f"plotted {count} episodes {out}")
 

@@ -61,7 +61,7 @@ def stats(path: Path, *, json: Path | None, force: bool) -> None:
     if json is not None:
         validators.writable_file(json, force=force)
     with open_session(path) as session:
-        found, names = session_stats(session), column_names(session.task)
+        found, names = session_stats(session), column_names(session.robot)
     table = Table("data set", "column", "unit", "count", "minimum", "maximum", "mean", "std")
     for key, column in found.columns.items():
         for number, (name, row) in enumerate(column_rows(column, names[key])):
@@ -81,7 +81,7 @@ def print_page(session: Session, infos: Mapping[str, DemoInfo], out: Console) ->
     seconds = sum(row.duration_s for row in rows)
     out.print(f"{session.path}: {len(rows)} episodes, {sum(n_steps)} steps, {seconds:.0f} s simulated", markup=False)
     out.print(
-        f"task {session.task}, cloth {session.cloth}, step {session.step_s} s, descriptor {session.descriptor},"
+        f"robot {session.robot}, cloth {session.cloth}, step {session.step_s} s, descriptor {session.descriptor},"
         f" schema {_listed(row.version for row in rows)}, images in {sum(row.images for row in rows)}",
         markup=False,
     )
@@ -148,7 +148,7 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
 
     return {
         "file": str(session.path),
-        "task": session.task,
+        "robot": session.robot,
         "cloth": session.cloth,
         "step_s": session.step_s,
         "descriptor": session.descriptor,
@@ -170,9 +170,9 @@ def _number(what: str, value: float) -> str:
 # Statistics
 
 
-def column_names(task: RobotName) -> dict[str, tuple[str, ...]]:
+def column_names(robot: RobotName) -> dict[str, tuple[str, ...]]:
     """Names of the columns of each data set; empty where they have none."""
-    return {field.key: schema.columns_of(field, task) for field in schema.FIELDS}
+    return {field.key: schema.columns_of(field, robot) for field in schema.FIELDS}
 
 
 def column_rows(column: ColumnStats, names: Sequence[str]) -> list[tuple[str, list[str]]]:

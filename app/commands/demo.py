@@ -20,7 +20,7 @@ from layflat.app.commands.train import successful_demonstrations
 from layflat.app.media.frames import contact_sheet, disturbance_steps, frame_strip, placing_steps
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.png import write_png
-from layflat.app.report.demo import FRAME_WIDTH, ReportInput, TaskResults, pictured_run, write_report
+from layflat.app.report.demo import FRAME_WIDTH, ReportInput, RobotResults, pictured_run, write_report
 from layflat.app.support import validators
 from layflat.app.support.atomic_write import write_text
 from layflat.app.support.errors import LayflatError, UsageError
@@ -56,7 +56,7 @@ REPORT_S = 25.0
 
 
 def run_demo(
-    out: Path, *, episodes: int, seed: int, tasks: tuple[RobotName, ...], cloth: str, workers: int, force: bool
+    out: Path, *, episodes: int, seed: int, robots: tuple[RobotName, ...], cloth: str, workers: int, force: bool
 ) -> Path:
     """Run the story into ``out`` and print where the report is; returns the report's path."""
     validators.one_of("cloth", cloth, CLOTHS)
@@ -67,22 +67,22 @@ def run_demo(
     if report.exists() and not force:
         raise UsageError(f"{report} exists; give --force to make everything anew, or another --out")
     if force:
-        _clear(out, tasks)
+        _clear(out, robots)
     results = []
     notes: list[str] = []
-    with Progress(_phases(tasks, episodes, workers)) as progress:
-        for task in tasks:
-            demonstrations = _demonstrate(out, task, cloth, seed, workers, progress)
-            models = _learn(out, task, seed, workers, progress)
+    with Progress(_phases(robots, episodes, workers)) as progress:
+        for robot in robots:
+            demonstrations = _demonstrate(out, robot, cloth, seed, workers, progress)
+            models = _learn(out, robot, seed, workers, progress)
             # What FINISH rolls out are the processes of gp-word: shown once.
             fields = {
                 name: model for name, model in models.items() if isinstance(model, RegressionModel) and name != FINISH
             }
-            runs, lost = _place(task, cloth, models, episodes, seed, workers, progress)
-            notes += [f"{task} task, {f.job.source}, seed {f.job.seed}: lost, {f.reason}" for f in lost]
+            runs, lost = _place(robot, cloth, models, episodes, seed, workers, progress)
+            notes += [f"{robot} robot, {f.job.source}, seed {f.job.seed}: lost, {f.reason}" for f in lost]
             results.append(
-                TaskResults(
-                    task=task,
+                RobotResults(
+                    robot=robot,
                     cloth=cloth,
                     demonstrations=demonstrations,
                     models=fields,
@@ -92,7 +92,7 @@ def run_demo(
             )
             _write_rows(out, [e for r in results for group in r.runs.values() for e in group])
         progress.phase("report", items=1)
-        content = ReportInput(tasks=tuple(results), provenance=capture_provenance(), seed=seed, notes=tuple(notes))
+        content = ReportInput(robots=tuple(results), provenance=capture_provenance(), seed=seed, notes=tuple(notes))
         write_report(report, content, on_progress=progress.status)
         _draw_frames(out / "frames.png", results[0])
         progress.advance()
@@ -100,45 +100,45 @@ def run_demo(
     return report
 
 
-def _phases(tasks: Sequence[RobotName], episodes: int, workers: int) -> dict[str, float]:
+def _phases(robots: Sequence[RobotName], episodes: int, workers: int) -> dict[str, float]:
     phases: dict[str, float] = {}
-    for task in tasks:
-        phases[f"{task}: demonstrations"] = DEMONSTRATION_S * DEMONSTRATIONS / workers
-        phases[f"{task}: training"] = TRAINING_S[task]
-        phases[f"{task}: placing and disturbance"] = RUN_S * episodes * (len(POLICIES) + 1) / workers
+    for robot in robots:
+        phases[f"{robot}: demonstrations"] = DEMONSTRATION_S * DEMONSTRATIONS / workers
+        phases[f"{robot}: training"] = TRAINING_S[robot]
+        phases[f"{robot}: placing and disturbance"] = RUN_S * episodes * (len(POLICIES) + 1) / workers
     phases["report"] = REPORT_S
     return phases
 
 
-def _clear(out: Path, tasks: Sequence[RobotName]) -> None:
+def _clear(out: Path, robots: Sequence[RobotName]) -> None:
     """Remove what an earlier demo wrote there, and nothing else."""
-    names = [f"demonstrations-{task}.h5" for task in tasks] + [
+    names = [f"demonstrations-{robot}.h5" for robot in robots] + [
         "episodes.csv",
         "summary.json",
         "report.html",
         "frames.png",
     ]
-    names += [f"{policy}-{task}.npz" for policy in POLICIES for task in tasks]
+    names += [f"{policy}-{robot}.npz" for policy in POLICIES for robot in robots]
     for name in names:
         (out / name).unlink(missing_ok=True)
         shutil.rmtree(out / f"{name}.parts", ignore_errors=True)
 
 
 def _demonstrate(
-    out: Path, task: RobotName, cloth: str, seed: int, workers: int, progress: Progress
+    out: Path, robot: RobotName, cloth: str, seed: int, workers: int, progress: Progress
 ) -> tuple[Episode, ...]:
     """Record what is missing of the demonstrations; all of them, in the order of their seeds."""
-    path = out / f"demonstrations-{task}.h5"
+    path = out / f"demonstrations-{robot}.h5"
     wanted = [DEMONSTRATION_SEED + seed + k for k in range(DEMONSTRATIONS)]
     there = set()
     if path.exists() or path.with_name(path.name + ".parts").exists():
         with open_session(path) as session:
             there = {session.info(name).seed for name in session.names}
     missing = [s for s in wanted if s not in there]
-    progress.phase(f"{task}: demonstrations", items=DEMONSTRATIONS)
+    progress.phase(f"{robot}: demonstrations", items=DEMONSTRATIONS)
     progress.advance(len(wanted) - len(missing))
-    with SessionRecorder(path, task=task, cloth=cloth, descriptor=DEFAULT) as recorder:
-        jobs = [EpisodeConfig(task=task, cloth=cloth, seed=s) for s in missing]
+    with SessionRecorder(path, robot=robot, cloth=cloth, descriptor=DEFAULT) as recorder:
+        jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=s) for s in missing]
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
     if lost:
         raise LayflatError(
@@ -148,11 +148,11 @@ def _demonstrate(
         return tuple(sorted(session.episodes(images=False), key=lambda episode: episode.seed))
 
 
-def _learn(out: Path, task: RobotName, seed: int, workers: int, progress: Progress) -> dict[str, TrainedModel]:
+def _learn(out: Path, robot: RobotName, seed: int, workers: int, progress: Progress) -> dict[str, TrainedModel]:
     """Train the policies, each in a process of its own, or load what an earlier run trained."""
-    path = out / f"demonstrations-{task}.h5"
-    progress.phase(f"{task}: training", items=len(POLICIES))
-    files = {policy: out / f"{policy}-{task}.npz" for policy in POLICIES}
+    path = out / f"demonstrations-{robot}.h5"
+    progress.phase(f"{robot}: training", items=len(POLICIES))
+    files = {policy: out / f"{policy}-{robot}.npz" for policy in POLICIES}
     missing = [policy for policy, file in files.items() if not file.exists()]
     progress.advance(len(POLICIES) - len(missing))
     with process_pool(min(workers, len(POLICIES))) as pool:
@@ -172,7 +172,7 @@ def _train(path: Path, policy: str, seed: int) -> TrainedModel:
 
 
 def _place(
-    task: RobotName,
+    robot: RobotName,
     cloth: str,
     models: dict[str, TrainedModel],
     episodes: int,
@@ -189,7 +189,7 @@ def _place(
     ]
     jobs = [
         EpisodeConfig(
-            task=task,
+            robot=robot,
             cloth=cloth,
             seed=seed + k,
             model=model,
@@ -203,7 +203,7 @@ def _place(
     ]
     runs: dict[str, list[Episode]] = {job.source: [] for job in jobs}
     lost = []
-    progress.phase(f"{task}: placing and disturbance", items=len(jobs))
+    progress.phase(f"{robot}: placing and disturbance", items=len(jobs))
     with closing(run_episodes(jobs, workers=workers)) as results:
         for job, result in zip(jobs, results, strict=True):
             if isinstance(result, EpisodeFailure):
@@ -215,8 +215,8 @@ def _place(
     return {name: tuple(group) for name, group in runs.items()}, lost
 
 
-def _draw_frames(path: Path, results: TaskResults) -> None:
-    """The first task's best policy in two rows: placing; disturbance and repair."""
+def _draw_frames(path: Path, results: RobotResults) -> None:
+    """The first robot's best policy in two rows: placing; disturbance and repair."""
     run = pictured_run(results.runs[FINISHER])
     if run is None:  # its first episode was lost; the report says so
         return
@@ -237,7 +237,7 @@ def _words(episode: Episode) -> str:
 
 
 def _write_rows(out: Path, episodes: Sequence[Episode]) -> None:
-    """episodes.csv and summary.json, anew after each task, so that an interrupted demo leaves what it has."""
+    """episodes.csv and summary.json, anew after each robot, so that an interrupted demo leaves what it has."""
     rows = [episode_metrics(episode) for episode in episodes]
     write_text(out / "episodes.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
     groups = summary(rows).replace({np.nan: None}).to_dict(orient="records")

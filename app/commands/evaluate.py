@@ -45,7 +45,7 @@ def evaluate(
     seed: int,
     disturb: Sequence[str],
     cloths: Sequence[str],
-    tasks: Sequence[str],
+    robots: Sequence[str],
     start: Start,
     limit_s: float,
     workers: int,
@@ -58,7 +58,7 @@ def evaluate(
 
     A policy is ``[NAME=]MODEL.npz[+RULE][+DECORATOR...]``; the name of one that needs no training may be the model.
     """
-    entrants = entrants_of(policies, tasks)
+    entrants = entrants_of(policies, robots)
     taught = dict.fromkeys(entrant.model.cloth for entrant in entrants if entrant.model is not None)
     plan = EvaluationPlan(
         entrants=entrants,
@@ -110,29 +110,29 @@ class ParsedPolicy:
         return "+".join(name for name in who if name is not None)
 
 
-def entrants_of(policies: Sequence[str], tasks: Sequence[str]) -> tuple[PolicySpec, ...]:
-    """One entrant for each policy and task; those whose usual names are the same are told apart by their files."""
+def entrants_of(policies: Sequence[str], robots: Sequence[str]) -> tuple[PolicySpec, ...]:
+    """One entrant for each policy and robot; those whose usual names are the same are told apart by their files."""
     given = [_given(text) for text in policies]
-    taught = dict.fromkeys(one.model.layout.task for one in given if one.model is not None)
+    taught = dict.fromkeys(one.model.layout.robot for one in given if one.model is not None)
     wanted = tuple(
-        task for task in ROBOTS if task in [validators.one_of("task", name, ROBOTS) for name in tasks or taught]
+        robot for robot in ROBOTS if robot in [validators.one_of("robot", name, ROBOTS) for name in robots or taught]
     )
     if not wanted:
-        raise UsageError("a policy without a model can do any task; give --task hanger or --task pickers")
-    found = [(task, one) for task in wanted for one in given if one.model is None or one.model.layout.task == task]
-    left_out = [one for one in given if one.model is not None and one.model.layout.task not in wanted]
+        raise UsageError("a policy without a model can do any robot; give --robot hanger or --robot pickers")
+    found = [(robot, one) for robot in wanted for one in given if one.model is None or one.model.layout.robot == robot]
+    left_out = [one for one in given if one.model is not None and one.model.layout.robot not in wanted]
     if left_out:
-        raise UsageError(f"{left_out[0].stem} was taught another task than {', '.join(wanted)}; leave it out")
-    usual = [(task, one.name or one.usual_name) for task, one in found]
+        raise UsageError(f"{left_out[0].stem} was taught another robot than {', '.join(wanted)}; leave it out")
+    usual = [(robot, one.name or one.usual_name) for robot, one in found]
     return tuple(
         PolicySpec(
-            name=f"{name}@{_plain(one.stem)}" if one.name is None and usual.count((task, name)) > 1 else name,
-            task=task,
+            name=f"{name}@{_plain(one.stem)}" if one.name is None and usual.count((robot, name)) > 1 else name,
+            robot=robot,
             model=one.model,
             made=one.made,
             decorators=one.decorators,
         )
-        for (task, one), (_, name) in zip(found, usual, strict=True)
+        for (robot, one), (_, name) in zip(found, usual, strict=True)
     )
 
 
@@ -178,7 +178,7 @@ def show(summary: Mapping[str, Any]) -> None:
     # Without a terminal there is no width to fit, and a cut word is of no use in a file.
     console = Console(width=None if sys.stdout.isatty() else 200)
     table = Table(title=None)
-    for name in ("policy", "task", "cloth", "disturbance"):
+    for name in ("policy", "robot", "cloth", "disturbance"):
         table.add_column(name)
     for name in (
         "n",
@@ -195,7 +195,7 @@ def show(summary: Mapping[str, Any]) -> None:
         final = group["contact_final"]
         low, high = group["success_wilson95"]
         table.add_row(
-            *(group[name] for name in ("policy", "task", "cloth", "disturbance")),
+            *(group[name] for name in ("policy", "robot", "cloth", "disturbance")),
             str(group["n"]),
             _with_interval(final),
             _percent(final["min"]),
@@ -212,14 +212,14 @@ def show(summary: Mapping[str, Any]) -> None:
 
 def _differences(paired: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(title=None)
-    for name in ("difference", "task", "cloth", "disturbance"):
+    for name in ("difference", "robot", "cloth", "disturbance"):
         table.add_column(name)
     for name in ("pairs", "final contact, points [95 %]", "regained, points [95 %]", "success, points [95 %]"):
         table.add_column(name, justify="right")
     for pair in paired:
         table.add_row(
             f"{pair['b']} - {pair['a']}",
-            *(pair[name] for name in ("task", "cloth", "disturbance")),
+            *(pair[name] for name in ("robot", "cloth", "disturbance")),
             str(pair["contact_final"]["n"]),
             *(_with_interval(pair[name], signed=True) for name in ("contact_final", "gain", "success")),
         )

@@ -62,7 +62,7 @@ def flatten(
             validators.writable_file(file, force=force)
     jobs = [
         EpisodeConfig(
-            task="pickers",
+            robot="pickers",
             cloth=cloth,
             seed=seed + k,
             flatten=controller,

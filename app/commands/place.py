@@ -63,7 +63,7 @@ def place(
         raise UsageError(f"{video} is not a .webm file; films are written as .webm")
     jobs = [
         EpisodeConfig(
-            task=learned.layout.task,
+            robot=learned.layout.robot,
             cloth=cloth,
             seed=seed + k,
             model=learned,
@@ -95,7 +95,7 @@ def _content(done: Sequence[Episode], lost: Sequence[EpisodeFailure]) -> dict[st
 
 def _crashed_row(job: EpisodeConfig, reason: str) -> dict[str, Any]:
     return crashed_metrics(
-        policy=job.source, task=job.task, cloth=job.cloth, seed=job.seed, disturbance=job.disturbance, reason=reason
+        policy=job.source, robot=job.robot, cloth=job.cloth, seed=job.seed, disturbance=job.disturbance, reason=reason
     )
 
 
@@ -112,7 +112,7 @@ def _run(
         recorder = None
         if record is not None:
             recorder = stack.enter_context(
-                SessionRecorder(record, task=learned.layout.task, cloth=cloth, descriptor=learned.descriptor)
+                SessionRecorder(record, robot=learned.layout.robot, cloth=cloth, descriptor=learned.descriptor)
             )
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(jobs) / workers}))
         for left in recorder.recovered if recorder is not None else ():

@@ -38,13 +38,13 @@ def record(wish: RecordConfig, *, force: bool, workers: int) -> None:
         return
     jobs = [
         EpisodeConfig(
-            task=wish.task, cloth=wish.cloth, seed=wish.seed + k, descriptor=wish.descriptor, images=wish.images
+            robot=wish.robot, cloth=wish.cloth, seed=wish.seed + k, descriptor=wish.descriptor, images=wish.images
         )
         for k in range(episodes)
     ]
     with (
         SessionRecorder(
-            path, task=wish.task, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
+            path, robot=wish.robot, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
         ) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):

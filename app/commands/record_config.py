@@ -13,7 +13,7 @@ class RecordConfig:
     """Demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
 
     path: Path
-    task: RobotName
+    robot: RobotName
     cloth: str
     source: str
     """Who demonstrates: scripted, or a device of layflat.app.workstation.teleop.registry.SOURCES."""

@@ -138,14 +138,14 @@ def _rerun_here(recorded: Episode) -> Episode:
 
 def settings_of(recorded: Episode) -> SimConfig:
     """The bench that the episode was recorded on, as far as its file says so; UsageError where that is none."""
-    usual = SimConfig(task=recorded.task, cloth=recorded.cloth)
+    usual = SimConfig(robot=recorded.robot, cloth=recorded.cloth)
     known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
     told: dict[str, Any] = dict(recorded.bench) or {"table_friction": recorded.start.get("table_friction", 1.0)}
     for name, value in told.items():
         if known.get(name) is not type(value):
             raise UsageError(f"the episode's bench has {name} {value!r}, which this version does not know")
     try:
-        return SimConfig(**(told | {"task": recorded.task, "cloth": recorded.cloth, "step_s": recorded.step_s}))
+        return SimConfig(**(told | {"robot": recorded.robot, "cloth": recorded.cloth, "step_s": recorded.step_s}))
     except SimError as error:
         raise UsageError(f"the episode's bench is none of this version: {error}") from None
 
@@ -239,7 +239,7 @@ def print_state(episode: Episode) -> None:
         )
     out = console()
     out.print(
-        f"{episode.source}, seed {episode.seed}, {episode.task}, {episode.cloth}: {episode.outcome},"
+        f"{episode.source}, seed {episode.seed}, {episode.robot}, {episode.cloth}: {episode.outcome},"
         f" stopped by {episode.stopped_by}",
         markup=False,
         highlight=False,

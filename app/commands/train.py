@@ -71,7 +71,7 @@ def successful_demonstrations(path: Path) -> list[Episode]:
 
 def show(model: TrainedModel, path: Path) -> None:
     """Print points, hyperparameters and held-out error on stdout."""
-    table = Table(title=f"{model.policy}, {model.layout.task} task, {model.cloth}", title_justify="left")
+    table = Table(title=f"{model.policy}, {model.layout.robot} robot, {model.cloth}", title_justify="left")
     columns = hyperparameters(model) if isinstance(model, GpModel) else {}
     for name in ("output", *columns, "held-out error (mm)"):
         table.add_column(name, justify="left" if name == "output" else "right")

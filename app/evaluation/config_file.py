@@ -33,7 +33,7 @@ def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
     there = _read(path)
     for key, kind in (("policies", "policy"), ("disturbances", "disturbance")):
         new[key] = _united(there.get(key, {}), new[key], kind, path)
-    for key in ("tasks", "cloths", "seeds"):
+    for key in ("robots", "cloths", "seeds"):
         new[key] = list(dict.fromkeys([*there.get(key, ()), *new[key]]))
     if there.get("start", new["start"]) != new["start"]:
         raise UsageError(_contradiction(path, f"starts are {there['start']}", f"{new['start']} ones"))
@@ -48,7 +48,7 @@ def save_config(path: Path, asked: Mapping[str, Any]) -> None:
 def order(asked: Mapping[str, Any]) -> Any:
     """Key of the finished rows' order: that of Plan.groups, for everything that was ever asked of the folder."""
     names = {
-        "task": list(asked["tasks"]),
+        "robot": list(asked["robots"]),
         "cloth": list(asked["cloths"]),
         "policy": [name.split(" ", 1)[1] for name in asked["policies"]],
         "disturbance": list(asked["disturbances"]),
@@ -56,8 +56,8 @@ def order(asked: Mapping[str, Any]) -> Any:
     places = {column: {name: place for place, name in reversed(list(enumerate(n)))} for column, n in names.items()}
 
     def key(row: Mapping[str, str]) -> tuple[int, ...]:
-        task, cloth, policy, disturbance = (places[name].get(row[name], -1) for name in places)
-        return task, cloth, int(row["seed"]), policy, disturbance
+        robot, cloth, policy, disturbance = (places[name].get(row[name], -1) for name in places)
+        return robot, cloth, int(row["seed"]), policy, disturbance
 
     return key
 
@@ -78,9 +78,9 @@ def _described(plan: EvaluationPlan) -> dict[str, Any]:
     return {
         "schema": JSON_SCHEMA,
         "start": plan.start,
-        "tasks": list(plan.tasks),
+        "robots": list(plan.robots),
         "cloths": list(plan.cloths),
-        "policies": {f"{entrant.task} {entrant.name}": _of_entrant(entrant) for entrant in plan.entrants},
+        "policies": {f"{entrant.robot} {entrant.name}": _of_entrant(entrant) for entrant in plan.entrants},
         "disturbances": {case.name: _of_case(case) for case in plan.all_cases},
         "seeds": list(plan.seeds),
         "limit_s": plan.limit_s,

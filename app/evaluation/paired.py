@@ -9,7 +9,7 @@ import pandas as pd
 
 from layflat.app.support.statistics import confidence_interval
 
-PAIR = ("task", "cloth", "seed", "disturbance")
+PAIR = ("robot", "cloth", "seed", "disturbance")
 """What two episodes share that are compared."""
 LEAST = 6
 """Pairs below which nothing is said: five that all point the same way do so by chance in one of 16."""

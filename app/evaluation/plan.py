@@ -1,6 +1,6 @@
 """What a batch runs: policies x cloths x seeds x disturbances, paired.
 
-Every policy of a task meets the same starts and the same disturbances, and each disturbed episode has its undisturbed
+Every policy of a robot meets the same starts and the same disturbances, and each disturbed episode has its undisturbed
 twin: both come out of one placing (``group.py``).
 """
 
@@ -35,11 +35,11 @@ _CASE = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*(/[a-z0-9]+([-_][a-z0-9]+)*)?")
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySpec:
-    """Who takes part, in one task: a trained model, a policy made by name, or a controller of wrinkle removal."""
+    """Who takes part, in one robot: a trained model, a policy made by name, or a controller of wrinkle removal."""
 
     name: str
     """As in the column ``policy``."""
-    task: RobotName
+    robot: RobotName
     model: TrainedModel | None = None
     made: str | None = None
     """A name of layflat.policy.registry.BUILTIN_POLICIES, or "scripted"; with a model: who takes over after a disturbance."""
@@ -51,15 +51,15 @@ class PolicySpec:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise UsageError(f"policy name {self.name!r} cannot be part of a file's name; use letters, digits and .+@-")
-        one_of("task", self.task, ROBOTS)
+        one_of("robot", self.robot, ROBOTS)
         if self.made is not None:
             one_of("policy", self.made, (*BUILTIN_POLICIES, *(() if self.model else (SCRIPTED,))))
         if self.controller is not None:
             one_of("controller", self.controller, CONTROLLERS)
         for name in self.decorators:
             one_of("decorator", name, WRAPPERS)
-        if self.model is not None and self.model.layout.task != self.task:
-            raise UsageError(f"{self.name} was taught the {self.model.layout.task} task, not {self.task}")
+        if self.model is not None and self.model.layout.robot != self.robot:
+            raise UsageError(f"{self.name} was taught the {self.model.layout.robot} robot, not {self.robot}")
         if (self.controller is not None) == (self.model is not None or self.made is not None):
             raise UsageError(f"{self.name} must be a model, a policy by name, or a controller")
 
@@ -103,7 +103,7 @@ class WorkItem:
 
     def run_id(self, case: DisturbanceCase) -> str:
         """Unique in a batch, and the name of the episode's file."""
-        parts = (self.entrant.task, self.cloth, self.entrant.name, f"s{self.seed:04d}", case.name.replace("/", "."))
+        parts = (self.entrant.robot, self.cloth, self.entrant.name, f"s{self.seed:04d}", case.name.replace("/", "."))
         return SEPARATOR.join(parts)
 
     @cached_property
@@ -131,7 +131,7 @@ class EvaluationPlan:
 
     def __post_init__(self) -> None:
         for kind, values in (
-            ("policy", [(entrant.task, entrant.name) for entrant in self.entrants]),
+            ("policy", [(entrant.robot, entrant.name) for entrant in self.entrants]),
             ("cloth", self.cloths),
             ("seed", self.seeds),
             ("disturbance", [case.name for case in self.all_cases]),
@@ -140,14 +140,14 @@ class EvaluationPlan:
         for cloth in self.cloths:
             one_of("cloth", cloth, CLOTHS)
         one_of("start", self.start, STARTS)
-        for task in self.tasks:
-            _possible(task, self.start)
+        for robot in self.robots:
+            _possible(robot, self.start)
         if not self.limit_s > 0:
             raise UsageError(f"--limit-s is {self.limit_s}; it must be above 0")
 
     @property
-    def tasks(self) -> tuple[RobotName, ...]:
-        return tuple(dict.fromkeys(entrant.task for entrant in self.entrants))
+    def robots(self) -> tuple[RobotName, ...]:
+        return tuple(dict.fromkeys(entrant.robot for entrant in self.entrants))
 
     @property
     def all_cases(self) -> tuple[DisturbanceCase, ...]:
@@ -158,12 +158,12 @@ class EvaluationPlan:
         return len(self.entrants) * len(self.cloths) * len(self.seeds) * len(self.all_cases)
 
     def groups(self) -> Iterator[WorkItem]:
-        """In the order of the finished rows: by task and cloth, then start by start, so that a part is paired, too."""
-        for task in self.tasks:
+        """In the order of the finished rows: by robot and cloth, then start by start, so that a part is paired, too."""
+        for robot in self.robots:
             for cloth in self.cloths:
                 for seed in self.seeds:
                     for entrant in self.entrants:
-                        if entrant.task == task:
+                        if entrant.robot == robot:
                             yield WorkItem(
                                 entrant=entrant,
                                 cloth=cloth,
@@ -174,9 +174,9 @@ class EvaluationPlan:
                             )
 
 
-def _possible(task: RobotName, start: Start) -> None:
+def _possible(robot: RobotName, start: Start) -> None:
     try:
-        SimConfig(task=task, start=start)
+        SimConfig(robot=robot, start=start)
     except SimError as error:
         raise UsageError(str(error)) from None
 

@@ -17,7 +17,7 @@ from layflat.data.session.reader import open_session
 from layflat.data.types import DataError, Episode
 
 BATCH, EPISODES, SUMMARY, RUNS = "batch.json", "episodes.csv", "summary.json", "runs"
-_WORDS = ("policy", "task", "cloth", "disturbance", "stopped_by", "run", "start", "reason")
+_WORDS = ("policy", "robot", "cloth", "disturbance", "stopped_by", "run", "start", "reason")
 _TRUTHS = ("unstable", "crashed")
 _COUNTS = ("seed", "steps", "attempts")
 _NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_WORDS, *_TRUTHS, *_COUNTS))

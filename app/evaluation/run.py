@@ -187,7 +187,7 @@ def _crashed_row(group: WorkItem, run: str, reason: str) -> dict[str, Any]:
     case = next(case for case in group.cases if group.run_id(case) == run)
     row = crashed_metrics(
         policy=group.entrant.name,
-        task=group.entrant.task,
+        robot=group.entrant.robot,
         cloth=group.cloth,
         seed=group.seed,
         disturbance=case.name,

@@ -22,7 +22,7 @@ class SimulatedEpisode:
 
     def __init__(self, group: WorkItem) -> None:
         entrant = group.entrant
-        settings = SimConfig(task=entrant.task, cloth=group.cloth, start=group.start, descriptor=entrant.descriptor)
+        settings = SimConfig(robot=entrant.robot, cloth=group.cloth, start=group.start, descriptor=entrant.descriptor)
         bench = ClothSimulation(settings)
         bench.reset(group.seed)
         began = time.monotonic()

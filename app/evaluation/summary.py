@@ -15,7 +15,7 @@ from layflat.data.types import FLAT_AREA
 
 MEASURES = ("contact_final", "gain", "flat_area_final", "contact_final_true")
 """``gain`` is contact_final - contact_disturbed."""
-PLACE = ["task", "cloth", "disturbance"]
+PLACE = ["robot", "cloth", "disturbance"]
 
 
 def with_measures(rows: pd.DataFrame) -> pd.DataFrame:
@@ -81,12 +81,12 @@ def _paired(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
 
 def _twins(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """What a disturbance has left behind in the end: the disturbed episode less its undisturbed twin."""
-    for key, group in rows.groupby(["policy", "task", "cloth"], sort=False):
+    for key, group in rows.groupby(["policy", "robot", "cloth"], sort=False):
         by_case = {name: case.set_index("seed") for name, case in group.groupby("disturbance", sort=False)}
         alone = by_case.pop("none", None)
         for name, case in by_case.items():
             if alone is not None:
-                whose = dict(zip(("policy", "task", "cloth"), key, strict=True))
+                whose = dict(zip(("policy", "robot", "cloth"), key, strict=True))
                 yield {**whose, "disturbance": name, **_difference(alone, case)}
 
 

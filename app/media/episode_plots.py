@@ -31,7 +31,7 @@ class Curves:
     """What is drawn of one episode."""
 
     name: str
-    task: RobotName
+    robot: RobotName
     outcome: Outcome
     time_s: FloatArray
     """(T + 1,) s, 0 at the first step."""
@@ -72,7 +72,7 @@ def curves_of(name: str, episode: Episode) -> Curves:
     taken = _runs([step.intervention for step in episode.steps])
     return Curves(
         name=name,
-        task=episode.task,
+        robot=episode.robot,
         outcome=episode.outcome,
         time_s=episode.step_s * np.arange(len(seen), dtype=np.float64),
         disturbances_s=tuple(episode.step_s * begun for begun, _ in disturbed_spans(episode)),
@@ -158,7 +158,7 @@ def _alpha(count: int) -> float:
 def _draw_paths(axis: Axes, episodes: Sequence[Curves]) -> None:
     """Of the hanger, or of both pickers, in the plane that the cloth is laid in."""
     for curves in episodes:
-        tracks = [curves.holder_m] if curves.task == "hanger" else [curves.corners_m[:, 0], curves.corners_m[:, 1]]
+        tracks = [curves.holder_m] if curves.robot == "hanger" else [curves.corners_m[:, 0], curves.corners_m[:, 1]]
         for track, style in zip(tracks, LINE_STYLES, strict=False):
             colour = COLOURS[curves.outcome]
             axis.plot(track[:, 0], track[:, 2], style, color=colour, linewidth=THIN + 0.3, alpha=_alpha(len(episodes)))
@@ -168,7 +168,7 @@ def _draw_paths(axis: Axes, episodes: Sequence[Curves]) -> None:
     counts = {name: sum(curves.outcome == name for curves in episodes) for name in names}
     for name in names:
         axis.plot([], [], color=COLOURS[name], label=f"{name} ({counts[name]})")
-    if any(curves.task == "pickers" for curves in episodes):
+    if any(curves.robot == "pickers" for curves in episodes):
         axis.plot([], [], "--", color=MUTED, label="picker 2")
     axis.plot([], [], "o", color=MUTED, markersize=4, label="start")
     axis.plot([], [], "s", color=MUTED, markersize=4, label="end")
@@ -195,7 +195,7 @@ def _draw_starts(axis: Axes, episodes: Sequence[Curves]) -> None:
 
 def _draw_actions(axis: Axes, episodes: Sequence[Curves]) -> None:
     """Every component of the displacement, each step; bold where it is the mean over the episodes."""
-    for column, name in enumerate(ACTION_NAMES[episodes[0].task]):
+    for column, name in enumerate(ACTION_NAMES[episodes[0].robot]):
         colour = AXIS_COLOURS[name[1]]
         style = LINE_STYLES[name.endswith("2")]
         tracks = [(curves.time_s[:-1], 1000 * curves.actions_m[:, column]) for curves in episodes]

@@ -52,7 +52,7 @@ def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode
 
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     """What was, as a person in front of the robot saw it; drawn from the nodes, one frame for each observation."""
-    with ReplayScene(episode.task, episode.cloth) as stage:
+    with ReplayScene(episode.robot, episode.cloth) as stage:
         for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             image = stage.render(truth.nodes, seen.holder_position, WIDTH, HEIGHT)
             contact = min(max(seen.contact_portion, 0.0), 1.0)
@@ -69,7 +69,7 @@ def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
         stage: ReplayScene | None = None
         for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
             if seen.rgb is None or seen.depth is None:
-                stage = stage or stack.enter_context(ReplayScene(episode.task, episode.cloth))
+                stage = stage or stack.enter_context(ReplayScene(episode.robot, episode.cloth))
                 rgb, depth = stage.capture(truth.nodes, seen.holder_position)
                 seen = replace(seen, rgb=rgb, depth=depth)
             yield video_frame(drawer(seen), WIDTH, caption(episode, step_index))

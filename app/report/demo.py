@@ -22,11 +22,11 @@ from layflat.data.types import FLAT_AREA, Episode, Provenance, RobotName
 FRAME_WIDTH = 300
 FILM_WIDTH = 480
 
-TASK_TITLES: Mapping[RobotName, str] = {
-    "hanger": "Hanger task: one arm, two clips",
-    "pickers": "Pickers task: two free pickers",
+ROBOT_TITLES: Mapping[RobotName, str] = {
+    "hanger": "Hanger robot: one arm, two clips",
+    "pickers": "Pickers robot: two free pickers",
 }
-TASK_TEXTS: Mapping[RobotName, str] = {
+ROBOT_TEXTS: Mapping[RobotName, str] = {
     "hanger": "A Panda arm holds the cloth by two corners in a clip hanger and moves it in x and z.",
     "pickers": "Two pickers hold one corner each and move it along three axes.",
 }
@@ -40,10 +40,10 @@ OnProgress = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaskResults:
-    """What there is to show of one task."""
+class RobotResults:
+    """What there is to show of one robot."""
 
-    task: RobotName
+    robot: RobotName
     cloth: str
     demonstrations: tuple[Episode, ...]
     """Every attempt, failures too; models were trained on those of outcome "success"."""
@@ -59,7 +59,7 @@ class TaskResults:
 class ReportInput:
     """Everything that the page shows."""
 
-    tasks: tuple[TaskResults, ...]
+    robots: tuple[RobotResults, ...]
     provenance: Provenance
     seed: int
     notes: tuple[str, ...] = field(default_factory=tuple)
@@ -70,7 +70,7 @@ def write_report(path: Path, content: ReportInput, *, on_progress: OnProgress | 
     """Write the page, whole or not at all; ``step`` hears a clause for each part that is being made."""
     say = on_progress or (lambda text: None)
     page = template("demo.html.j2").render(
-        tasks=[_task_view(results, say) for results in content.tasks],
+        robots=[_robot_view(results, say) for results in content.robots],
         provenance=content.provenance,
         seed=content.seed,
         notes=content.notes,
@@ -86,15 +86,15 @@ def pictured_run(runs: Sequence[Episode]) -> Episode | None:
     return next(iter(disturbed + with_images), None)
 
 
-def _task_view(results: TaskResults, say: OnProgress) -> dict[str, Any]:
-    """All that the template needs of one task; pictures as data URIs."""
+def _robot_view(results: RobotResults, say: OnProgress) -> dict[str, Any]:
+    """All that the template needs of one robot; pictures as data URIs."""
     runs = {name: results.runs[name] for name in tables.order(results.runs) if results.runs[name]}
     all_runs = [run for group in runs.values() for run in group]
-    say(f"{results.task}: curves and fields")
+    say(f"{results.robot}: curves and fields")
     view: dict[str, Any] = {
-        "id": results.task,
-        "title": TASK_TITLES[results.task],
-        "text": TASK_TEXTS[results.task],
+        "id": results.robot,
+        "title": ROBOT_TITLES[results.robot],
+        "text": ROBOT_TEXTS[results.robot],
         "cloth": results.cloth,
         "demonstrations": len(results.demonstrations),
         "demonstrations_flat": tables.flat_count(results.demonstrations),
@@ -113,7 +113,7 @@ def _task_view(results: TaskResults, say: OnProgress) -> dict[str, Any]:
     return view
 
 
-def _cards(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> list[dict[str, str]]:
+def _cards(results: RobotResults, runs: Mapping[str, Sequence[Episode]]) -> list[dict[str, str]]:
     """The few numbers that matter, with the thesis's below."""
     flat, count = tables.flat_count(results.demonstrations), len(results.demonstrations)
     cards = [
@@ -145,7 +145,7 @@ def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: OnProgress
     view: dict[str, Any] = {"name": name, "about": ABOUT.get(name, "Comparator"), "run": None}
     if run is None:
         return view
-    say(f"{run.task}: pictures of {name}")
+    say(f"{run.robot}: pictures of {name}")
     view["run"] = {"seed": run.seed, "disturbance": run.disturbance, "steps": len(run.steps)}
     view["placing"] = strip_view(frames.frame_strip(run, frames.placing_steps(run), draw, FRAME_WIDTH))
     view["disturbance"] = strip_view(frames.frame_strip(run, frames.disturbance_steps(run), draw, FRAME_WIDTH))
@@ -153,7 +153,7 @@ def _policy_view(name: str, runs: Sequence[Episode], draw: Draw, say: OnProgress
     return view
 
 
-def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[str, Any] | None:
+def _field(results: RobotResults, runs: Mapping[str, Sequence[Episode]]) -> dict[str, Any] | None:
     """The attractor fields: one per model, and one for a cloth that has been disturbed where a model can see that."""
     learned = [episode for episode in results.demonstrations if episode.outcome == "success" and episode.steps]
     if not results.models or not learned:
@@ -168,10 +168,10 @@ def _field(results: TaskResults, runs: Mapping[str, Sequence[Episode]]) -> dict[
             title = f"{name}, contact held at {100 * held:.0f} %"
             panels.append(SubplotSpec(model=model, title=title, held={"contact": held}))
     return {
-        "image": png_uri(figures.attractor_field(results.task, panels, learned)),
+        "image": png_uri(figures.attractor_field(results.robot, panels, learned)),
         "held": any(panel.held for panel in panels),
         "bandwidth_mm": f"{1000 * figures.BANDWIDTH_M:.0f}",
-        "who": "picker 1" if results.task == "pickers" else "the hanger",
+        "who": "picker 1" if results.robot == "pickers" else "the hanger",
     }
 
 

@@ -20,7 +20,7 @@ from layflat.sim.camera.replay_scene import ReplayScene
 
 
 class EpisodeRenderer:
-    """Keeps one stage for each task and cloth while it is open."""
+    """Keeps one stage for each robot and cloth while it is open."""
 
     def __init__(self) -> None:
         self._drawer = PerceptionOverlay()
@@ -63,7 +63,7 @@ class EpisodeRenderer:
         return replace(seen, rgb=rgb, depth=depth)
 
     def _stage(self, episode: Episode) -> ReplayScene:
-        key = episode.task, episode.cloth
+        key = episode.robot, episode.cloth
         if key not in self._stages:
             self._stages[key] = self._stack.enter_context(ReplayScene(*key))
         return self._stages[key]

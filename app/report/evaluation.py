@@ -21,7 +21,7 @@ from layflat.app.report.tables import percent, points
 from layflat.app.report.thesis_numbers import BASELINE
 from layflat.data.types import Episode, FloatArray
 
-CONDITION = ("task", "cloth", "disturbance")
+CONDITION = ("robot", "cloth", "disturbance")
 """What has a section of its own."""
 STRIP_FRAMES = 6
 STRIP_WIDTH = 220
@@ -163,7 +163,7 @@ def example_strips(
 def _section(
     results: ResultsLike, painter: EpisodeRenderer, condition: Mapping[str, str], rows: pd.DataFrame, videos: bool
 ) -> Section:
-    words = f"{condition['task']}, {condition['cloth']}, " + (
+    words = f"{condition['robot']}, {condition['cloth']}, " + (
         "undisturbed" if condition["disturbance"] == "none" else f"disturbance {condition['disturbance']}"
     )
     policies, reference = policies_of(rows), reference_of(rows)
@@ -213,7 +213,7 @@ def _every(rows: pd.DataFrame) -> Section:
 def _lead(rows: pd.DataFrame) -> str:
     counts = [
         f"{rows[name].nunique()} {word}" + ("s" if rows[name].nunique() != 1 else "")
-        for name, word in (("task", "task"), ("cloth", "cloth"))
+        for name, word in (("robot", "robot"), ("cloth", "cloth"))
     ]
     return (
         f"{len(rows)} episodes: {', '.join(policies_of(rows))}; {', '.join(counts)}; disturbances: "

@@ -159,16 +159,16 @@ class SubplotSpec:
     held: Mapping[str, float]
 
 
-def attractor_field(task: RobotName, panels: Sequence[SubplotSpec], demonstrations: Sequence[Episode]) -> bytes:
+def attractor_field(robot: RobotName, panels: Sequence[SubplotSpec], demonstrations: Sequence[Episode]) -> bytes:
     """Mean displacement (arrows) over its standard deviation (shade) in the xz plane, with the demonstrations.
 
-    Thesis, Figure 4-1; in the pickers task of picker 1. The inputs that are not in the plane are, at each point, the
+    Thesis, Figure 4-1; in the pickers robot of picker 1. The inputs that are not in the plane are, at each point, the
     average over the demonstrations' steps near it, unless a panel holds them.
     """
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10.4, 3.5 if len(panels) > 1 else 4.2), layout="constrained")
         axes = list(figure.subplots(1, len(panels), squeeze=False, sharey=True)[0])
-        fields = [field_of(task, panel, demonstrations) for panel in panels]
+        fields = [field_of(robot, panel, demonstrations) for panel in panels]
         top_mm = max(1000 * float(std.max()) for *_, std in fields)
         longest_m = max(float(np.hypot(dx, dz).max()) for _, _, dx, dz, _ in fields)
         shade = None
@@ -181,7 +181,7 @@ def attractor_field(task: RobotName, panels: Sequence[SubplotSpec], demonstratio
                 x, z, dx, dz, angles="xy", scale_units="xy", scale=scale, color=INK, width=0.0028, zorder=3,
                 headwidth=3.6, headlength=4, minlength=0.3,
             )  # fmt: skip
-            _draw_demonstrations(axis, task, panel.model.layout.task, demonstrations)
+            _draw_demonstrations(axis, robot, panel.model.layout.robot, demonstrations)
             axis.set_title(panel.title)
             axis.set_xlabel("x (m)")
             axis.set_aspect("equal")
@@ -197,10 +197,10 @@ def attractor_field(task: RobotName, panels: Sequence[SubplotSpec], demonstratio
 
 
 def field_of(
-    task: RobotName, panel: SubplotSpec, demonstrations: Sequence[Episode]
+    robot: RobotName, panel: SubplotSpec, demonstrations: Sequence[Episode]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """x, z, dx, dz (m) and standard deviation (m, root mean square of both outputs), each (rows, columns)."""
-    column_x, column_z, out_x, out_z = PLANE[task]
+    column_x, column_z, out_x, out_z = PLANE[robot]
     layout = panel.model.layout
     known = np.concatenate([layout.matrix(episode.steps) for episode in demonstrations])
     plane = [layout.names.index(column_x), layout.names.index(column_z)]
@@ -222,9 +222,11 @@ def nearby_average(values: FloatArray, places: FloatArray, points: FloatArray) -
     return np.asarray(softmax(-0.5 * squared / BANDWIDTH_M**2, axis=1) @ values)
 
 
-def _draw_demonstrations(axis: Axes, task: RobotName, model_task: RobotName, demonstrations: Sequence[Episode]) -> None:
-    column_x, column_z, _, _ = PLANE[task]
-    layout = FeatureLayout(task=model_task, names=(column_x, column_z))
+def _draw_demonstrations(
+    axis: Axes, robot: RobotName, model_robot: RobotName, demonstrations: Sequence[Episode]
+) -> None:
+    column_x, column_z, _, _ = PLANE[robot]
+    layout = FeatureLayout(robot=model_robot, names=(column_x, column_z))
     for number, episode in enumerate(demonstrations):
         path = np.array([layout.vector(observation) for observation in episode.observations()])
         label = f"{len(demonstrations)} demonstrations" if number == 0 else None

@@ -26,14 +26,14 @@ ATTEMPTS_EACH = 3
 
 
 class ArtifactStore:
-    """The folder's demonstrations, one session for each task and cloth, and its models."""
+    """The folder's demonstrations, one session for each robot and cloth, and its models."""
 
     def __init__(self, out: Path, *, seed: int) -> None:
         self._out = out
         self._seed = seed
 
-    def session_path(self, task: RobotName, cloth: str) -> Path:
-        return self._out / "demonstrations" / f"{task}-{cloth}.h5"
+    def session_path(self, robot: RobotName, cloth: str) -> Path:
+        return self._out / "demonstrations" / f"{robot}-{cloth}.h5"
 
     def model_path(self, taught: ModelSpec) -> Path:
         return self._out / "models" / f"{taught.name}.npz"
@@ -43,44 +43,44 @@ class ArtifactStore:
         missing = [taught for taught in dict.fromkeys(wanted) if not self.model_path(taught).exists()]
         most: dict[tuple[RobotName, str], int] = {}
         for taught in missing:
-            key = taught.task, taught.cloth
+            key = taught.robot, taught.cloth
             most[key] = max(most.get(key, 0), taught.demonstrations)
-        for (task, cloth), count in most.items():
-            self._demonstrate(task, cloth, count, progress, workers)
+        for (robot, cloth), count in most.items():
+            self._demonstrate(robot, cloth, count, progress, workers)
         self._learn(missing, progress, workers)
 
     def model(self, taught: ModelSpec) -> TrainedModel:
         return model_files.load(self.model_path(taught))
 
-    def attempts(self, task: RobotName, cloth: str) -> list[Episode]:
+    def attempts(self, robot: RobotName, cloth: str) -> list[Episode]:
         """Every recorded demonstration by seed, failures too; without images."""
-        path = self.session_path(task, cloth)
+        path = self.session_path(robot, cloth)
         if not (path.exists() or path.with_name(path.name + ".parts").exists()):
             return []
         with open_session(path) as session:
             return sorted(session.episodes(images=False), key=lambda episode: episode.seed)
 
-    def demonstrations(self, task: RobotName, cloth: str, count: int) -> list[Episode]:
+    def demonstrations(self, robot: RobotName, cloth: str, count: int) -> list[Episode]:
         """The first ``count`` successful demonstrations by seed, or as many as there are."""
-        return [episode for episode in self.attempts(task, cloth) if episode.outcome == "success"][:count]
+        return [episode for episode in self.attempts(robot, cloth) if episode.outcome == "success"][:count]
 
-    def _demonstrate(self, task: RobotName, cloth: str, count: int, progress: Progress, workers: int) -> None:
+    def _demonstrate(self, robot: RobotName, cloth: str, count: int, progress: Progress, workers: int) -> None:
         """Record until ``count`` demonstrations have succeeded; failed ones stay on record and are not learned from."""
-        path = self.session_path(task, cloth)
+        path = self.session_path(robot, cloth)
         path.parent.mkdir(parents=True, exist_ok=True)
         while True:
-            there = self.attempts(task, cloth)
+            there = self.attempts(robot, cloth)
             short = count - sum(episode.outcome == "success" for episode in there)
             if short <= 0:
                 return
             if len(there) + short > ATTEMPTS_EACH * count:
-                raise LayflatError(f"of {len(there)} demonstrations ({task}, {cloth}) {short} too few ended flat")
+                raise LayflatError(f"of {len(there)} demonstrations ({robot}, {cloth}) {short} too few ended flat")
             seeds = {episode.seed for episode in there}
             first = DEMONSTRATION_SEED + self._seed
             missing = [seed for seed in range(first, first + len(there) + short) if seed not in seeds]
-            with SessionRecorder(path, task=task, cloth=cloth, descriptor=DEFAULT) as recorder:
-                jobs = [EpisodeConfig(task=task, cloth=cloth, seed=seed) for seed in missing]
-                progress.status(f"{len(jobs)} demonstrations, {task}, {cloth}")
+            with SessionRecorder(path, robot=robot, cloth=cloth, descriptor=DEFAULT) as recorder:
+                jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=seed) for seed in missing]
+                progress.status(f"{len(jobs)} demonstrations, {robot}, {cloth}")
                 lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
             if lost:
                 raise LayflatError(f"a demonstration was lost: {lost[0].reason}; the same command goes on from here")
@@ -91,7 +91,7 @@ class ArtifactStore:
             return
         with process_pool(min(workers, len(missing))) as pool:
             futures = {
-                taught: pool.schedule(_train, args=[self.session_path(taught.task, taught.cloth), taught, self._seed])
+                taught: pool.schedule(_train, args=[self.session_path(taught.robot, taught.cloth), taught, self._seed])
                 for taught in missing
             }
             for taught, future in futures.items():

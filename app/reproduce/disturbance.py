@@ -55,16 +55,16 @@ NOTE = (
 
 
 def show(material: ExperimentResults) -> ExperimentOutput:
-    """For each cloth and task a table, what differs, curves, and a strip of each policy."""
+    """For each cloth and robot a table, what differs, curves, and a strip of each policy."""
     blocks: list[Block] = []
     claims: list[Claim] = []
     for trial in (*placing(material.size), *second_cloth(material.size)):
         rows = disturbed(material.rows(trial))
         claims += _claims(trial, rows)
         if not len(rows):
-            blocks.append(Text(lines=(f"{trial.task}, {trial.cloth}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{trial.robot}, {trial.cloth}: {MISSING}",)))
             continue
-        title = f"{trial.task} task, {trial.cloth}, taught on the same cloth"
+        title = f"{trial.robot} robot, {trial.cloth}, taught on the same cloth"
         blocks.append(TableBlock(table=disturbance_table(rows), title=title, note=first_note(blocks, NOTE)))
         lines = [
             difference_sentence(PROPOSED, BASELINE, column, difference(rows, PROPOSED, BASELINE, column))
@@ -110,7 +110,7 @@ def _lines(policy: str, rows: pd.DataFrame) -> Iterator[tuple[str, ...]]:
 
 
 def _claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
-    where = f"{trial.task}, {trial.cloth}"
+    where = f"{trial.robot}, {trial.cloth}"
     for policy, stated in thesis.REGAINED_CLAIM.items():
         theirs = thesis.regained(policy)
         for k, turn in enumerate(TURNS[: max(trial.repeats, 1)], start=1):

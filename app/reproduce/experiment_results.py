@@ -165,6 +165,6 @@ def digest_of(episode: Episode) -> EpisodeDigest:
 
 def _caption(row: pd.Series) -> str:
     return (
-        f"{row['task']}, {row['cloth']}, seed {row['seed']}: final contact {percent(row['contact_final'])}, "
+        f"{row['robot']}, {row['cloth']}, seed {row['seed']}: final contact {percent(row['contact_final'])}, "
         f"flat area {ratio(row['flat_area_final'])}, stopped by {row['stopped_by'].replace('_', ' ')}"
     )

@@ -16,31 +16,31 @@ from layflat.policy.trained_model import RegressionModel
 
 
 def show(material: ExperimentResults) -> ExperimentOutput:
-    """For each task the fields of the baseline and of the proposed method in the xz plane."""
+    """For each robot the fields of the baseline and of the proposed method in the xz plane."""
     blocks: list[Block] = []
     claims = []
     for trial in placing(material.size):
         there = [t for t in trial.taught if material.workshop.model_path(t).exists()]
         models = {t.policy: model for t in there if isinstance(model := material.workshop.model(t), RegressionModel)}
-        learned = material.workshop.demonstrations(trial.task, trial.cloth, material.size.demonstrations)
+        learned = material.workshop.demonstrations(trial.robot, trial.cloth, material.size.demonstrations)
         if not models or not learned:
-            blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{trial.robot}: {MISSING}",)))
             continue
         panels = [figures.SubplotSpec(model=model, title=name, held={}) for name, model in models.items()]
-        png = figures.attractor_field(trial.task, panels, learned)
-        who = "picker 1" if trial.task == "pickers" else "the hanger"
+        png = figures.attractor_field(trial.robot, panels, learned)
+        who = "picker 1" if trial.robot == "pickers" else "the hanger"
         caption = (
-            f"{trial.task} task: the displacement that a model predicts for {who} in the xz plane (arrows, length "
+            f"{trial.robot} robot: the displacement that a model predicts for {who} in the xz plane (arrows, length "
             "proportional) over its standard "
             f"deviation (grey: unsure), with the {len(learned)} demonstrations it learned from. Inputs outside the "
             "plane are, at each point, those of "
             f"the demonstrations' steps near it."
         )
-        blocks.append(Figure(png=png, alt=f"attractor field, {trial.task}", caption=caption))
-        near, far, sure, unsure = _near_and_far(trial.task, panels[0], learned)
+        blocks.append(Figure(png=png, alt=f"attractor field, {trial.robot}", caption=caption))
+        near, far, sure, unsure = _near_and_far(trial.robot, panels[0], learned)
         claims.append(
             Claim(
-                what=f"the prediction fades, and its variance grows, away from the demonstrations ({trial.task})",
+                what=f"the prediction fades, and its variance grows, away from the demonstrations ({trial.robot})",
                 source="chapters 4-2-2, 4-2-3, Figure 4-1",
                 thesis="yes",
                 ours=f"{1000 * near:.1f} mm a step near (std {1000 * sure:.1f} mm), {1000 * far:.1f} mm far away "
@@ -54,12 +54,12 @@ def show(material: ExperimentResults) -> ExperimentOutput:
 
 
 def _near_and_far(
-    task: RobotName, panel: figures.SubplotSpec, learned: Sequence[Episode]
+    robot: RobotName, panel: figures.SubplotSpec, learned: Sequence[Episode]
 ) -> tuple[float, float, float, float]:
     """Mean length (m) of the prediction on the tenth of the grid nearest to the demonstrations and on the farthest,
     and the standard deviations (m) there."""
-    x, z, dx, dz, std = figures.field_of(task, panel, learned)
-    column_x, column_z, _, _ = figures.PLANE[task]
+    x, z, dx, dz, std = figures.field_of(robot, panel, learned)
+    column_x, column_z, _, _ = figures.PLANE[robot]
     layout = panel.model.layout
     known = np.concatenate([layout.matrix(episode.steps) for episode in learned])
     places = known[:, [layout.names.index(column_x), layout.names.index(column_z)]]

@@ -77,17 +77,17 @@ NOTE = (
 
 
 def show(material: ExperimentResults) -> ExperimentOutput:
-    """For each task a table of policies, one of differences; then, in sentences, what WORD adds."""
+    """For each robot a table of policies, one of differences; then, in sentences, what WORD adds."""
     blocks: list[Block] = []
     found: dict[RobotName, pd.DataFrame] = {}
-    for task in ROBOTS:
-        trials = [t for t in (*placing(material.size), *inputs(material.size)) if t.task == task]
+    for robot in ROBOTS:
+        trials = [t for t in (*placing(material.size), *inputs(material.size)) if t.robot == robot]
         rows = material.rows(*trials)
         if not len(rows) or not {CONTACT, DIRECTION} & set(rows["policy"]):
-            blocks.append(Text(lines=(f"{task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{robot}: {MISSING}",)))
             continue
-        found[task] = rows
-        blocks.append(TableBlock(table=_policies(rows), title=f"{task} task, {trials[0].cloth}"))
+        found[robot] = rows
+        blocks.append(TableBlock(table=_policies(rows), title=f"{robot} robot, {trials[0].cloth}"))
         blocks.append(TableBlock(table=_differences(rows), note=NOTE))
         groups = {
             name: {policy: values(disturbed(rows, what), column, policy) for policy in policies_of(rows)}
@@ -100,7 +100,7 @@ def show(material: ExperimentResults) -> ExperimentOutput:
         blocks.append(
             Figure(
                 png=charts.boxes(groups, unit="regained (points)"),
-                alt=f"contact regained by policy, {task}",
+                alt=f"contact regained by policy, {robot}",
                 caption="Contact regained, a dot each episode; boxes are quartiles.",
             )
         )
@@ -113,7 +113,7 @@ def what_word_adds(found: dict[RobotName, pd.DataFrame]) -> Iterator[str]:
     """Where WORD makes a difference that the numbers show, where they show none, and the rule beside it."""
     clear: list[tuple[str, PairedComparison]] = []
     none = 0
-    for task, rows in found.items():
+    for robot, rows in found.items():
         for a, b, adds in WORD_PAIRS:
             for name, column, disturbance in QUESTIONS:
                 pair = _pair(rows, a, b, column, disturbance)
@@ -121,7 +121,7 @@ def what_word_adds(found: dict[RobotName, pd.DataFrame]) -> Iterator[str]:
                     continue
                 if pair.is_significant:
                     clear.append(
-                        (f"{name}, {task} task, added {adds.removeprefix('WORD, ')}: {difference_cell(pair)}", pair)
+                        (f"{name}, {robot} robot, added {adds.removeprefix('WORD, ')}: {difference_cell(pair)}", pair)
                     )
                 else:
                     none += 1
@@ -140,12 +140,12 @@ def what_word_adds(found: dict[RobotName, pd.DataFrame]) -> Iterator[str]:
         yield "It helps in: " + "; ".join(better) + "."
     if worse:
         yield "It harms in: " + "; ".join(worse) + "."
-    for task, rows in found.items():
+    for robot, rows in found.items():
         for a, b, _ in (PAIRS[0], PAIRS[-1]):
             for column, disturbance in (("regained_1", DISTURBANCE), ("regained_2", DISTURBANCE), ("regained_1", TUG)):
                 pair = _pair(rows, a, b, column, disturbance)
                 if pair.n:
-                    yield difference_sentence(a, b, column, pair, f"{task} task, {disturbance}")
+                    yield difference_sentence(a, b, column, pair, f"{robot} robot, {disturbance}")
 
 
 def _pair(rows: pd.DataFrame, a: str, b: str, column: str, disturbance: str) -> PairedComparison:

@@ -42,9 +42,9 @@ def show_bad_contact(material: ExperimentResults) -> ExperimentOutput:
         rows = disturbed(material.rows(trial), "none")
         claims += _claims(trial, rows, "a bad first contact", stated.source, percent(stated.value))
         if not len(rows):
-            blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{trial.robot}: {MISSING}",)))
             continue
-        title, note = f"{trial.task} task, {trial.cloth}", first_note(blocks, NOTE)
+        title, note = f"{trial.robot} robot, {trial.cloth}", first_note(blocks, NOTE)
         blocks.append(TableBlock(table=placing_table(rows, beside=False), title=title, note=note))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, "none", pick=_ends)
@@ -59,9 +59,9 @@ def show_folded_corner(material: ExperimentResults) -> ExperimentOutput:
         rows = disturbed(material.rows(trial), FOLD)
         claims += _claims(trial, rows, "a folded corner", "chapter 5-1, Figure 5-2", thesis.FOLDED_CORNER)
         if not len(rows):
-            blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{trial.robot}: {MISSING}",)))
             continue
-        title, note = f"{trial.task} task, {trial.cloth}", first_note(blocks, NOTE)
+        title, note = f"{trial.robot} robot, {trial.cloth}", first_note(blocks, NOTE)
         blocks.append(TableBlock(table=disturbance_table(rows, beside=False), title=title, note=note))
         for policy in policies_of(rows):
             blocks += material.strips(trial, policy, FOLD, pick=_ends)
@@ -80,7 +80,7 @@ def _claims(trial: Trial, rows: pd.DataFrame, what: str, source: str, stated: st
         contact = values(mine, "contact_final")
         folded = len(mine) - int(with_measures(mine)["success"].sum()) if len(mine) else 0
         yield Claim(
-            what=f"{policy} does not flatten {what} ({trial.task})",
+            what=f"{policy} does not flatten {what} ({trial.robot})",
             source=source,
             thesis=stated,
             ours=f"{contact_sentence(contact)}; flat {flat_cell(mine)}" if len(mine) else UNKNOWN,

@@ -46,18 +46,18 @@ FULL_CONTACT = 0.99
 
 
 def show(material: ExperimentResults) -> ExperimentOutput:
-    """For each task a table, what differs, curves, and a strip of each policy."""
+    """For each robot a table, what differs, curves, and a strip of each policy."""
     blocks: list[Block] = []
     claims: list[Claim] = []
     for trial in placing(material.size):
         rows = undisturbed(material.rows(trial))
         claims += _claims(trial, rows)
         if not len(rows):
-            blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{trial.robot}: {MISSING}",)))
             continue
         blocks.append(
             TableBlock(
-                table=placing_table(rows), title=f"{trial.task} task, {trial.cloth}", note=first_note(blocks, NOTE)
+                table=placing_table(rows), title=f"{trial.robot} robot, {trial.cloth}", note=first_note(blocks, NOTE)
             )
         )
         found = difference(rows, PROPOSED, BASELINE, "contact_final")
@@ -99,7 +99,7 @@ def _claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
         found = values(rows, "contact_final", policy)
         full = int((found >= FULL_CONTACT).sum())
         yield Claim(
-            what=f"{policy} places to 100 % in simulation ({trial.task})",
+            what=f"{policy} places to 100 % in simulation ({trial.robot})",
             source=stated.source,
             thesis=percent(stated.value),
             ours=f"{mean_cell(found)}; {full} of {len(found)} at 99 % or more" if len(found) else UNKNOWN,
@@ -108,7 +108,7 @@ def _claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
     for policy, (_, mean, _) in thesis.PLACING.items():
         found = values(rows, "contact_final", policy)
         yield Claim(
-            what=f"mean contact of {policy} after placing ({trial.task})",
+            what=f"mean contact of {policy} after placing ({trial.robot})",
             source=thesis.PLACING_SOURCE,
             thesis=percent(mean),
             ours=contact_sentence(found),
@@ -116,7 +116,7 @@ def _claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
         )
     pair = difference(rows, PROPOSED, BASELINE, "contact_final")
     yield Claim(
-        what=f"in placing the two do not differ ({trial.task})",
+        what=f"in placing the two do not differ ({trial.robot})",
         source="chapters 4-2-2, 4-3-2",
         thesis="no significant difference",
         ours=difference_cell(pair) if pair.n else UNKNOWN,

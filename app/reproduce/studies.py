@@ -55,14 +55,14 @@ class ModelSpec:
     """A model: what learns, from how many demonstrations of which cloth."""
 
     policy: str
-    task: RobotName
+    robot: RobotName
     cloth: str
     demonstrations: int
 
     @property
     def name(self) -> str:
         """Of the model's file."""
-        return f"{self.policy}-{self.task}-{self.cloth}-{self.demonstrations}"
+        return f"{self.policy}-{self.robot}-{self.cloth}-{self.demonstrations}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class Trial:
     """One batch: every player from the same starts, undisturbed and, from the same placing, disturbed."""
 
     name: str
-    task: RobotName
+    robot: RobotName
     players: tuple[TrialPolicy, ...]
     cloth: str = TOWEL
     seeds: int
@@ -105,16 +105,16 @@ class Trial:
 
 
 def learner(
-    policy: str, task: RobotName, size: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
+    policy: str, robot: RobotName, size: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
 ) -> TrialPolicy:
     """A model that plays under its policy's name, or another."""
-    taught = ModelSpec(policy=policy, task=task, cloth=cloth, demonstrations=count or size.demonstrations)
+    taught = ModelSpec(policy=policy, robot=robot, cloth=cloth, demonstrations=count or size.demonstrations)
     return TrialPolicy(name=name or policy, taught=taught)
 
 
-def both(task: RobotName, size: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
+def both(robot: RobotName, size: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
     """The thesis's baseline and its proposed method, taught on a cloth."""
-    return learner(BASELINE, task, size, cloth=cloth), learner(PROPOSED, task, size, cloth=cloth)
+    return learner(BASELINE, robot, size, cloth=cloth), learner(PROPOSED, robot, size, cloth=cloth)
 
 
 def counted(count: int) -> str:
@@ -124,57 +124,59 @@ def counted(count: int) -> str:
 
 def flattening(size: ScaleConfig) -> Iterator[Trial]:
     players = tuple(TrialPolicy(name=name, controller=name) for name in CONTROLLERS)
-    yield Trial(name="flattening", task="pickers", players=players, seeds=size.seeds, start="crumpled")
+    yield Trial(name="flattening", robot="pickers", players=players, seeds=size.seeds, start="crumpled")
 
 
 def placing(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
+    for robot in ROBOTS:
         yield Trial(
-            name=f"placing-{task}", task=task, players=both(task, size), seeds=size.seeds, repeats=size.repeats,
+            name=f"placing-{robot}", robot=robot, players=both(robot, size), seeds=size.seeds, repeats=size.repeats,
             others=(FOLD, TUG),
         )  # fmt: skip
 
 
 def second_cloth(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
-        players = both(task, size, NAPKIN)
+    for robot in ROBOTS:
+        players = both(robot, size, NAPKIN)
         yield Trial(
-            name=f"napkin-{task}", task=task, players=players, cloth=NAPKIN, seeds=size.seeds, repeats=size.repeats
+            name=f"napkin-{robot}", robot=robot, players=players, cloth=NAPKIN, seeds=size.seeds, repeats=size.repeats
         )
 
 
 def inputs(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
-        ruled = TrialPolicy(name=RULED, taught=learner(BASELINE, task, size).taught, made=RULE)
-        players = (learner(CONTACT, task, size), learner(DIRECTION, task, size), ruled)
+    for robot in ROBOTS:
+        ruled = TrialPolicy(name=RULED, taught=learner(BASELINE, robot, size).taught, made=RULE)
+        players = (learner(CONTACT, robot, size), learner(DIRECTION, robot, size), ruled)
         yield Trial(
-            name=f"inputs-{task}", task=task, players=players, seeds=size.seeds, repeats=size.repeats, others=(TUG,)
+            name=f"inputs-{robot}", robot=robot, players=players, seeds=size.seeds, repeats=size.repeats, others=(TUG,)
         )
 
 
 def bad_contact(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
-        yield Trial(name=f"bad-contact-{task}", task=task, players=both(task, size), seeds=size.seeds, start="swinging")
+    for robot in ROBOTS:
+        yield Trial(
+            name=f"bad-contact-{robot}", robot=robot, players=both(robot, size), seeds=size.seeds, start="swinging"
+        )
 
 
 def number_of_demonstrations(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
+    for robot in ROBOTS:
         others = [count for count in size.counts if count != size.demonstrations]
-        players = tuple(learner(PROPOSED, task, size, count=count, name=counted(count)) for count in others)
-        yield Trial(name=f"counts-{task}", task=task, players=players, seeds=size.sweep_seeds, repeats=1)
+        players = tuple(learner(PROPOSED, robot, size, count=count, name=counted(count)) for count in others)
+        yield Trial(name=f"counts-{robot}", robot=robot, players=players, seeds=size.sweep_seeds, repeats=1)
 
 
 def other_cloth(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
+    for robot in ROBOTS:
         for cloth, other in ((TOWEL, NAPKIN), (NAPKIN, TOWEL)):
             yield Trial(
-                name=f"transfer-{task}-{cloth}", task=task, players=both(task, size, other), cloth=cloth,
+                name=f"transfer-{robot}-{cloth}", robot=robot, players=both(robot, size, other), cloth=cloth,
                 seeds=size.sweep_seeds, repeats=1,
             )  # fmt: skip
 
 
 def comparators(size: ScaleConfig) -> Iterator[Trial]:
-    for task in ROBOTS:
-        players = tuple(learner(policy, task, size) for policy in COMPARATORS if policy in TRAINABLE_POLICIES)
+    for robot in ROBOTS:
+        players = tuple(learner(policy, robot, size) for policy in COMPARATORS if policy in TRAINABLE_POLICIES)
         if players:
-            yield Trial(name=f"comparators-{task}", task=task, players=players, seeds=size.sweep_seeds, repeats=1)
+            yield Trial(name=f"comparators-{robot}", robot=robot, players=players, seeds=size.sweep_seeds, repeats=1)

@@ -56,12 +56,12 @@ def show_counts(material: ExperimentResults) -> ExperimentOutput:
     size = material.size
     lines: dict[str, list[tuple[float, FloatArray]]] = {}
     gains: dict[str, list[tuple[float, FloatArray]]] = {}
-    for task in ROBOTS:
-        (sweep,) = (trial for trial in number_of_demonstrations(size) if trial.task == task)
-        (main,) = (trial for trial in placing(size) if trial.task == task)
+    for robot in ROBOTS:
+        (sweep,) = (trial for trial in number_of_demonstrations(size) if trial.robot == robot)
+        (main,) = (trial for trial in placing(size) if trial.robot == robot)
         rows = material.rows(sweep)
         if not len(rows):
-            blocks.append(Text(lines=(f"{task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{robot}: {MISSING}",)))
             continue
         whole = _same_starts(material, main, rows)
         by_count = {count: rows[rows["policy"] == counted(count)] for count in size.counts}
@@ -70,9 +70,9 @@ def show_counts(material: ExperimentResults) -> ExperimentOutput:
         cells = tuple((f"{count} demonstration{'s' * (count > 1)}", *_cells(part)) for count, part in known.items())
         note = f"{PROPOSED}, {sweep.cloth}; the first demonstrations by seed that ended flat, the same starts for all."
         table = Table(("", *HEADER[1:]), cells, (True,) * len(cells))
-        blocks.append(TableBlock(table=table, title=f"{task} task", note=note))
-        lines[f"{task} task"] = [(count, values(undisturbed(part), "contact_final")) for count, part in known.items()]
-        gains[f"{task} task"] = [(count, values(disturbed(part), "gain")) for count, part in known.items()]
+        blocks.append(TableBlock(table=table, title=f"{robot} robot", note=note))
+        lines[f"{robot} robot"] = [(count, values(undisturbed(part), "contact_final")) for count, part in known.items()]
+        gains[f"{robot} robot"] = [(count, values(disturbed(part), "gain")) for count, part in known.items()]
     if lines:
         png = charts.against({"contact after placing (%)": lines, "regained (points)": gains}, xlabel="demonstrations")
         caption = "Means with their 95 % bootstrap intervals."
@@ -84,15 +84,15 @@ def show_cloths(material: ExperimentResults) -> ExperimentOutput:
     """Models that were taught on one cloth, on the other, beside those that were taught on it."""
     blocks: list[Block] = []
     size = material.size
-    own = {(trial.task, trial.cloth): trial for trial in (*placing(size), *second_cloth(size))}
+    own = {(trial.robot, trial.cloth): trial for trial in (*placing(size), *second_cloth(size))}
     for trial in other_cloth(size):
         rows = material.rows(trial)
-        title = f"{trial.task} task, tested on the {trial.cloth}"
+        title = f"{trial.robot} robot, tested on the {trial.cloth}"
         if not len(rows):
             blocks.append(Text(lines=(f"{title}: {MISSING}",)))
             continue
         taught_on = TOWEL if trial.cloth == NAPKIN else NAPKIN
-        same = _same_starts(material, own[trial.task, trial.cloth], rows)
+        same = _same_starts(material, own[trial.robot, trial.cloth], rows)
         cells, findings = [], []
         for policy in policies_of(rows):
             if len(same):
@@ -114,15 +114,15 @@ def show_comparators(material: ExperimentResults) -> ExperimentOutput:
     if not trials:
         return ExperimentOutput(blocks=(Text(lines=("No other learner is known to this version.",)),))
     for trial in trials:
-        (main,) = (each for each in placing(size) if each.task == trial.task)
+        (main,) = (each for each in placing(size) if each.robot == trial.robot)
         rows = material.rows(trial)
         if not len(rows):
-            blocks.append(Text(lines=(f"{trial.task}: {MISSING}",)))
+            blocks.append(Text(lines=(f"{trial.robot}: {MISSING}",)))
             continue
         both = pd.concat([_same_starts(material, main, rows), rows], ignore_index=True)
         cells = tuple((policy, *_cells(both[both["policy"] == policy])) for policy in policies_of(both))
         blocks.append(
-            TableBlock(table=Table(HEADER, cells, (True,) * len(cells)), title=f"{trial.task} task, {trial.cloth}")
+            TableBlock(table=Table(HEADER, cells, (True,) * len(cells)), title=f"{trial.robot} robot, {trial.cloth}")
         )
         findings = [
             difference_sentence(PROPOSED, policy, column, difference(part(both), PROPOSED, policy, column))

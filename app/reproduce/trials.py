@@ -37,7 +37,7 @@ def plan_of(trial: Trial, workshop: ArtifactStore, seed: int) -> EvaluationPlan:
     entrants = [
         PolicySpec(
             name=player.name,
-            task=trial.task,
+            robot=trial.robot,
             model=None if player.taught is None else workshop.model(player.taught),
             made=player.made,
             controller=player.controller,

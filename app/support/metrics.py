@@ -17,7 +17,7 @@ JSON_SCHEMA = 1
 
 COLUMNS = (
     "policy",
-    "task",
+    "robot",
     "cloth",
     "seed",
     "disturbance",
@@ -98,7 +98,7 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
 
     return {
         "policy": episode.source,
-        "task": episode.task,
+        "robot": episode.robot,
         "cloth": episode.cloth,
         "seed": episode.seed,
         "disturbance": episode.disturbance,
@@ -117,9 +117,9 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
     }
 
 
-def crashed_metrics(*, policy: str, task: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
+def crashed_metrics(*, policy: str, robot: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
     """The row of an episode that did not come back, with the reason beside."""
-    known = {"policy": policy, "task": task, "cloth": cloth, "seed": seed, "disturbance": disturbance}
+    known = {"policy": policy, "robot": robot, "cloth": cloth, "seed": seed, "disturbance": disturbance}
     came = {"steps": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
     return dict.fromkeys(COLUMNS) | known | came | {"reason": reason}
 

@@ -16,11 +16,11 @@ BOOTSTRAP_SEED = 0
 BOOTSTRAP_RESAMPLES = 9999
 BATCH_VALUES = 1_000_000
 """Values that are drawn at a time, so that memory does not grow with their number."""
-GROUP = ("policy", "task", "cloth", "disturbance")
+GROUP = ("policy", "robot", "cloth", "disturbance")
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """One line per policy, task, cloth and disturbance: n, and statistics of the final contact, the gain and the area.
+    """One line per policy, robot, cloth and disturbance: n, and statistics of the final contact, the gain and the area.
 
     ``gain`` is contact_final - contact_disturbed; its columns are NaN for groups that were not disturbed.
     """

@@ -41,7 +41,7 @@ JOB_LIMIT_S = 900.0
 class EpisodeConfig:
     """Everything that determines one episode."""
 
-    task: RobotName
+    robot: RobotName
     cloth: str
     seed: int
     model: TrainedModel | None = None
@@ -82,7 +82,7 @@ def run_episode(job: EpisodeConfig) -> Episode:
 
     start: Start = "hanging" if job.flatten is None else "crumpled"
     descriptor = job.descriptor if job.model is None else job.model.descriptor
-    bench = ClothSimulation(SimConfig(task=job.task, cloth=job.cloth, start=start, descriptor=descriptor))
+    bench = ClothSimulation(SimConfig(robot=job.robot, cloth=job.cloth, start=start, descriptor=descriptor))
     try:
         bench.reset(job.seed)
         run = partial(
@@ -156,7 +156,7 @@ def run_enumerated(
 
 
 class _Pool(ProcessPool):
-    """Its first task forks in the caller's thread, which is the one that Ctrl-C comes to."""
+    """Its first robot forks in the caller's thread, which is the one that Ctrl-C comes to."""
 
     def schedule(self, *args: Any, **kwargs: Any) -> ProcessFuture:
         with defer_interrupts():
@@ -165,7 +165,7 @@ class _Pool(ProcessPool):
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPool]:
-    """A pool that gives every task a process of its own; left with an error (or Ctrl-C), it ends them at once."""
+    """A pool that gives every robot a process of its own; left with an error (or Ctrl-C), it ends them at once."""
     # Here, where OpenCV's threads are: a fork that has not got them waits for ever when it is to end them.
     cv2.setNumThreads(1)
     pool = _Pool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=_prepare_worker)

@@ -31,20 +31,20 @@ def make_policy(
     """
     if controller is not None:
         return wrinkle_removal.controller(controller)
-    task = bench.settings.task
+    robot = bench.settings.robot
     if model is None:
-        policy = _scripted(bench) if made in (None, SCRIPTED) else registry.make(str(made), task)
+        policy = _scripted(bench) if made in (None, SCRIPTED) else registry.make(str(made), robot)
     else:
         policy = registry.from_model(model)
         if made is not None:
-            policy = SequentialPolicy(policy, registry.make(made, task), name=name)
+            policy = SequentialPolicy(policy, registry.make(made, robot), name=name)
     return registry.wrap(policy, decorators)
 
 
 def _scripted(bench: ClothSimulation) -> Policy:
     spec = bench.settings.spec
     return ScriptedDemonstrator(
-        bench.settings.task,
+        bench.settings.robot,
         length_m=spec.length_m,
         columns=spec.columns,
         held_width_m=HELD_STRETCH * spec.width_m,

@@ -68,7 +68,7 @@ class EpisodeRunner:
         self.disturbances: list[DisturbanceRecord] = []
         self._images = images
         self._hooks = tuple(hooks)
-        self._zeros = np.zeros(action_size(bench.settings.task))
+        self._zeros = np.zeros(action_size(bench.settings.robot))
         self._pulling = False
         self.began_s = time.monotonic()
         """By the machine's clock, for the wall time of the whole."""
@@ -174,7 +174,7 @@ class EpisodeRunner:
         """The episode as far as it is known before its first step."""
         bench, settings = self.bench, self.bench.settings
         return Episode(
-            task=settings.task,
+            robot=settings.robot,
             cloth=settings.cloth,
             seed=self.seed,
             source=self.policy.name,

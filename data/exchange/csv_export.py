@@ -13,7 +13,7 @@ from layflat.data.types import ACTION_NAMES, DataError, Episode, FloatArray, Obs
 EPISODES_CSV, STEPS_CSV = "episodes.csv", "steps.csv"
 EPISODE_COLUMNS = (
     "episode",
-    "task",
+    "robot",
     "cloth",
     "seed",
     "source",
@@ -34,9 +34,9 @@ _BEFELL = (*(f"force_{axis}_n" for axis in "xyz"), "pull_node", *(f"pull_{axis}_
 _TRUE = ("contact_portion_true", "flat_area")
 
 
-def step_columns(task: RobotName) -> tuple[str, ...]:
+def step_columns(robot: RobotName) -> tuple[str, ...]:
     """Columns of steps.csv; the actions are displacements in metres."""
-    actions = tuple(f"{name}_m" for name in ACTION_NAMES[task])
+    actions = tuple(f"{name}_m" for name in ACTION_NAMES[robot])
     stds = tuple(f"std_{name}" for name in actions)
     return ("episode", "step", "phase", *_SEEN, *_TRUE, *actions, *stds, *_BEFELL)
 
@@ -62,7 +62,7 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
     ):
         about_rows, step_rows = csv.writer(about), csv.writer(steps)
         about_rows.writerow(EPISODE_COLUMNS)
-        step_rows.writerow(step_columns(session.task))
+        step_rows.writerow(step_columns(session.robot))
         for name in chosen:
             episode = session.episode(name, images=False)
             about_rows.writerow(_episode_row(name, episode))
@@ -75,7 +75,7 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
     contact, end = episode.contact(), episode.final_truth
     return [
         name,
-        episode.task,
+        episode.robot,
         episode.cloth,
         episode.seed,
         episode.source,
@@ -92,7 +92,7 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
 
 
 def _step_rows(name: str, episode: Episode) -> Iterator[list[object]]:
-    size = len(ACTION_NAMES[episode.task])
+    size = len(ACTION_NAMES[episode.robot])
     truths = episode.truths()
     for step_index, seen in enumerate(episode.observations()):
         true = [float(truths[step_index].contact_portion_true), float(truths[step_index].flat_area)]

@@ -100,7 +100,7 @@ def _write(
     images: bool,
     on_episode: Callable[[str], None] | None,
 ) -> LeRobotExport:
-    task = f"Lay the {session.cloth} flat on the table with the {session.task}."
+    task = f"Lay the {session.cloth} flat on the table with the {session.robot}."
     features: tuple[Feature, ...] = ()
     stats = Stats()
     meta = _EpisodeTable(task)
@@ -223,12 +223,12 @@ def _write_meta(
         "video_files_size_in_mb": VIDEO_FILE_MB,
         "data_path": PATHS["data_path"],
         "video_path": None,
-        "robot_type": f"layflat-{session.task}",
+        "robot_type": f"layflat-{session.robot}",
         "splits": {"train": f"0:{len(meta.rows)}"},
     }
     _write_json(root / INFO, info)
     _write_json(root / "meta/stats.json", stats.result())
-    _write_json(root / SIDECAR, {"schema": 1, "cloth": session.cloth, "task": session.task, "episodes": meta.told})
+    _write_json(root / SIDECAR, {"schema": 1, "cloth": session.cloth, "robot": session.robot, "episodes": meta.told})
 
 
 def _tasks_table(task: str) -> Any:

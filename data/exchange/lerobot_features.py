@@ -65,7 +65,7 @@ class Feature:
 def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
     """The columns that an episode like this one has."""
     first = episode.steps[0].observation
-    actions = ACTION_NAMES[episode.task]
+    actions = ACTION_NAMES[episode.robot]
     kept: list[Feature] = [
         Feature(key="observation.state", dtype="float32", shape=(len(STATE_NAMES),), names=STATE_NAMES),
         Feature(key="observation.environment_state", dtype="float32", shape=(len(CLOTH_NAMES),), names=CLOTH_NAMES),

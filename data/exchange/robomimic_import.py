@@ -43,7 +43,7 @@ UNKNOWN_SEED = -1
 """Of an episode whose file does not tell: it can be shown and learned from, but its start cannot be made again."""
 UNKNOWN_SOURCE = "imported"
 _TOLD = (
-    schema.TASK, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
+    schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
     schema.DISTURBANCES, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.BENCH,
     schema.FIRST_STEP, schema.PROVENANCE,
 )  # fmt: skip
@@ -59,13 +59,15 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     rows = _Rows(group)
     actions = rows.take(schema.ACTIONS, ndim=2)
     told = _told(group)
-    task = _task(told, actions)
-    if len(actions) < 1 or actions.shape[1] != action_size(task):
-        raise DataError(f"{group.name}/{schema.ACTIONS} has shape {actions.shape}; task {task} has {action_size(task)}")
+    robot = _robot(told, actions)
+    if len(actions) < 1 or actions.shape[1] != action_size(robot):
+        raise DataError(
+            f"{group.name}/{schema.ACTIONS} has shape {actions.shape}; robot {robot} has {action_size(robot)}"
+        )
     observations = _observations(rows, len(actions))
     truths = _truths(rows, len(actions))
     joints = rows.take(schema.JOINTS, ndim=1) if rows.has(schema.JOINTS) else np.zeros(0)
-    unknown = _unknown(task, observations, truths)
+    unknown = _unknown(robot, observations, truths)
     attributes = attributes_of(unknown, "") | {schema.CLOTH: cloth or ""} | told
     if not attributes[schema.CLOTH]:
         raise DataError(f"{group.name} does not say of which cloth it is; name the cloth")
@@ -82,10 +84,10 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     return replace(known, steps=_steps(rows, actions, observations, truths, phases), initial_joints=joints)
 
 
-def _unknown(task: RobotName, observations: list[Observation], truths: list[GroundTruth]) -> Episode:
+def _unknown(robot: RobotName, observations: list[Observation], truths: list[GroundTruth]) -> Episode:
     """What an episode is of which nothing is told."""
     return Episode(
-        task=task,
+        robot=robot,
         cloth="",
         seed=UNKNOWN_SEED,
         source=UNKNOWN_SOURCE,
@@ -107,9 +109,9 @@ def _told(group: h5py.Group) -> dict[str, Attribute]:
     kwargs = env.get("env_kwargs")
     if isinstance(kwargs, dict) and isinstance(kwargs.get("cloth"), str):
         found[schema.CLOTH] = kwargs["cloth"]
-    for task, name in schema.ENV_NAMES.items():
+    for robot, name in schema.ENV_NAMES.items():
         if env.get("env_name") == name:
-            found[schema.TASK] = task
+            found[schema.ROBOT] = robot
     for attributes in (data.attrs, group.attrs):
         found |= {key: _plain(attributes, key, schema.DEMO_ATTRIBUTES[key]) for key in _TOLD if key in attributes}
     return found
@@ -129,14 +131,14 @@ def _plain(attributes: Any, key: str, wanted: type) -> Attribute:
     return cast(Attribute, value)
 
 
-def _task(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> RobotName:
+def _robot(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> RobotName:
     """As told, or by the width of an action."""
-    for task in ROBOTS:
-        if told.get(schema.TASK, task) == task and action_size(task) == actions.shape[1]:
-            return task
+    for robot in ROBOTS:
+        if told.get(schema.ROBOT, robot) == robot and action_size(robot) == actions.shape[1]:
+            return robot
     raise DataError(
-        f"the task is {told.get(schema.TASK, 'not told')} and an action has {actions.shape[1]} components;"
-        f" there are {', '.join(f'{task} with {action_size(task)}' for task in ROBOTS)}"
+        f"the robot is {told.get(schema.ROBOT, 'not told')} and an action has {actions.shape[1]} components;"
+        f" there are {', '.join(f'{robot} with {action_size(robot)}' for robot in ROBOTS)}"
     )
 
 

@@ -50,7 +50,7 @@ def without_steps(attributes: Mapping[str, Attribute], observation: Observation,
     """Everything of an episode that the attributes of its demo hold."""
     provenance = json_object(attributes, schema.PROVENANCE)
     return Episode(
-        task=cast(RobotName, attributes[schema.TASK]),
+        robot=cast(RobotName, attributes[schema.ROBOT]),
         cloth=str(attributes[schema.CLOTH]),
         seed=int(attributes[schema.SEED]),
         source=str(attributes[schema.SOURCE]),

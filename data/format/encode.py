@@ -30,7 +30,7 @@ PACKING = {"compression": "gzip", "compression_opts": 1}
 LIBVER = ("v110", "v110")
 """The oldest format of HDF5 that carries checksums in its own structures, so that damage is noticed; h5py reads it."""
 INT64_MAX = 2**63 - 1
-AGREED = (schema.TASK, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
+AGREED = (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
 """Attributes in which all episodes of a session agree."""
 
 
@@ -42,7 +42,7 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.UID: uid,
         schema.VERSION: schema.SCHEMA_VERSION,
         schema.NUM_SAMPLES: len(episode.steps),
-        schema.TASK: episode.task,
+        schema.ROBOT: episode.robot,
         schema.CLOTH: episode.cloth,
         schema.STEP_S: float(episode.step_s),
         schema.DESCRIPTOR: episode.descriptor,
@@ -136,7 +136,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
     """Fill an empty group."""
     for key, value in {**attributes, schema.DIGEST: digest(attributes)}.items():
         set_attribute(group.attrs, key, value)
-    task = cast(RobotName, attributes[schema.TASK])
+    robot = cast(RobotName, attributes[schema.ROBOT])
     for field in schema.FIELDS:
         if field.key not in arrays:
             continue
@@ -149,7 +149,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
         _fill(dataset, rows, group[earlier] if follows else None)
         set_attribute(dataset.attrs, schema.UNIT, field.unit)
         set_attribute(dataset.attrs, schema.FRAME, field.frame)
-        set_attribute(dataset.attrs, schema.COLUMNS, json.dumps(schema.columns_of(field, task)))
+        set_attribute(dataset.attrs, schema.COLUMNS, json.dumps(schema.columns_of(field, robot)))
 
 
 def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None) -> None:
@@ -176,7 +176,7 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
         "type": schema.ENV_TYPE_GYM,
         # robomimic's documentation says env_type where its code reads type.
         "env_type": schema.ENV_TYPE_GYM,
-        "env_name": next(name for task, name in schema.ENV_NAMES.items() if task == first[schema.TASK]),
+        "env_name": next(name for robot, name in schema.ENV_NAMES.items() if robot == first[schema.ROBOT]),
         "env_version": versions.get("layflat", "unknown"),
         "env_kwargs": {"cloth": first[schema.CLOTH]},
     }

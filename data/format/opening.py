@@ -76,8 +76,8 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
     attributes = upgraded_session(typed_attributes(data, SESSION_TYPES[version], variable=version == 1))
     if attributes[schema.SCHEMA_NAME] != schema.SCHEMA:
         raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
-    if attributes[schema.TASK] not in ROBOTS:
-        raise DataError(f"attribute task is {attributes[schema.TASK]!r}; it must be one of {', '.join(ROBOTS)}")
+    if attributes[schema.ROBOT] not in ROBOTS:
+        raise DataError(f"attribute robot is {attributes[schema.ROBOT]!r}; it must be one of {', '.join(ROBOTS)}")
     if attributes[schema.DESCRIPTOR] not in DESCRIPTORS:
         raise DataError(
             f"attribute descriptor is {attributes[schema.DESCRIPTOR]!r}; it must be one of {', '.join(DESCRIPTORS)}"

@@ -44,7 +44,7 @@ TOTAL = "total"
 ENV_ARGS = "env_args"
 """JSON for robomimic: type, env_name, env_version, env_kwargs. For others only; never read here."""
 SCHEMA_NAME = "schema"
-TASK = "task"
+ROBOT = "robot"
 CLOTH = "cloth"
 STEP_S = "step_s"
 DESCRIPTOR = "descriptor"
@@ -97,7 +97,7 @@ FRAME_TEXTS: Mapping[str, str] = {
 SESSION_ATTRIBUTES: dict[str, type] = {
     SCHEMA_NAME: str,
     VERSION: int,
-    TASK: str,
+    ROBOT: str,
     CLOTH: str,
     STEP_S: float,
     DESCRIPTOR: str,
@@ -109,7 +109,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     UID: str,
     VERSION: int,
     NUM_SAMPLES: int,
-    TASK: str,
+    ROBOT: str,
     CLOTH: str,
     STEP_S: float,
     DESCRIPTOR: str,
@@ -147,7 +147,7 @@ class Field:
     frame: str = "none"
     """Key of FRAME_TEXTS."""
     columns: tuple[str, ...] = ()
-    """Names of the columns; empty where the task, the cloth or the image decides on them."""
+    """Names of the columns; empty where the robot, the cloth or the image decides on them."""
     optional: bool = False
     absent: float | None = None
     """What every step has where the data set is missing."""
@@ -263,9 +263,9 @@ FIELDS: tuple[Field, ...] = (
 )
 
 
-def columns_of(field: Field, task: RobotName) -> tuple[str, ...]:
-    """Names of the columns of a data set in this task; empty where they have none."""
-    return ACTION_NAMES[task] if field.shape[-1] == "A" else field.columns
+def columns_of(field: Field, robot: RobotName) -> tuple[str, ...]:
+    """Names of the columns of a data set in this robot; empty where they have none."""
+    return ACTION_NAMES[robot] if field.shape[-1] == "A" else field.columns
 
 
 def demo_name(number: int) -> str:

@@ -157,7 +157,7 @@ def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], foun
     """Attributes that only few values make sense for."""
     allowed: dict[str, Sequence[Attribute]] = {
         schema.ACTION_LIMIT: (ACTION_LIMIT_M,),
-        schema.TASK: ROBOTS,
+        schema.ROBOT: ROBOTS,
         schema.STOPPED_BY: STOP_REASONS,
         schema.OUTCOME: OUTCOMES,
         schema.SUCCESS: (attributes[schema.OUTCOME] == "success",),
@@ -188,8 +188,8 @@ def _inspect_members(group: h5py.Group, found: Violations) -> None:
 
 def _lengths(attributes: Mapping[str, Attribute]) -> dict[str, int]:
     """The letters of shapes that the attributes decide on."""
-    n_steps, task = int(attributes[schema.NUM_SAMPLES]), next(t for t in ROBOTS if t == attributes[schema.TASK])
-    return {"N": n_steps, "N+1": n_steps + 1, "A": action_size(task)}
+    n_steps, robot = int(attributes[schema.NUM_SAMPLES]), next(t for t in ROBOTS if t == attributes[schema.ROBOT])
+    return {"N": n_steps, "N+1": n_steps + 1, "A": action_size(robot)}
 
 
 def _inspect_consistency(group: h5py.Group, lengths: Mapping[str, int], found: Violations) -> None:

@@ -18,7 +18,7 @@ class DemoInfo:
 
     uid: str
     """Identity of the recording; stays when an episode is copied, merged or renumbered."""
-    task: RobotName
+    robot: RobotName
     cloth: str
     descriptor: str
     step_s: float

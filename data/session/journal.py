@@ -91,7 +91,7 @@ class JournalWriter:
     def __init__(self, ticket: JournalHandle, beginning: Episode) -> None:
         self.ticket = ticket
         self._began = time.monotonic()
-        self._size = action_size(beginning.task)
+        self._size = action_size(beginning.robot)
         self._lengths = lengths_of(beginning, keep_images=ticket.keep_images)
         self._dtype = record_dtype(self._lengths)
         self._problem: DataError | None = None
@@ -234,7 +234,7 @@ def write_all(descriptor: int, *pieces: bytes) -> None:
 
 def lengths_of(beginning: Episode, *, keep_images: bool) -> dict[str, int]:
     """The letters of the schema's shapes, and ``nodes``, in this episode."""
-    size = action_size(beginning.task)
+    size = action_size(beginning.robot)
     return _lengths(beginning.final_observation, beginning.final_truth, size, keep_images=keep_images)
 
 

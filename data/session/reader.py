@@ -49,13 +49,13 @@ class _Demo:
 
 
 class Session(Sequence[Episode]):
-    """Recorded episodes of one task with one cloth, oldest first: a sequence that reads each when it is asked for.
+    """Recorded episodes of one robot with one cloth, oldest first: a sequence that reads each when it is asked for.
 
     ``session[3]``, ``session[-1]`` and ``session["demo_3"]`` are episodes, ``session[2:5]`` and ``session.view(names)``
     sequences of episodes that are read as late. Holds the file open until ``close``.
     """
 
-    task: RobotName
+    robot: RobotName
     cloth: str
     step_s: float
     """Simulated seconds of one step."""
@@ -241,8 +241,8 @@ class Session(Sequence[Episode]):
                 lines = {name: _checked_line(data, name, size) for name in names}
             for name, line in lines.items():
                 info = line.info
-                if (info.task, info.cloth, info.step_s, info.descriptor) != self._agreed:
-                    raise DataError(f"/{schema.DATA}/{name} is not of the session's task, cloth, step and descriptor")
+                if (info.robot, info.cloth, info.step_s, info.descriptor) != self._agreed:
+                    raise DataError(f"/{schema.DATA}/{name} is not of the session's robot, cloth, step and descriptor")
                 if info.uid not in skip:
                     demo = _Demo(opened=opened, key=name, file=file, line=line, checked=not indexed)
                     self._demos[self._free(name)] = demo
@@ -253,8 +253,8 @@ class Session(Sequence[Episode]):
 
     def _agree(self, session: dict[str, Attribute]) -> None:
         agreed = tuple(session[key] for key in AGREED)
-        if not hasattr(self, "task"):
-            self.task, self.cloth = cast(RobotName, agreed[0]), str(agreed[1])
+        if not hasattr(self, "robot"):
+            self.robot, self.cloth = cast(RobotName, agreed[0]), str(agreed[1])
             self.step_s, self.descriptor = float(agreed[2]), str(agreed[3])
         elif agreed != self._agreed:
             raise DataError(
@@ -264,7 +264,7 @@ class Session(Sequence[Episode]):
     @property
     def _agreed(self) -> tuple[Attribute, ...]:
         """In the order of AGREED."""
-        return self.task, self.cloth, self.step_s, self.descriptor
+        return self.robot, self.cloth, self.step_s, self.descriptor
 
     def _free(self, name: str) -> str:
         if name not in self._demos:
@@ -316,5 +316,5 @@ def _checked_line(data: h5py.Group, name: str, file_bytes: int) -> IndexLine:
 
 
 def _described(agreed: Sequence[object]) -> str:
-    task, cloth, step_s, descriptor = agreed
-    return f"task {task}, cloth {cloth}, step {step_s} s, descriptor {descriptor}"
+    robot, cloth, step_s, descriptor = agreed
+    return f"robot {robot}, cloth {cloth}, step {step_s} s, descriptor {descriptor}"

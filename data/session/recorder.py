@@ -54,20 +54,26 @@ class SavedEpisode:
 
 
 class SessionRecorder:
-    """The one writer of a session. Appends where the file is there and agrees in task, cloth, step and descriptor."""
+    """The one writer of a session. Appends where the file is there and agrees in robot, cloth, step and descriptor."""
 
     def __init__(
-        self, path: str | Path, *, task: RobotName, cloth: str, keep_images: bool = False, descriptor: str | None = None
+        self,
+        path: str | Path,
+        *,
+        robot: RobotName,
+        cloth: str,
+        keep_images: bool = False,
+        descriptor: str | None = None,
     ) -> None:
         """Finds out now whether ``path`` can be written, before time goes into episodes; DataError where not.
 
         Without a ``descriptor`` it is that of the session, or of the first episode.
         """
-        for key, value, known in (("task", task, ROBOTS), ("descriptor", descriptor, (None, *DESCRIPTORS))):
+        for key, value, known in (("robot", robot, ROBOTS), ("descriptor", descriptor, (None, *DESCRIPTORS))):
             if value not in known:
                 raise DataError(f"{key} is {value!r}; it must be one of {', '.join(filter(None, known))}")
         self.path = Path(path)
-        self.task: RobotName = task
+        self.robot: RobotName = robot
         self.cloth = cloth
         self.descriptor = descriptor
         self.keep_images = keep_images
@@ -164,7 +170,7 @@ class SessionRecorder:
 
     def _take_over_session(self) -> None:
         with open_session(self.path) as session:
-            for key in ("task", "cloth", "descriptor"):
+            for key in ("robot", "cloth", "descriptor"):
                 there, wanted = getattr(session, key), getattr(self, key)
                 if wanted is not None and there != wanted:
                     raise DataError(f"{self.path} holds episodes with {key} {there}, not {wanted}; choose another file")
@@ -225,7 +231,7 @@ class SessionRecorder:
 
     def _check_fits(self, episode: Episode) -> None:
         for key, wanted, got in (
-            ("task", self.task, episode.task),
+            ("robot", self.robot, episode.robot),
             ("cloth", self.cloth, episode.cloth),
             ("descriptor", self.descriptor, episode.descriptor),
             ("step_s", self._step_s, episode.step_s),

@@ -28,7 +28,7 @@ from layflat.data.types import DataError, Episode, disturbances_within
 
 
 def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:
-    """All episodes of sessions that agree in task, cloth, step and descriptor, in order; their names in ``target``.
+    """All episodes of sessions that agree in robot, cloth, step and descriptor, in order; their names in ``target``.
 
     They are numbered anew; an episode that is in several of the files is taken once. Users' masks are carried over.
     """

@@ -112,7 +112,7 @@ def _inspect_session(
     if complete and n_steps != session[schema.TOTAL]:
         sentence = f"is {session[schema.TOTAL]}; the demos have {n_steps} steps together"
         found.append(Violation(path=f"/{schema.DATA}@{schema.TOTAL}", sentence=sentence))
-    agreed = (schema.TASK, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
+    agreed = (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
     for name, info in infos.items():
         for key in agreed:
             if getattr(info, key) != session[key]:

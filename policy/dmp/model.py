@@ -47,10 +47,10 @@ class DmpModel(TrainedModel):
     """How long the demonstrations take, on average; simulated time."""
 
     def __post_init__(self) -> None:
-        outputs = action_size(self.layout.task)
+        outputs = action_size(self.layout.robot)
         freeze(self, "goal", (outputs,))
         freeze(self, "weights", (outputs, None))
-        if self.layout != input_set(self.layout.task, "position"):
+        if self.layout != input_set(self.layout.robot, "position"):
             raise PolicyError(f"a primitive sees the position only, not {', '.join(self.layout.names)}")
         if self.weights.shape[1] < 2:
             raise PolicyError(f"weights have shape {self.weights.shape}; at least 2 basis functions are needed")

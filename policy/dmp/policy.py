@@ -28,7 +28,7 @@ class DmpPolicy:
     def __init__(self, model: DmpModel, *, guard: StopRule | None = None) -> None:
         self.model = model
         self.name = model.policy
-        self.task = model.layout.task
+        self.robot = model.layout.robot
         self._stop = stop_rule(model, guard)
         self._start: FloatArray | None = None
 

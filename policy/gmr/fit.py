@@ -39,7 +39,7 @@ def fit(
     provenance: Provenance | None = None,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> GmrModel:
-    """Learn from whole demonstrations, all of one task, cloth and step; steps of phase ``disturb`` are left out."""
+    """Learn from whole demonstrations, all of one robot, cloth and step; steps of phase ``disturb`` are left out."""
     taught = build_training_set(episodes, layout)
     joint = _joint(taught.inputs, taught.targets, layout)
     most = min(MAX_COMPONENTS, max(1, len(joint) // POINTS_PER_COMPONENT))

@@ -67,7 +67,7 @@ class GmrModel(RegressionModel):
     """(K, D + A, D + A) of the same."""
 
     def __post_init__(self) -> None:
-        size = self.layout.size + action_size(self.layout.task)
+        size = self.layout.size + action_size(self.layout.robot)
         freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "weights", (None,))
         freeze(self, "means", (len(self.weights), size))

@@ -79,7 +79,7 @@ def fit(
     provenance: Provenance | None = None,
     progress: Progress | None = None,
 ) -> GpModel:
-    """Learn from whole demonstrations, all of one task, cloth and step; steps of phase ``disturb`` are left out.
+    """Learn from whole demonstrations, all of one robot, cloth and step; steps of phase ``disturb`` are left out.
 
     Which episodes are worth learning from (no failures, no folds) is the caller's choice.
     """
@@ -97,7 +97,7 @@ def fit(
         starts=options.starts,
         seed=seed,
         inducing=inducing,
-        names=ACTION_NAMES[layout.task],
+        names=ACTION_NAMES[layout.robot],
         progress=progress,
     )
     # Only what is predicted is weighted. Copies would tell the likelihood of a demonstrator without any noise.

@@ -7,7 +7,7 @@ for every rho and the best variance follow from one decomposition for each lengt
     -log p   = (N log variance + sum_i log(s_i + rho) + N) / 2 + constant
 
 So a grid over l and rho costs one decomposition for each l, however many outputs there are. On ten demonstrations in
-both tasks the optimiser then ends in one run where the likelier of two runs from elsewhere ended.
+both robots the optimiser then ends in one run where the likelier of two runs from elsewhere ended.
 """
 
 from __future__ import annotations

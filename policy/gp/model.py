@@ -48,7 +48,7 @@ class GpModel(RegressionModel):
     """(A, M, M) L_B of the sparse form, see ``gp_sparse``; None: each step is a point of its own."""
 
     def __post_init__(self) -> None:
-        outputs = action_size(self.layout.task)
+        outputs = action_size(self.layout.robot)
         freeze(self, "inputs", (None, self.layout.size))
         freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "alpha", (outputs, len(self.inputs)))

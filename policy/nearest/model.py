@@ -39,7 +39,7 @@ class NearestModel(RegressionModel):
     def __post_init__(self) -> None:
         freeze(self, "inputs", (None, self.layout.size))
         freeze(self, "input_scale", (self.layout.size,))
-        freeze(self, "actions", (len(self.inputs), action_size(self.layout.task)))
+        freeze(self, "actions", (len(self.inputs), action_size(self.layout.robot)))
         if not len(self.inputs):
             raise PolicyError("a model needs at least one point")
         if not (self.input_scale > 0).all():

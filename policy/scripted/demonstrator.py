@@ -59,7 +59,7 @@ class ScriptedDemonstrator:
 
     Parameters
     ----------
-    task: hanger or pickers.
+    robot: hanger or pickers.
     length_m: length of the cloth along x when flat.
     columns: nodes along its free edge, the first of the mesh.
     look: the simulator's ground truth of now.
@@ -69,9 +69,9 @@ class ScriptedDemonstrator:
     name = "scripted"
 
     def __init__(
-        self, task: RobotName, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], GroundTruth]
+        self, robot: RobotName, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], GroundTruth]
     ) -> None:
-        self.task: RobotName = task
+        self.robot: RobotName = robot
         self._length_m = length_m
         self._columns = columns
         self._held_width_m = held_width_m
@@ -157,7 +157,7 @@ class ScriptedDemonstrator:
     def _hold(self, observation: Observation) -> Decision:
         self._held += 1
         done = self._held > HOLD_STEPS
-        zeros = np.zeros(action_size(self.task))
+        zeros = np.zeros(action_size(self.robot))
         return Decision(action=zeros, stop="converged" if done else None, reason="flat" if done else "holding")
 
     def _decide(self, observation: Observation, dx: float, dz: float, reason: str) -> Decision:
@@ -166,7 +166,7 @@ class ScriptedDemonstrator:
             self._tremor = TREMOR_MEMORY * self._tremor + fresh
             # Near the table a person's hand is steadied by what it touches.
             dx, dz = np.array([dx, dz]) + self._tremor * min(1.0, float(observation.holder_position[2]) / STEADY_M)
-        if self.task == "hanger":
+        if self.robot == "hanger":
             return Decision(action=np.array([dx, dz]), reason=reason)
         # Two pickers: the same move, and each drifts back to its own line, level with the other.
         centre = observation.holder_position

@@ -16,7 +16,7 @@ class ReplayPolicy:
 
     def __init__(self, episode: Episode) -> None:
         self.name = episode.source
-        self.task = episode.task
+        self.robot = episode.robot
         self._steps = [step for step in episode.steps if step.phase != "disturb"]
         self._next = 0
 
@@ -28,7 +28,7 @@ class ReplayPolicy:
 
     def act(self, observation: Observation) -> Decision:
         if self._next >= len(self._steps):
-            return Decision(action=np.zeros(action_size(self.task)), stop="step_limit", reason="the recording is over")
+            return Decision(action=np.zeros(action_size(self.robot)), stop="step_limit", reason="the recording is over")
         self._next += 1
         step = self._steps[self._next - 1]
         return Decision(action=step.action, hand=step.hand_m, reason="as recorded")

@@ -33,7 +33,7 @@ class WordFlatten:
     """
 
     name = "word"
-    task: RobotName = "pickers"
+    robot: RobotName = "pickers"
 
     def __init__(self, *, step_m: float = STEP_M) -> None:
         if not 0 < step_m <= ACTION_LIMIT_M:
@@ -54,7 +54,7 @@ class WordFlatten:
             return Decision(action=action.ravel(), stop=stop.by, reason=stop.reason)
         word = observation.word
         if not word.any():
-            return Decision(action=along_x(self.task, self._step_m), reason="no direction: both pickers along +x")
+            return Decision(action=along_x(self.robot, self._step_m), reason="no direction: both pickers along +x")
         picker = 0 if word[1] > 0 else 1
         action[picker, :2] = self._step_m * word
         return Decision(action=action.ravel(), reason=f"picker {picker + 1} along WORD")

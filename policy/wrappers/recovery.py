@@ -60,7 +60,7 @@ class RecoveryWrapper:
 
     def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
         self.name = f"{policy.name}+recovery"
-        self.task: RobotName = policy.task
+        self.robot: RobotName = policy.robot
         self.extra_steps = extra_steps(policy) + tries * (2 * LIFT_STEPS + SETTLE_STEPS + PLACE_STEPS)
         self._policy = policy
         self._tries = tries
@@ -182,7 +182,7 @@ class RecoveryWrapper:
 
     def _move(self, dx: float, dz: float, reason: str) -> Decision:
         """The whole holder; two pickers come back to their places side by side as well."""
-        if self.task == "hanger":
+        if self.robot == "hanger":
             return Decision(action=np.array([dx, dz]), reason=reason)
         assert self._corners is not None
         apart = self._seen.corner_positions - self._seen.holder_position

@@ -10,10 +10,10 @@ class SequentialPolicy:
     """Acts as ``first`` until it is told to go on after a stop, then as ``then``: a comparator for repair alone."""
 
     def __init__(self, first: Policy, then: Policy, *, name: str) -> None:
-        if first.task != then.task:
-            raise PolicyError(f"{first.name} is for the {first.task} task and {then.name} for the {then.task} task")
+        if first.robot != then.robot:
+            raise PolicyError(f"{first.name} is for the {first.robot} robot and {then.name} for the {then.robot} robot")
         self.name = name
-        self.task = first.task
+        self.robot = first.robot
         self._first, self._then = first, then
         self._now = first
 

@@ -36,7 +36,7 @@ class SwingDampingWrapper:
 
     def __init__(self, policy: Policy) -> None:
         self.name = f"{policy.name}+steady"
-        self.task: RobotName = policy.task
+        self.robot: RobotName = policy.robot
         self.extra_steps = extra_steps(policy) + WAIT_STEPS
         self._policy = policy
         self._forget()
@@ -68,4 +68,4 @@ class SwingDampingWrapper:
             return self._policy.act(observation)
         self._waited += 1
         rise = float(np.clip(CLEAR_M - lowest[2], 0.0, ACTION_LIMIT_M))
-        return Decision(action=along_z(self.task, rise), reason="the cloth swings ahead: waiting until it hangs still")
+        return Decision(action=along_z(self.robot, rise), reason="the cloth swings ahead: waiting until it hangs still")

@@ -28,10 +28,10 @@ class Takeover:
     """
 
     def __init__(self, policy: Policy, person: Policy, wish: Callable[[], ControlRequest | None]) -> None:
-        if policy.task != person.task:
-            raise PolicyError(f"{policy.name} is for the {policy.task} task and {person.name} for {person.task}")
+        if policy.robot != person.robot:
+            raise PolicyError(f"{policy.name} is for the {policy.robot} robot and {person.name} for {person.robot}")
         self.name = f"{policy.name}+{person.name}"
-        self.task = policy.task
+        self.robot = policy.robot
         self.led = False
         """Whether the person has the lead."""
         self._policy, self._person = policy, person

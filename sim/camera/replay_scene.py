@@ -16,18 +16,18 @@ from layflat.sim.robots.panda import inverse_kinematics, load_arm
 
 
 class ReplayScene:
-    """Shows cloth nodes, and the arm where the task has one, as they were.
+    """Shows cloth nodes, and the arm where the robot has one, as they were.
 
     The arm's joints follow from where its hanger was, hand straight down: files hold the corners, and the few
     milliradians by which an impedance-controlled hand tilts are not seen in a picture.
     """
 
-    def __init__(self, task: RobotName, cloth: str) -> None:
+    def __init__(self, robot: RobotName, cloth: str) -> None:
         """``cloth`` is a preset's name; SimError lists the known ones."""
         self.spec = cloth_spec(cloth)
         self._world = World(substep_s=1.0 / self.spec.rate_hz, table_friction=1.0)
         body = Cloth(self._world, self.spec)
-        self._arm = load_arm(self._world.client, HELD_STRETCH * self.spec.width_m) if task == "hanger" else None
+        self._arm = load_arm(self._world.client, HELD_STRETCH * self.spec.width_m) if robot == "hanger" else None
         self._camera = Camera(self._world, body, noise=None, seed=0)
 
     def capture(self, nodes: FloatArray, holder: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

@@ -108,11 +108,11 @@ def run_start_motion(
     """
     if start == "crumpled":
         return crumple(cloth, holder.corner_positions, step, rng)
-    size = action_size(holder.task)
+    size = action_size(holder.robot)
     if start == "folded-corner":
         return _fold(lambda: step(np.zeros(size)), disturb)
     for _ in range(START_MOVES):
-        step(rng.uniform(-1.0, 1.0, size) * START_STEP_M[holder.task])
+        step(rng.uniform(-1.0, 1.0, size) * START_STEP_M[holder.robot])
     return _swing(cloth, holder, step, rng) if start == "swinging" else {}
 
 
@@ -157,5 +157,5 @@ def _swing(
     forth, back = SWING_STEPS
     for k in range(forth + back):
         move = np.array([speed if k < forth else -speed, 0.0, -down / (forth + back)])
-        step(move[[0, 2]] if holder.task == "hanger" else np.tile(move, 2))
+        step(move[[0, 2]] if holder.robot == "hanger" else np.tile(move, 2))
     return {"swing_step_m": float(speed), "swing_clearance_m": float(clearance)}

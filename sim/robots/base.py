@@ -1,4 +1,4 @@
-"""The seam between the task and who holds the cloth: two free pickers, or a Panda arm with a two-clip hanger."""
+"""The seam between the robot and who holds the cloth: two free pickers, or a Panda arm with a two-clip hanger."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Robot(Protocol):
     corner nodes there and calls ``grip``.
     """
 
-    task: RobotName
+    robot: RobotName
 
     def corner_positions(self) -> FloatArray:
         """(2, 3) m, world: where the two held corners really are; row 0 at +y."""

@@ -33,7 +33,7 @@ _AXES = [0, 2]
 class PandaHanger:
     """Holds the two corners in clips that are parts of the arm's last link; the anchors' error is zero."""
 
-    task: RobotName = "hanger"
+    robot: RobotName = "hanger"
 
     def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
         """Put the arm, at rest, where its clips are at ``corner_positions`` (2, 3) m, row 0 at +y.

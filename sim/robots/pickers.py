@@ -20,7 +20,7 @@ MAX_SPREAD = 1.06
 class FreePickers:
     """Kinematic pickers; anchor error is one substep of motion."""
 
-    task: RobotName = "pickers"
+    robot: RobotName = "pickers"
 
     def __init__(self, cloth: Cloth, corner_positions: FloatArray) -> None:
         """Hold ``cloth`` at ``corner_positions`` (2, 3) m, row 0 at +y."""

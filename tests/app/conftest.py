@@ -38,7 +38,7 @@ def _contact(step_index: int, gain: float, noise: FloatArray) -> float:
 
 def _fake_episode(
     *,
-    task: RobotName = "hanger",
+    robot: RobotName = "hanger",
     source: str = "gp-word",
     seed: int = 0,
     disturbed: bool = True,
@@ -77,12 +77,12 @@ def _fake_episode(
     def step(step_index: int) -> Step:
         here, after = observation(step_index), observation(step_index + 1)
         move = np.vstack([after.corner_positions - here.corner_positions])
-        action = move[0, [0, 2]] if task == "hanger" else move.ravel()
+        action = move[0, [0, 2]] if robot == "hanger" else move.ravel()
         phase = "place" if step_index < PLACE else "disturb" if step_index < PLACE + DISTURB else "repair"
         return Step(observation=here, truth=truth(step_index), action=action, phase=phase)
 
     values: dict[str, Any] = {
-        "task": task,
+        "robot": robot,
         "cloth": "towel",
         "seed": seed,
         "source": source,
@@ -109,7 +109,7 @@ class NearestModel:
         distance = np.linalg.norm(np.asarray(inputs)[:, None] - self._inputs[None], axis=2)
         near = distance.argmin(axis=1)
         fade = np.exp(-((distance.min(axis=1) / 0.1) ** 2))[:, None]
-        outputs = len(ACTION_NAMES[self.layout.task])
+        outputs = len(ACTION_NAMES[self.layout.robot])
         return fade * self._actions[near], np.repeat(0.001 + 0.008 * (1 - fade), outputs, axis=1)
 
 
@@ -120,7 +120,7 @@ def make_episode() -> EpisodeMaker:
 
 @pytest.fixture(scope="session")
 def make_model() -> Callable[[RobotName, str, list[Episode]], NearestModel]:
-    return lambda task, inputs, episodes: NearestModel(input_set(task, inputs), episodes)
+    return lambda robot, inputs, episodes: NearestModel(input_set(robot, inputs), episodes)
 
 
 @pytest.fixture(scope="session")

@@ -107,14 +107,14 @@ class FakeBench:
     def guide(self, hand_m: FloatArray) -> FloatArray:
         """The holder gives way by half of what is missing, whatever it was told before."""
         missing = np.atleast_2d(hand_m) - self._holder_m
-        planar = missing[0, [0, 2]] if self.settings.task == "hanger" else np.resize(missing, 6)
+        planar = missing[0, [0, 2]] if self.settings.robot == "hanger" else np.resize(missing, 6)
         action = np.clip(0.5 * planar, -0.02, 0.02)
         self._wrinkles += 0.001  # A compliant arm trembles: the same displacement by command is not the same.
         self._advance(action)
         return action
 
     def _advance(self, action: FloatArray) -> None:
-        assert action.shape == (action_size(self.settings.task),)
+        assert action.shape == (action_size(self.settings.robot),)
         self._n_steps += 1
         self._force_n = np.zeros(3)
         move = np.array([action[0], 0.0, action[1]]) if action.size == 2 else action.reshape(2, 3).mean(axis=0)
@@ -141,7 +141,7 @@ class Forward:
     """Moves on until the contact portion is ``enough``; after a disturbance, until it is so again."""
 
     name = "forward"
-    task = "hanger"
+    robot = "hanger"
 
     def __init__(self, enough: float = 0.5) -> None:
         self.enough = enough

@@ -25,10 +25,10 @@ Refused = Callable[..., str]
 @pytest.fixture
 def things(tmp_path, make_episode) -> Path:
     """A folder with good and bad sessions and models in it."""
-    for task in ("hanger", "pickers"):
-        with SessionRecorder(tmp_path / f"{task}.h5", task=task, cloth="towel") as recorder:
-            recorder.keep(make_episode(task=task, disturbed=False))
-    with SessionRecorder(tmp_path / "failures.h5", task="hanger", cloth="towel") as recorder:
+    for robot in ("hanger", "pickers"):
+        with SessionRecorder(tmp_path / f"{robot}.h5", robot=robot, cloth="towel") as recorder:
+            recorder.keep(make_episode(robot=robot, disturbed=False))
+    with SessionRecorder(tmp_path / "failures.h5", robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode(outcome="failure", disturbed=False))
     model_files.save(random_model("hanger", 20), tmp_path / "hanger.npz")
     for name in ("hanger.h5", "hanger.npz"):
@@ -134,10 +134,10 @@ def test_place_wants_a_whole_model(name, hint, refused):
     assert hint in sentence
 
 
-def test_a_session_of_the_other_task_takes_no_episodes(refused):
+def test_a_session_of_the_other_robot_takes_no_episodes(refused):
     sentence = refused("place", "hanger.npz", "--record", "pickers.h5")
-    assert all(word in sentence for word in ("pickers.h5", "task pickers", "not hanger"))
-    assert "task pickers" in refused("record", "pickers.h5", "--task", "hanger")
+    assert all(word in sentence for word in ("pickers.h5", "robot pickers", "not hanger"))
+    assert "robot pickers" in refused("record", "pickers.h5", "--robot", "hanger")
     assert "cloth towel" in refused("record", "hanger.h5", "--cloth", "napkin")
 
 

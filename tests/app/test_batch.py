@@ -113,11 +113,11 @@ def _other_case(plan: EvaluationPlan) -> EvaluationPlan:
 
 
 def _other_policy(plan: EvaluationPlan) -> EvaluationPlan:
-    return replace(plan, entrants=(PolicySpec(name="hold", task="hanger", made="random"),))
+    return replace(plan, entrants=(PolicySpec(name="hold", robot="hanger", made="random"),))
 
 
 def _other_start(plan: EvaluationPlan) -> EvaluationPlan:
-    pickers = tuple(replace(entrant, task="pickers") for entrant in plan.entrants)
+    pickers = tuple(replace(entrant, robot="pickers") for entrant in plan.entrants)
     return replace(plan, entrants=pickers, start="crumpled")
 
 
@@ -141,7 +141,9 @@ def test_a_model_is_known_by_its_numbers_not_by_its_file(tmp_path):
     save(model, tmp_path / "m.npz")
 
     def plan(of) -> EvaluationPlan:
-        return EvaluationPlan(entrants=(PolicySpec(name="gp", task="hanger", model=of),), cloths=("towel",), seeds=(0,))
+        return EvaluationPlan(
+            entrants=(PolicySpec(name="gp", robot="hanger", model=of),), cloths=("towel",), seeds=(0,)
+        )
 
     _run(plan(model), tmp_path / "out")
     _run(plan(load(tmp_path / "m.npz")), tmp_path / "out")

@@ -107,8 +107,8 @@ def _servers() -> list[int]:
 def test_real_episodes_are_the_same_on_one_worker_on_two_and_on_ray(cluster, tmp_path, differences):
     plan = EvaluationPlan(
         entrants=(
-            PolicySpec(name="rule", task="pickers", made="drag-rule"),
-            PolicySpec(name="hold", task="hanger", made="hold"),
+            PolicySpec(name="rule", robot="pickers", made="drag-rule"),
+            PolicySpec(name="hold", robot="hanger", made="hold"),
         ),
         cloths=("towel",),
         seeds=(0, 1),

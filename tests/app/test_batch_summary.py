@@ -16,7 +16,7 @@ def _rows(*lines: dict) -> pd.DataFrame:
     """Rows of one group unless said otherwise, each with a seed of its own for each policy and case."""
     usual = {
         "policy": "a",
-        "task": "hanger",
+        "robot": "hanger",
         "cloth": "towel",
         "disturbance": "none",
         "contact_disturbed": math.nan,

@@ -59,14 +59,14 @@ def test_rows_have_the_keys_of_the_contract_and_distinct_names():
         assert row["ratio"] is None or row["ratio"] == pytest.approx(row["value"] / row["baseline"])
 
 
-def test_both_tasks_and_both_meshes_are_measured():
+def test_both_robots_and_both_meshes_are_measured():
     names = [row.name for row in _all_rows()]
-    for task in ROBOTS:
+    for robot in ROBOTS:
         for cloth in (bench.CLOTH, bench.FINE_CLOTH):
-            assert any(name.startswith(f"{task} {cloth} in the air") for name in names)
-            assert any(name.startswith(f"{task} {cloth} loop / bare") for name in names)
-            assert any(name.startswith(f"{task} {cloth} seen and recorded") for name in names)
-        assert any(name.startswith(f"{task} GP") for name in names)
+            assert any(name.startswith(f"{robot} {cloth} in the air") for name in names)
+            assert any(name.startswith(f"{robot} {cloth} loop / bare") for name in names)
+            assert any(name.startswith(f"{robot} {cloth} seen and recorded") for name in names)
+        assert any(name.startswith(f"{robot} GP") for name in names)
 
 
 def test_simulated_over_wall_time():
@@ -100,10 +100,10 @@ def test_predicting_really_predicts():
     assert np.median(walls["predict"] / walls["GPy"]) < 0.7
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_what_is_timed_beside_gpy_gives_gpys_numbers(task):
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_is_timed_beside_gpy_gives_gpys_numbers(robot):
     """To 1e-8 of a unit of the processes, mean and deviation."""
-    model = measure.random_model(task, points=150)
+    model = measure.random_model(robot, points=150)
     queries = np.random.default_rng(0).uniform(-0.4, 0.6, (30, model.layout.size))
     mean, std = (value / model.output_scale_m for value in model.predict(queries))
     for a, theirs in enumerate(measure.as_gpy(model)):
@@ -118,11 +118,11 @@ def test_the_fast_way_gives_the_plain_ways_numbers(config):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_short_real_run(task, tmp_path):
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_short_real_run(robot, tmp_path):
     with bench.fresh_processes(1) as pool:
-        physics = pool.schedule(measure.physics, args=(task, "towel", 2, 2)).result()
-        seeing = pool.schedule(measure.seeing, args=(task, "towel", tmp_path, 2)).result()
+        physics = pool.schedule(measure.physics, args=(robot, "towel", 2, 2)).result()
+        seeing = pool.schedule(measure.seeing, args=(robot, "towel", tmp_path, 2)).result()
     assert all((walls > 0).all() for walls in (*physics.values(), *seeing.values()))
     assert np.median(physics["flat"]) > np.median(physics["air"])  # contact costs
     assert np.median(seeing["flat"]) > np.median(seeing["capture"])

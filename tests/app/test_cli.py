@@ -53,7 +53,7 @@ WRONG = [
     ("demo", "--out", "x", "--episodes", "many"),
     ("demo", "--out", "x", "--workers", "0"),
     ("demo", "--out", "x", "--seed", "-1"),
-    ("demo", "--out", "x", "--task", "arm"),
+    ("demo", "--out", "x", "--robot", "arm"),
     ("record", "x.h5", "--episodes", "0"),
     ("record", "x.h5", "--source", "telepathy"),
     ("gamepad",),
@@ -83,20 +83,20 @@ WRONG = [
     ("reproduce", "--out", "x", "--only", "nonsense"),
     ("reproduce", "--out", "x", "--workers", "0"),
     ("evaluate",),
-    ("evaluate", "hold", "--task", "hanger"),
+    ("evaluate", "hold", "--robot", "hanger"),
     ("evaluate", "hold", "--out", "x"),
     ("evaluate", "nope.npz", "--out", "x"),
-    ("evaluate", "hold", "--task", "arm", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--cloth", "silk", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--disturb", "soap", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--disturb", "mine.toml", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--start", "crumpled", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--limit-s", "0", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--engine", "abacus", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--address", "there:1", "--out", "x"),
-    ("evaluate", "hold", "hold", "--task", "hanger", "--out", "x"),
-    ("evaluate", "hold", "--task", "hanger", "--episodes", "0", "--out", "x"),
-    ("disturb", "hold", "--task", "hanger", "--suite", "soap", "--out", "x"),
+    ("evaluate", "hold", "--robot", "arm", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--cloth", "silk", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--disturb", "soap", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--disturb", "mine.toml", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--start", "crumpled", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--limit-s", "0", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--engine", "abacus", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--address", "there:1", "--out", "x"),
+    ("evaluate", "hold", "hold", "--robot", "hanger", "--out", "x"),
+    ("evaluate", "hold", "--robot", "hanger", "--episodes", "0", "--out", "x"),
+    ("disturb", "hold", "--robot", "hanger", "--suite", "soap", "--out", "x"),
     ("doctor", "extra"),
     ("data",),
     ("data", "nonsense"),
@@ -120,9 +120,9 @@ def test_wrong_calls_are_one_sentence_and_status_2(arguments, capsys, monkeypatc
 
 def test_the_message_names_the_value_and_what_would_be_right(capsys):
     assert "--episodes is -3; at least 1 is needed" in _run(capsys, "record", "x.h5", "--episodes", "-3")[2]
-    err = _run(capsys, "demo", "--out", "x", "--task", "arm")[2]
+    err = _run(capsys, "demo", "--out", "x", "--robot", "arm")[2]
     assert "'arm'" in err
-    assert all(task in err for task in ROBOTS)
+    assert all(robot in err for robot in ROBOTS)
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
@@ -133,7 +133,7 @@ def test_help_of_every_command(command, capsys):
 
 
 def test_choices_are_those_of_the_packages():
-    assert set(get_args(options.TaskName)) == set(ROBOTS)
+    assert set(get_args(options.RobotChoice)) == set(ROBOTS)
     assert set(get_args(learning.SourceName)) == {"scripted", *TELEOPERATORS}
     assert set(get_args(learning.PolicyName)) == set(TRAINABLE_POLICIES)
     assert set(get_args(main.ControllerName)) == set(CONTROLLERS)

@@ -9,8 +9,8 @@ from layflat.app.workers.episode_pool import EpisodeConfig, run_episodes
 from layflat.data.types import Episode
 
 JOBS = [
-    EpisodeConfig(task=task, cloth=cloth, seed=seed, disturbance=disturbance)
-    for task in ("hanger", "pickers")
+    EpisodeConfig(robot=robot, cloth=cloth, seed=seed, disturbance=disturbance)
+    for robot in ("hanger", "pickers")
     for cloth, seed, disturbance in (("towel", 60, "thesis"), ("napkin", 61, "push"), ("towel", 62, "pull"))
 ]
 

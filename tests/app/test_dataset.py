@@ -27,16 +27,16 @@ COMMANDS = (
 def made(tmp_path_factory, make_episode, lying) -> Path:
     """Sessions: ``hanger.h5`` (four episodes), ``more.h5`` (one), ``pickers.h5``, and files that are none."""
     folder = tmp_path_factory.mktemp("made")
-    with SessionRecorder(folder / "hanger.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(folder / "hanger.h5", robot="hanger", cloth="towel") as recorder:
         for seed, (outcome, disturbed) in enumerate(
             [("success", False), ("failure", True), ("success", True), ("success", False)]
         ):
             source = "scripted" if seed < 2 else "gamepad"
             recorder.keep(make_episode(seed=seed, outcome=outcome, disturbed=disturbed, source=source))
-    with SessionRecorder(folder / "more.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(folder / "more.h5", robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode(seed=9, disturbed=False))
-    with SessionRecorder(folder / "pickers.h5", task="pickers", cloth="towel") as recorder:
-        recorder.keep(lying(make_episode(task="pickers"), n_steps=5))
+    with SessionRecorder(folder / "pickers.h5", robot="pickers", cloth="towel") as recorder:
+        recorder.keep(lying(make_episode(robot="pickers"), n_steps=5))
     whole = (folder / "hanger.h5").read_bytes()
     (folder / "short.h5").write_bytes(whole[: len(whole) // 2])
     (folder / "text.h5").write_text("dear diary")
@@ -88,7 +88,7 @@ def _seeds(path: str) -> list[int]:
 def test_info_is_a_page(done):
     page = done("info", "hanger.h5", "--json", "info.json")
     for text in (
-        "hanger.h5: 4 episodes, 310 steps", "task hanger, cloth towel", "3 success, 1 failure",
+        "hanger.h5: 4 episodes, 310 steps", "robot hanger, cloth towel", "3 success, 1 failure",
         "2 scripted, 2 gamepad", "2 none, 2 push", "contact at start", "demo_3",
     ):  # fmt: skip
         assert text in page
@@ -111,7 +111,7 @@ def test_info_says_which_disturbances_came_when(done, make_episode):
     twice = [
         DisturbanceRecord(name="thesis", first_step=step_index, last_step=step_index + 9) for step_index in (60, 80)
     ]
-    with SessionRecorder("some.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder("some.h5", robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode(disturbance="gusts", disturbances=gusts))
         recorder.keep(make_episode(disturbance="thesis", disturbances=twice))
         recorder.keep(make_episode(disturbed=False))
@@ -128,7 +128,7 @@ def test_info_says_which_disturbances_came_when(done, make_episode):
 
 
 def test_a_page_stays_a_page(done, make_episode, lying):
-    with SessionRecorder("long.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder("long.h5", robot="hanger", cloth="towel") as recorder:
         for seed in range(25):
             recorder.keep(lying(make_episode(seed=seed), n_steps=1))
     page = done("info", "long.h5")
@@ -311,7 +311,7 @@ WRONG = {
     ("filter", "hanger.h5", "--out", "o.h5", "--source", "nobody"): "none of the 4",
     ("filter", "hanger.h5", "--out", "o.h5", "--min-steps", "9", "--max-steps", "3"): "nothing can pass",
     ("filter", "hanger.h5", "--out", "o.h5", "--min-steps", "-2"): "--min-steps is -2",
-    ("merge", "hanger.h5", "pickers.h5", "--out", "o.h5"): "task",
+    ("merge", "hanger.h5", "pickers.h5", "--out", "o.h5"): "robot",
     ("merge", "hanger.h5", "more.h5", "--out", "hanger.h5", "--force"): "one of the files",
     ("export", "hanger.h5", "--out", "o", "--format", "xml"): "xml",
     ("export", "hanger.h5", "--out", "o", "--valid-share", "1"): "share",

@@ -89,7 +89,7 @@ def test_the_whole_story_goes_on_after_ctrl_c(tmp_path):
         str(out),
         "--episodes",
         "1",
-        "--task",
+        "--robot",
         "hanger",
     ]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}

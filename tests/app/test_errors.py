@@ -24,7 +24,7 @@ def _raise(error: BaseException) -> int:
         (LayflatError("work failed"), 1),
         (UsageError("wrong"), 2),
         (DataError("the file is cut off"), 2),
-        (PolicyError("model of the other task"), 2),
+        (PolicyError("model of the other robot"), 2),
         (PerceptionError("depth has the wrong shape"), 2),
         (KeyboardInterrupt(), 130),
         (MemoryError(), 1),

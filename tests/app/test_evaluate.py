@@ -23,18 +23,18 @@ from layflat.sim.disturbances.presets import DISTURBANCES
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    """Folder with models of both tasks, as good as chance: all are named gp-word."""
+    """Folder with models of both robots, as good as chance: all are named gp-word."""
     folder = tmp_path_factory.mktemp("models")
-    for name, task in (("hanger", "hanger"), ("hanger_2", "hanger"), ("pickers", "pickers")):
-        save(random_model(task, 20), folder / f"{name}.npz")
+    for name, robot in (("hanger", "hanger"), ("hanger_2", "hanger"), ("pickers", "pickers")):
+        save(random_model(robot, 20), folder / f"{name}.npz")
     return folder
 
 
 def _who(entrants) -> list[tuple]:
-    return [(e.task, e.name, e.model is not None, e.made) for e in entrants]
+    return [(e.robot, e.name, e.model is not None, e.made) for e in entrants]
 
 
-def test_a_model_takes_part_in_its_task_and_a_rule_in_all(models):
+def test_a_model_takes_part_in_its_robot_and_a_rule_in_all(models):
     name = random_model("hanger", 20).policy
     found = entrants_of([f"{models}/hanger.npz", f"{models}/pickers.npz", "hold"], [])
     assert _who(found) == [
@@ -68,10 +68,10 @@ def test_names_are_given_or_else_told_apart_by_the_files(models):
 
 
 @pytest.mark.parametrize(
-    ("given", "tasks", "words"),
+    ("given", "robots", "words"),
     [
-        (["hold"], [], "give --task"),
-        (["hold"], ["arm"], "task 'arm' is unknown"),
+        (["hold"], [], "give --robot"),
+        (["hold"], ["arm"], "robot 'arm' is unknown"),
         (["nope"], ["hanger"], "neither a model's file"),
         (["nope.npz"], ["hanger"], "does not exist"),
         (["nope.npz+drag-rule"], ["hanger"], "does not exist"),
@@ -79,14 +79,14 @@ def test_names_are_given_or_else_told_apart_by_the_files(models):
         (["{}/hanger.npz+recovery+drag-rule"], [], "one rule may come"),
         (["{}/hanger.npz+hold+drag-rule"], [], "one rule may come"),
         (["hold+drag-rule"], ["hanger"], "neither a model's file"),
-        (["{}/hanger.npz"], ["pickers"], "was taught another task"),
+        (["{}/hanger.npz"], ["pickers"], "was taught another robot"),
         (["../x={}/hanger.npz"], [], "does not exist"),
         (["a--b={}/hanger.npz"], [], "cannot be part of a file's name"),
     ],
 )
-def test_who_cannot_take_part(models, given, tasks, words):
+def test_who_cannot_take_part(models, given, robots, words):
     with pytest.raises(UsageError, match=words):
-        entrants_of([text.format(models) for text in given], tasks)
+        entrants_of([text.format(models) for text in given], robots)
 
 
 def test_nobody_takes_part_twice(models):
@@ -102,7 +102,7 @@ def _call(*words: object) -> int:
 
 
 def test_the_command_leaves_rows_summary_and_report_and_does_nothing_twice(tmp_path, capsys):
-    words = ("drag-rule", "--task", "pickers", "--start", "folded-corner", "--episodes", 1, "--out", tmp_path)
+    words = ("drag-rule", "--robot", "pickers", "--start", "folded-corner", "--episodes", 1, "--out", tmp_path)
     assert _call("evaluate", *words, "--disturb", "poke", "--workers", 1) == 0
     out, err = capsys.readouterr()
     assert all(word in out for word in ("drag-rule", "poke", "success", str(tmp_path)))
@@ -124,7 +124,7 @@ def _placed(episode: Episode) -> Episode:
 
 
 def test_twins_are_exact_and_those_of_an_episode_of_its_own(tmp_path, differences):
-    entrants = (PolicySpec(name="rule", task="pickers", made="drag-rule"),)
+    entrants = (PolicySpec(name="rule", robot="pickers", made="drag-rule"),)
     usual = {"entrants": entrants, "cloths": ("towel",), "seeds": (3,), "start": "folded-corner"}
     plan = EvaluationPlan(**usual, cases=(*cases_of("poke"), _never()))
     together = run_batch(plan, tmp_path / "together", workers=1)

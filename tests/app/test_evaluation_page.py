@@ -36,7 +36,7 @@ class Drawn:
     """A batch of drawn episodes; the last one crashed."""
 
     def __init__(self, episodes):
-        self.episodes = {f"{e.task}--{e.source}--{e.seed}--{e.disturbance}": e for e in episodes}
+        self.episodes = {f"{e.robot}--{e.source}--{e.seed}--{e.disturbance}": e for e in episodes}
         rows = [episode_metrics(e) | {"run": run, "reason": ""} for run, e in self.episodes.items()]
         rows[-1] |= dict.fromkeys(("contact_final", "contact_disturbed", "flat_area_final", "steps", "sim_s"))
         rows[-1] |= {"crashed": True, "stopped_by": "crashed", "reason": "its process ended with status -11"}
@@ -71,10 +71,10 @@ def batch(make_episode):
     return Drawn(
         laid(
             make_episode(
-                task=task, source=policy, seed=seed, disturbed=disturbed, gain=gains[policy] + 0.005 * (seed % 3)
+                robot=robot, source=policy, seed=seed, disturbed=disturbed, gain=gains[policy] + 0.005 * (seed % 3)
             )
         )
-        for task, disturbed in CONDITIONS
+        for robot, disturbed in CONDITIONS
         for policy in POLICIES
         for seed in SEEDS
     )
@@ -116,7 +116,7 @@ def test_every_condition_has_its_boxes_its_curves_and_three_strips_a_policy(page
 
 
 def test_a_film_is_made_of_each_example_when_asked_for(batch):
-    few = batch.rows[(batch.rows["task"] == "pickers") & (batch.rows["policy"] == "gp-word")]
+    few = batch.rows[(batch.rows["robot"] == "pickers") & (batch.rows["policy"] == "gp-word")]
 
     class Few:
         rows = few
@@ -130,7 +130,7 @@ def test_a_film_is_made_of_each_example_when_asked_for(batch):
 
 
 def test_the_table_holds_what_the_rows_say(batch):
-    rows = batch.rows[(batch.rows["task"] == "pickers") & (batch.rows["disturbance"] == "push")]
+    rows = batch.rows[(batch.rows["robot"] == "pickers") & (batch.rows["disturbance"] == "push")]
     lines = {line[0]: line for line in group_table(rows).rows}
     mine = rows[rows["policy"] == "gp-word"]
     assert lines["gp-word"][3] == f"{100 * mine['contact_final'].mean():.1f} %"
@@ -161,7 +161,7 @@ def test_examples_are_the_best_the_median_and_the_worst_once_each(batch):
 def test_pairs_are_matched_by_start_whatever_the_order():
     rng = np.random.default_rng(0)
     seeds = np.arange(12)
-    base = pd.DataFrame({"task": "hanger", "cloth": "towel", "disturbance": "none", "seed": seeds})
+    base = pd.DataFrame({"robot": "hanger", "cloth": "towel", "disturbance": "none", "seed": seeds})
     of_start = rng.normal(0, 1, 12)
     a = base.assign(contact_final=of_start + 0.01).sample(frac=1, random_state=1)
     b = base.assign(contact_final=of_start).iloc[2:]
@@ -174,7 +174,7 @@ def test_pairs_are_matched_by_start_whatever_the_order():
 
 def test_no_difference_is_said_where_the_interval_holds_zero():
     rng = np.random.default_rng(3)
-    base = pd.DataFrame({"task": "hanger", "cloth": "towel", "disturbance": "none", "seed": np.arange(20)})
+    base = pd.DataFrame({"robot": "hanger", "cloth": "towel", "disturbance": "none", "seed": np.arange(20)})
     a, b = (base.assign(contact_final=rng.normal(0.9, 0.05, 20)) for _ in range(2))
     found = compare_paired(a, b, "contact_final")
     assert found.low < 0 < found.high

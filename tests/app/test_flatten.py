@@ -26,7 +26,7 @@ def faked(monkeypatch, make_episode) -> list[EpisodeConfig]:
     def run(jobs, *, workers):
         kept.extend(jobs)
         for job in jobs:
-            yield make_episode(task=job.task, source=job.source, seed=job.seed, disturbed=False)
+            yield make_episode(robot=job.robot, source=job.source, seed=job.seed, disturbed=False)
 
     monkeypatch.setattr(flatten, "run_episodes", run)
     return kept
@@ -72,7 +72,7 @@ def ended(monkeypatch, make_episode):
             for job, ending in zip(jobs, endings, strict=True):
                 if ending is KeyboardInterrupt:
                     raise KeyboardInterrupt
-                made = make_episode(task=job.task, source=job.source, seed=job.seed, disturbed=False)
+                made = make_episode(robot=job.robot, source=job.source, seed=job.seed, disturbed=False)
                 yield made if ending == "done" else EpisodeFailure(job=job, reason="its process ended with status -11")
 
         monkeypatch.setattr(flatten, "run_episodes", run)
@@ -120,7 +120,7 @@ def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None
     true: dict[str, float] = {}
     for name in CONTROLLERS:
         jobs = [
-            EpisodeConfig(task="pickers", cloth="towel", seed=s, flatten=name, descriptor="word-axial")
+            EpisodeConfig(robot="pickers", cloth="towel", seed=s, flatten=name, descriptor="word-axial")
             for s in (300, 301)
         ]
         runs = [run for run in run_episodes(jobs, workers=2) if isinstance(run, Episode)]

@@ -49,7 +49,7 @@ def start() -> Iterator:
 
 
 def _record(start, path: Path) -> subprocess.Popen:
-    return start("record", path, "--task", "pickers", "--cloth", "napkin", "--episodes", LONG, "--workers", 2)
+    return start("record", path, "--robot", "pickers", "--cloth", "napkin", "--episodes", LONG, "--workers", 2)
 
 
 def _until(stream, words: str) -> str:
@@ -83,8 +83,8 @@ def _sources(path: Path) -> list[str]:
 
 def _may_be_recorded_again(path: Path, make_episode) -> bool:
     count = len(_sources(path))
-    with SessionRecorder(path, task="pickers", cloth="napkin") as recorder:
-        recorder.keep(make_episode(task="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT))
+    with SessionRecorder(path, robot="pickers", cloth="napkin") as recorder:
+        recorder.keep(make_episode(robot="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT))
     return len(_sources(path)) == count + 1 and [p.name for p in path.parent.iterdir()] == [path.name]
 
 
@@ -137,7 +137,7 @@ def test_the_next_recording_tells_what_a_killed_one_left(start, tmp_path):
     child.kill()
     child.wait()
     assert _none_left(child.pid)
-    child = start("record", path, "--task", "pickers", "--cloth", "napkin", "--episodes", 1, "--seed", 50)
+    child = start("record", path, "--robot", "pickers", "--cloth", "napkin", "--episodes", 1, "--seed", 50)
     out, _ = child.communicate(timeout=120)
     assert child.returncode == 0
     lines = out.splitlines()
@@ -166,9 +166,9 @@ def test_ctrl_c_writes_the_rows_of_the_episodes_that_are_finished(start, tmp_pat
 
 @pytest.mark.slow
 def test_ctrl_c_while_training_leaves_no_model(start, tmp_path, make_episode):
-    with SessionRecorder(tmp_path / "s.h5", task="pickers", cloth="towel") as recorder:
+    with SessionRecorder(tmp_path / "s.h5", robot="pickers", cloth="towel") as recorder:
         for seed in range(8):
-            recorder.keep(make_episode(task="pickers", seed=seed, disturbed=False))
+            recorder.keep(make_episode(robot="pickers", seed=seed, disturbed=False))
     child = start("train", tmp_path / "s.h5", tmp_path / "m.npz")
     _until(child.stderr, "training")
     time.sleep(1.0)

@@ -22,20 +22,20 @@ from layflat.sim.simulation import ClothSimulation
 
 @pytest.fixture(params=ROBOTS)
 def bench(request):
-    placing = ClothSimulation(SimConfig(task=request.param, cloth="napkin", table_friction=0.9))
+    placing = ClothSimulation(SimConfig(robot=request.param, cloth="napkin", table_friction=0.9))
     placing.reset(3)
     yield placing
     placing.close()
 
 
 def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differences):
-    task, path = bench.settings.task, Path(tmp_path / "s.h5")
+    robot, path = bench.settings.robot, Path(tmp_path / "s.h5")
     joints = bench.holder.joint_angles()
-    with SessionRecorder(path, task=task, cloth="napkin") as recorder:
+    with SessionRecorder(path, robot=robot, cloth="napkin") as recorder:
         running: list = []
         episode = rollout(
             bench,
-            ZeroPolicy(task),
+            ZeroPolicy(robot),
             seed=3,
             max_steps=3,
             begin=lambda beginning: running.append(recorder.begin(beginning)) or running[0],
@@ -50,17 +50,17 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
         found = session[0]
     assert differences(found, episode) == []
     assert validate(path) == ()
-    again = SimConfig(task=found.task, cloth=found.cloth, step_s=found.step_s, **found.bench)
+    again = SimConfig(robot=found.robot, cloth=found.cloth, step_s=found.step_s, **found.bench)
     assert again == bench.settings
     assert found.descriptor == bench.settings.descriptor
     np.testing.assert_array_equal(found.initial_joints, joints)
-    assert found.initial_joints.shape == ((7,) if task == "hanger" else (0,))
+    assert found.initial_joints.shape == ((7,) if robot == "hanger" else (0,))
     assert found.provenance.operator
 
 
 @pytest.mark.parametrize("name", [name for name in DISTURBANCES if name != "none"])
 def test_the_plan_in_the_record_is_the_one_that_is_carried_out(name):
-    placing = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
+    placing = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
     planned = placing.disturbance_plan(name, 5).described()
     assert json.loads(json.dumps(planned)) == planned
     if name == next(reversed(DISTURBANCES)):  # One world is enough to see that both draw the same.

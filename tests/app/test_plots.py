@@ -13,9 +13,9 @@ from layflat.app.media.frames import active_disturbances, caption
 from layflat.data.types import ROBOTS, DisturbanceRecord, DragTarget
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_curves_are_the_episodes(task, make_episode):
-    episode = make_episode(task=task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_curves_are_the_episodes(robot, make_episode):
+    episode = make_episode(robot=robot)
     curves = curves_of("demo_0", episode)
     seen = episode.observations()
     np.testing.assert_array_equal(curves.contact, [o.contact_portion for o in seen])
@@ -105,7 +105,7 @@ def test_each_outcome_has_its_colour(tmp_path, make_episode):
 
 
 def test_an_episode_of_one_step_and_one_of_many_fit_on_one_page(tmp_path, make_episode, lying):
-    episodes = [lying(make_episode(task="pickers"), n_steps=1), make_episode(task="pickers")]
+    episodes = [lying(make_episode(robot="pickers"), n_steps=1), make_episode(robot="pickers")]
     curves = [curves_of(f"demo_{k}", episode) for k, episode in enumerate(episodes)]
     assert plot_session(tmp_path / "p.png", "title", curves) == 2
     assert plot_session(tmp_path / "one.png", "title", curves[:1]) == 1

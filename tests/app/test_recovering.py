@@ -19,11 +19,11 @@ from layflat.sim.simulation import ClothSimulation
 from layflat.tests.lowering import Down
 
 
-def episode(task: RobotName, start: Start, seed: int, *around: str) -> Episode:
-    bench = ClothSimulation(SimConfig(task=task, start=start))
+def episode(robot: RobotName, start: Start, seed: int, *around: str) -> Episode:
+    bench = ClothSimulation(SimConfig(robot=robot, start=start))
     try:
         bench.reset(seed)
-        job = EpisodeConfig(task=task, cloth="towel", seed=seed, decorators=around)
+        job = EpisodeConfig(robot=robot, cloth="towel", seed=seed, decorators=around)
         run = EpisodeRunner(bench, policy_of(job, bench), seed=seed)
         watch = DisturbanceScheduler()
         return run.episode(run_disturbances(run, watch, run_until_stop(run, watch)))
@@ -31,12 +31,12 @@ def episode(task: RobotName, start: Start, seed: int, *around: str) -> Episode:
         bench.close()
 
 
-def ahead_at_touch(task: RobotName, around: Callable[[Policy], Policy]) -> float:
+def ahead_at_touch(robot: RobotName, around: Callable[[Policy], Policy]) -> float:
     """How far the free edge is ahead of the holder when it has come down and not swung up again, m."""
-    bench = ClothSimulation(SimConfig(task=task, start="swinging"))
+    bench = ClothSimulation(SimConfig(robot=robot, start="swinging"))
     try:
         bench.reset(2)
-        policy, columns = around(Down(task)), bench.settings.spec.columns
+        policy, columns = around(Down(robot)), bench.settings.spec.columns
         policy.reset(2)
         down = False
         for _ in range(60):
@@ -50,17 +50,17 @@ def ahead_at_touch(task: RobotName, around: Callable[[Policy], Policy]) -> float
         bench.close()
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(task: RobotName) -> None:
-    assert ahead_at_touch(task, lambda policy: policy) > 0.03
-    assert abs(ahead_at_touch(task, SwingDampingWrapper)) < 0.015
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: RobotName) -> None:
+    assert ahead_at_touch(robot, lambda policy: policy) > 0.03
+    assert abs(ahead_at_touch(robot, SwingDampingWrapper)) < 0.015
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_folded_corner_is_lifted_and_laid_again(task: RobotName) -> None:
-    assert episode(task, "folded-corner", 5).final_truth.flat_area < FLAT_AREA
-    lifted = episode(task, "folded-corner", 5, "recovery")
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_folded_corner_is_lifted_and_laid_again(robot: RobotName) -> None:
+    assert episode(robot, "folded-corner", 5).final_truth.flat_area < FLAT_AREA
+    lifted = episode(robot, "folded-corner", 5, "recovery")
     assert lifted.final_truth.flat_area > FLAT_AREA
     assert max(step.observation.holder_position[2] for step in lifted.steps) > 0.4

@@ -48,17 +48,17 @@ class Short(RandomMoves):
     def resume(self):
         self.left = 3
 
-def by_hand(bench, task):
+def by_hand(bench, robot):
     # A person pulls at one node and at another, beside two disturbances, and then leads the holder.
-    policy = Hold(task)
+    policy = Hold(robot)
     run = Run(bench, policy, seed=5)
-    down = np.tile([0.0, 0.0, -0.01], 2) if task == "pickers" else np.array([0.002, -0.012])
+    down = np.tile([0.0, 0.0, -0.01], 2) if robot == "pickers" else np.array([0.002, -0.012])
     policy.act = lambda seen: Decision(action=down)
     for step in range(12):
         if step in (3, 6):
             run.disturb({3: "wind", 6: "push"}[step], repeat=step)
         if step == 9:
-            held = run.seen.holder_position if task == "hanger" else run.seen.corner_positions
+            held = run.seen.holder_position if robot == "hanger" else run.seen.corner_positions
             policy.act = lambda seen: Decision(action=down, hand=held + [0.05, 0.0, -0.05])
         where = run.truth.nodes[20] + [0.02, 0.01, 0.01]
         pull = Pull(node=20 if step < 6 else 90, target_m=where) if step in (2, 3, 4, 7, 8, 10) else None
@@ -70,18 +70,18 @@ SCHEDULES = {"twice": [
     ScheduledDisturbance(spec=DISTURBANCES["poke"], repeats=2),
 ]}
 
-def record(task, cloth, disturbance):
-    bench = Placing(BenchSettings(task=task, cloth=cloth, table_friction=0.9))
+def record(robot, cloth, disturbance):
+    bench = Placing(BenchSettings(robot=robot, cloth=cloth, table_friction=0.9))
     bench.reset(5)
     if disturbance == "by hand":
-        return by_hand(bench, task)
+        return by_hand(bench, robot)
     schedule = SCHEDULES.get(disturbance, ())
-    return run_episode(bench, Short(task), seed=5, disturbance=disturbance, schedule=schedule)
+    return run_episode(bench, Short(robot), seed=5, disturbance=disturbance, schedule=schedule)
 
 if __name__ == "__main__":
-    task, cloth, disturbance, path = sys.argv[1:]
-    with fresh_processes(1) as pool, SessionRecorder(path, task=task, cloth=cloth) as recorder:
-        recorder.keep(pool.schedule(record, args=[task, cloth, disturbance]).result())
+    robot, cloth, disturbance, path = sys.argv[1:]
+    with fresh_processes(1) as pool, SessionRecorder(path, robot=robot, cloth=cloth) as recorder:
+        recorder.keep(pool.schedule(record, args=[robot, cloth, disturbance]).result())
     kept = read_episode(Path(path), 0)
     again = rerun(kept)
     told = {"phases": sorted({step.phase for step in kept.steps})}
@@ -114,17 +114,17 @@ def _again(path: Path) -> dict:
     return json.loads(out.read_text())
 
 
-def _told(task: str, cloth: str, disturbance: str, tmp_path: Path) -> dict:
+def _told(robot: str, cloth: str, disturbance: str, tmp_path: Path) -> dict:
     """What SCRIPT tells of an episode and of its replay, each made in a fresh process."""
-    call = [sys.executable, "-c", SCRIPT, task, cloth, disturbance, str(tmp_path / "s.h5")]
+    call = [sys.executable, "-c", SCRIPT, robot, cloth, disturbance, str(tmp_path / "s.h5")]
     done = subprocess.run(call, check=True, stdout=subprocess.PIPE, text=True)
     told: dict = json.loads(done.stdout.splitlines()[-1])
     return told
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_what_hands_did_runs_again_to_the_bit(task, tmp_path):
-    told = _told(task, "napkin", "by hand", tmp_path)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_hands_did_runs_again_to_the_bit(robot, tmp_path):
+    told = _told(robot, "napkin", "by hand", tmp_path)
     assert told["same"]["identical"] is True
     assert told["forces_again"] is True
     # A push that comes while a wind still settles takes its place.
@@ -141,10 +141,10 @@ def test_repeated_disturbances_run_again_to_the_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("task", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=ROBOTS
+    ("robot", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=ROBOTS
 )
-def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp_path):
-    told = _told(task, cloth, disturbance, tmp_path)
+def test_a_disturbed_episode_runs_again_to_the_bit(robot, cloth, disturbance, tmp_path):
+    told = _told(robot, cloth, disturbance, tmp_path)
     assert told["phases"] == ["disturb", "place", "repair"]
     same = told["same"]
     assert same["identical"] is True
@@ -153,7 +153,7 @@ def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp
     assert same["steps"] == same["steps_again"] > 15
     assert len(same["per_step"]["node_error_m"]) == same["steps"] + 1
     assert not same["changed_versions"]
-    if task == "pickers":
+    if robot == "pickers":
         # A hand that goes the other way, from step 6 on, leads elsewhere, and that is told.
         assert told["changed"]["identical"] is False
         assert told["changed"]["first_divergent_step"] == 7
@@ -161,8 +161,8 @@ def test_a_disturbed_episode_runs_again_to_the_bit(task, cloth, disturbance, tmp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_whole_demonstration_runs_again_to_the_bit(task, tmp_path):
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_whole_demonstration_runs_again_to_the_bit(robot, tmp_path):
     path = tmp_path / "s.h5"
     call = [
         sys.executable,
@@ -170,8 +170,8 @@ def test_a_whole_demonstration_runs_again_to_the_bit(task, tmp_path):
         "layflat.app.cli.main",
         "record",
         str(path),
-        "--task",
-        task,
+        "--robot",
+        robot,
         "--episodes",
         "1",
         "--seed",
@@ -285,8 +285,8 @@ def test_state_replay_tells_each_moment(make_episode):
 
 def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, task="pickers", cloth="towel") as recorder:
-        recorder.keep(lying(make_episode(task="pickers"), n_steps=6))
+    with SessionRecorder(path, robot="pickers", cloth="towel") as recorder:
+        recorder.keep(lying(make_episode(robot="pickers"), n_steps=6))
     done = _replay(path, "--json", str(tmp_path / "s.json"), "--video", str(tmp_path / "s.webm"))
     assert done.returncode == 0, done.stderr
     assert "place" in done.stdout

@@ -15,7 +15,7 @@ import pytest
 from layflat.app.media import frames
 from layflat.app.media.video import count_frames
 from layflat.app.report import figures, tables, thesis_numbers
-from layflat.app.report.demo import ReportInput, TaskResults, pictured_run, write_report
+from layflat.app.report.demo import ReportInput, RobotResults, pictured_run, write_report
 from layflat.app.support.provenance import capture_provenance
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -24,8 +24,8 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 @pytest.fixture(scope="module")
 def hanger(make_episode, make_model):
     demonstrations = [make_episode(source="scripted", seed=s, disturbed=False) for s in range(3)]
-    return TaskResults(
-        task="hanger",
+    return RobotResults(
+        robot="hanger",
         cloth="towel",
         demonstrations=tuple(demonstrations),
         models={
@@ -39,8 +39,8 @@ def hanger(make_episode, make_model):
     )
 
 
-def _written(path, *tasks) -> str:
-    write_report(path, ReportInput(tasks=tasks, provenance=capture_provenance(), seed=0, notes=("a <note>",)))
+def _written(path, *robots) -> str:
+    write_report(path, ReportInput(robots=robots, provenance=capture_provenance(), seed=0, notes=("a <note>",)))
     return path.read_text(encoding="utf-8")
 
 
@@ -75,18 +75,18 @@ def test_every_picture_and_film_decodes(tmp_path, report, hanger):
     assert count_frames(film) == len(hanger.runs["gp-word"][0].steps) + 1
 
 
-def test_a_task_without_images_or_disturbance_or_models_still_makes_a_page(tmp_path, make_episode):
-    runs = {"drag-rule": (make_episode(task="pickers", source="drag-rule", disturbed=False),)}
-    results = TaskResults(task="pickers", cloth="napkin", demonstrations=(), models={}, runs=runs)
+def test_a_robot_without_images_or_disturbance_or_models_still_makes_a_page(tmp_path, make_episode):
+    runs = {"drag-rule": (make_episode(robot="pickers", source="drag-rule", disturbed=False),)}
+    results = RobotResults(robot="pickers", cloth="napkin", demonstrations=(), models={}, runs=runs)
     page = _written(tmp_path / "report.html", results)
-    assert "Pickers task" in page
-    assert "Hanger task" not in page
+    assert "Pickers robot" in page
+    assert "Hanger robot" not in page
     assert "<video" not in page
     assert "Disturbance and repair" not in page
 
 
-def test_a_task_with_nothing_at_all_makes_a_page(tmp_path):
-    empty = TaskResults(task="hanger", cloth="towel", demonstrations=(), models={}, runs={"gp-word": ()})
+def test_a_robot_with_nothing_at_all_makes_a_page(tmp_path):
+    empty = RobotResults(robot="hanger", cloth="towel", demonstrations=(), models={}, runs={"gp-word": ()})
     assert "0 of 0" in _written(tmp_path / "report.html", empty)
 
 
@@ -147,7 +147,7 @@ def test_the_run_that_is_pictured_has_images_and_a_disturbance(make_episode):
 
 
 def test_the_field_is_the_model_at_the_demonstrated_cloth_state(make_episode, make_model):
-    demonstrations = [make_episode(task="pickers", source="scripted", disturbed=False)]
+    demonstrations = [make_episode(robot="pickers", source="scripted", disturbed=False)]
     model = make_model("pickers", "all", demonstrations)
     asked = []
 

@@ -34,19 +34,19 @@ from layflat.tests.fakeplay import Scripted
 
 
 class Taught(ArtifactStore):
-    """Models without demonstrations: one of each task for everybody."""
+    """Models without demonstrations: one of each robot for everybody."""
 
     models: Mapping[RobotName, TrainedModel] = MappingProxyType({})
 
     def model(self, taught):
-        return self.models[taught.task]
+        return self.models[taught.robot]
 
 
 @pytest.fixture(scope="module")
 def models(make_episode):
     return {
-        task: registry.train("nearest", [make_episode(task=task, source="scripted", disturbed=False)])
-        for task in ROBOTS
+        robot: registry.train("nearest", [make_episode(robot=robot, source="scripted", disturbed=False)])
+        for robot in ROBOTS
     }
 
 
@@ -85,8 +85,8 @@ def test_the_full_size_is_what_was_asked_for():
     cloths = {trial.cloth for trial in EXPERIMENTS["disturbance"].trials(FULL)}
     assert cloths == {"towel", "napkin"}
     for experiment in EXPERIMENTS.values():
-        tasks = {trial.task for trial in experiment.trials(FULL)}
-        assert tasks == ({"pickers"} if experiment.name == "flattening" else set(ROBOTS))
+        robots = {trial.robot for trial in experiment.trials(FULL)}
+        assert robots == ({"pickers"} if experiment.name == "flattening" else set(ROBOTS))
 
 
 def test_quick_is_planned_for_under_fifteen_minutes_on_two_cores():
@@ -130,11 +130,11 @@ def test_before_anything_was_run_the_page_says_so(tmp_path):
 def test_tables_are_the_means_of_the_episodes(ran):
     out, size, workshop = ran
     with ExperimentResults(out, size, workshop) as material:
-        (trial,) = (trial for trial in studies.placing(size) if trial.task == "hanger")
+        (trial,) = (trial for trial in studies.placing(size) if trial.robot == "hanger")
         results = material.results(trial)
     text = (out / "table.md").read_text(encoding="utf-8")
     section = (
-        text.split("\n## Figures 4-4 and 4-5")[1].split("\n## ")[0].split("### hanger task, towel")[1].split("### ")[0]
+        text.split("\n## Figures 4-4 and 4-5")[1].split("\n## ")[0].split("### hanger robot, towel")[1].split("### ")[0]
     )
     (line,) = (line for line in section.splitlines() if line.startswith(f"| {PROPOSED}, second disturbance"))
     rows = results.rows[(results.rows["policy"] == PROPOSED) & (results.rows["disturbance"] == "thesis")]
@@ -173,7 +173,7 @@ def _rows(effect: dict[str, float], rng: np.random.Generator) -> pd.DataFrame:
             for disturbance in ("none", "thesis", "tug"):
                 lines.append(
                     {
-                        "policy": policy, "task": "hanger", "cloth": "towel", "seed": seed, "disturbance": disturbance,
+                        "policy": policy, "robot": "hanger", "cloth": "towel", "seed": seed, "disturbance": disturbance,
                         "contact_final": of_start, "flat_area_final": of_start, "crashed": False, "unstable": False,
                         "regained_1": gain + rng.normal(0, 0.01) if disturbance == "thesis" else 0.05,
                         "regained_2": 0.05 if disturbance == "thesis" else np.nan,
@@ -186,7 +186,7 @@ def test_what_word_adds_is_said_where_the_numbers_show_it_and_only_there():
     helps = _rows({BASELINE: 0.0, "gp-contact": 0.1, "gp-direction": 0.05, PROPOSED: 0.2}, np.random.default_rng(0))
     said = list(inputs.what_word_adds({"hanger": helps}))
     assert "of 14 comparisons 2 show that it helps, 0 that it harms" in said[0]
-    assert "regained, first, hanger task, added to position and contact" in said[1]
+    assert "regained, first, hanger robot, added to position and contact" in said[1]
     nothing = _rows({BASELINE: 0.0, "gp-contact": 0.1, "gp-direction": 0.0, PROPOSED: 0.1}, np.random.default_rng(1))
     said = list(inputs.what_word_adds({"hanger": nothing}))
     assert "0 show that it helps" in said[0]
@@ -200,12 +200,12 @@ def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_ep
     workshop = ArtifactStore(tmp_path, seed=0)
     path = workshop.session_path("hanger", "towel")
     path.parent.mkdir()
-    with SessionRecorder(path, task="hanger", cloth="towel", descriptor=DEFAULT) as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel", descriptor=DEFAULT) as recorder:
         for seed, outcome in ((1003, "success"), (1000, "success"), (1001, "failure"), (1002, "success")):
             drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT)
             recorder.keep(drawn)
     assert [episode.seed for episode in workshop.demonstrations("hanger", "towel", 2)] == [1000, 1002]
-    taught = studies.ModelSpec(policy="nearest", task="hanger", cloth="towel", demonstrations=2)
+    taught = studies.ModelSpec(policy="nearest", robot="hanger", cloth="towel", demonstrations=2)
     with Progress({"models": 1.0}) as progress:
         progress.phase("models")
         workshop.prepare([taught, taught], progress, workers=2)

@@ -17,7 +17,7 @@ from layflat.data.types import DisturbanceRecord, Observation
 
 CONTRACT = [
     "policy",
-    "task",
+    "robot",
     "cloth",
     "seed",
     "disturbance",

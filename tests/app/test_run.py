@@ -27,8 +27,8 @@ SEED = 3
 
 @pytest.fixture
 def make_bench():
-    def made(task="hanger"):
-        bench = FakeBench(SimConfig(task=task, cloth="towel"))
+    def made(robot="hanger"):
+        bench = FakeBench(SimConfig(robot=robot, cloth="towel"))
         bench.reset(SEED)
         return bench
 
@@ -49,7 +49,7 @@ def _at(moment, value, name="wind", **more):
 
 
 def _through_a_file(episode, path):
-    with SessionRecorder(path, task=episode.task, cloth=episode.cloth) as recorder:
+    with SessionRecorder(path, robot=episode.robot, cloth=episode.cloth) as recorder:
         recorder.keep(episode)
     assert validate(path) == ()
     with open_session(path) as session:
@@ -199,7 +199,7 @@ def _driven(bench, n_steps=12):
         if step_index == 5:
             run.disturb("wind")
         assert run.step("place", pull, intervention=step_index == 9) is None
-    hands = np.zeros(3) if bench.settings.task == "hanger" else np.zeros((2, 3))
+    hands = np.zeros(3) if bench.settings.robot == "hanger" else np.zeros((2, 3))
     policy.act = lambda seen: Decision(action=np.ones(run.steps[0].action.size), hand=hands)
     for _ in range(3):
         assert run.step("place") is None
@@ -256,7 +256,7 @@ def test_the_plan_counts_not_its_name(make_bench, tmp_path):
 
 def test_a_journal_hears_of_disturbances_as_they_come(bench, tmp_path):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         run = EpisodeRunner(bench, Forward(), seed=SEED, disturbance="gust", begin=recorder.begin)
         run.step("place")
         run.disturb("wind")

@@ -24,7 +24,7 @@ def _run(capsys, *arguments: str) -> tuple[int, str, str]:
 def session(tmp_path, make_episode):
     def write(*outcomes: str):
         path = tmp_path / "demos.h5"
-        with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
             for seed, outcome in enumerate(outcomes):
                 recorder.keep(make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome))
         return path
@@ -49,9 +49,9 @@ def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session,
 def test_corrections_are_told_of_and_weighted(tmp_path, make_episode, capsys):
     plain, taken = make_episode(seed=0, disturbed=False), make_episode(seed=1, disturbed=False)
     steps = [replace(step, intervention=step_index in range(20, 27)) for step_index, step in enumerate(taken.steps)]
-    with SessionRecorder(tmp_path / "plain.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(tmp_path / "plain.h5", robot="hanger", cloth="towel") as recorder:
         recorder.keep(plain)
-    with SessionRecorder(tmp_path / "s.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(tmp_path / "s.h5", robot="hanger", cloth="towel") as recorder:
         for episode in (plain, replace(taken, steps=steps)):
             recorder.keep(episode)
     call = ["train", str(tmp_path / "s.h5"), str(tmp_path / "m.npz"), "--intervention-weight", "3"]

@@ -51,7 +51,7 @@ def make_session(tmp_path: Path, make_episode: Callable[..., Episode]) -> Callab
     def make(name: str, episodes: list[Episode], **options: object) -> Path:
         path = tmp_path / name
         first = episodes[0]
-        options = {"task": first.task, "cloth": first.cloth, "keep_images": True} | options
+        options = {"robot": first.robot, "cloth": first.cloth, "keep_images": True} | options
         with SessionRecorder(path, **options) as recorder:
             for episode in episodes:
                 recorder.keep(episode)

@@ -31,7 +31,7 @@ def session_of(tmp_path):
     def make(episodes, name="s.h5"):
         path = tmp_path / name
         first = episodes[0]
-        with SessionRecorder(path, task=first.task, cloth=first.cloth, keep_images=True) as recorder:
+        with SessionRecorder(path, robot=first.robot, cloth=first.cloth, keep_images=True) as recorder:
             for episode in episodes:
                 recorder.keep(episode)
         return path
@@ -47,7 +47,7 @@ def session_of(tmp_path):
 def test_export_and_import_conserve_any_episode(episode, differences):
     with tempfile.TemporaryDirectory() as folder:
         path, exported, back = (Path(folder) / name for name in ("s.h5", "rm.hdf5", "back.h5"))
-        with SessionRecorder(path, task=episode.task, cloth=episode.cloth, keep_images=True) as recorder:
+        with SessionRecorder(path, robot=episode.robot, cloth=episode.cloth, keep_images=True) as recorder:
             recorder.keep(episode)
         with open_session(path) as session:
             uid = session.info("demo_0").uid
@@ -95,9 +95,9 @@ def _as_robomimic_judges(path, filter_key):
         return set(demos)
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_robomimic_reads_the_masks(task, session_of, make_episode, tmp_path):
-    path = session_of([make_episode(task, n_steps=2 + i, seed=i) for i in range(12)])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_robomimic_reads_the_masks(robot, session_of, make_episode, tmp_path):
+    path = session_of([make_episode(robot, n_steps=2 + i, seed=i) for i in range(12)])
     with open_session(path) as session:
         export_robomimic(session, tmp_path / "rm.h5", seed=0)
     train, valid = (_as_robomimic_judges(tmp_path / "rm.h5", key) for key in ("train", "valid"))
@@ -165,9 +165,9 @@ def _rewritten(source, target, *, skip=(), attributes=(), dtype="<f4", **packing
                     group.create_dataset(key, data=kept, **(packing if kept.ndim > 1 else {}))
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_file_that_kept_only_the_layout_comes_back(task, session_of, make_episode, tmp_path, differences):
-    made = [make_episode(task, seed=i, images=True, with_std=True) for i in range(3)]
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_file_that_kept_only_the_layout_comes_back(robot, session_of, make_episode, tmp_path, differences):
+    made = [make_episode(robot, seed=i, images=True, with_std=True) for i in range(3)]
     foreign, back = tmp_path / "foreign.hdf5", tmp_path / "back.h5"
     _rewritten(session_of(made), foreign, dtype="<f8", compression="gzip", chunks=True)
     done = import_robomimic(foreign, back)
@@ -188,7 +188,7 @@ def test_what_a_file_tells_is_believed_and_rounding_is_all_that_float32_costs(se
     import_robomimic(tmp_path / "f.hdf5", tmp_path / "back.h5")
     with open_session(tmp_path / "back.h5") as session:
         episode = session.episode("demo_0")
-    for key in (*keys, "task"):
+    for key in (*keys, "robot"):
         assert getattr(episode, key) == getattr(made, key)
     for got, meant in zip(episode.steps, made.steps, strict=True):
         np.testing.assert_allclose(got.action, meant.action, rtol=1e-6)
@@ -293,7 +293,7 @@ def test_a_cloth_that_no_one_names_must_be_given(session_of, make_episode, tmp_p
         import_robomimic(foreign, tmp_path / "back.h5")
     import_robomimic(foreign, tmp_path / "back.h5", cloth="napkin")
     with open_session(tmp_path / "back.h5") as session:
-        assert (session.task, session.cloth) == ("hanger", "napkin")
+        assert (session.robot, session.cloth) == ("hanger", "napkin")
 
 
 @pytest.mark.parametrize("content", [None, b"", b"dear diary", b"\x89HDF\r\n\x1a\n" + bytes(100)])
@@ -321,9 +321,9 @@ def test_an_existing_file_is_not_replaced_unasked(session_of, make_episode, tmp_
 # csv
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_csv_reads_back_to_the_same_bits(task, session_of, make_episode, tmp_path):
-    made = [make_episode(task, n_steps=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_csv_reads_back_to_the_same_bits(robot, session_of, make_episode, tmp_path):
+    made = [make_episode(robot, n_steps=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
     with open_session(session_of(made)) as session:
         assert export_csv(session, tmp_path / "out") == 3 + 4 + 5
     with (tmp_path / "out" / STEPS_CSV).open(newline="") as file:

@@ -176,7 +176,7 @@ def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
     tmp_path, make_episode, beginning_of, differences, prefix_of
 ):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=60, nodes=50, images=True)
-    with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
         recorder.keep(episode)
         running = recorder.begin(beginning_of(episode))
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -199,7 +199,7 @@ def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
 
 def test_an_error_of_the_disk_is_said(tmp_path, make_episode, beginning_of, monkeypatch, differences):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         recorder.keep(episode)
         running = recorder.begin(beginning_of(episode))
         with monkeypatch.context() as patch:
@@ -221,7 +221,7 @@ def _broken(descriptor):
 def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beginning_of, differences, prefix_of):
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=4, seed=seed, outcome="failure") for seed in range(3)]
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         runs = [recorder.begin(beginning_of(episode)) for episode in made]
         for number, (running, episode) in enumerate(zip(runs, made, strict=True)):
             for step_index, step in enumerate(episode.steps):
@@ -242,7 +242,7 @@ def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beg
 def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode, beginning_of, differences):
     """The journal holds the whole episode before it is kept: whichever of the two steps was reached, it is there."""
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         ticket = recorder.ticket()
         journal = ticket.begin(beginning_of(episode))
         for step in episode.steps:
@@ -252,12 +252,12 @@ def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode,
         recorder.keep(episode, ticket=ticket)
     parts_folder(path).mkdir()
     ticket.path.write_bytes(content)
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         assert recorder.recovered == ()
     path.unlink()
     parts_folder(path).mkdir()
     ticket.path.write_bytes(content)
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         assert [(kept.name, kept.outcome) for kept in recorder.recovered] == [("demo_0", "success")]
     with open_session(path) as session:
         assert [differences(e, episode) for e in session] == [[]]
@@ -278,7 +278,7 @@ def test_the_clock_of_the_wall_may_jump(tmp_path, make_episode, beginning_of, mo
     path, made = tmp_path / "s.h5", [make_episode(seed=i) for i in range(4)]
     clock = iter([4e9, 0.0, 1e9, 2.5e9] * 1000)
     monkeypatch.setattr(time, "time", lambda: next(clock))
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         for number, episode in enumerate(made):
             running = recorder.begin(beginning_of(episode))
             for step in episode.steps:
@@ -338,7 +338,7 @@ def _fill_and_record(path, ballast, free, episode, beginning_of, sentences) -> i
     ballast.write_bytes(bytes(max(0, room.f_bavail * room.f_frsize - free)))
     kept = 0
     try:
-        with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+        with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
             for _ in range(4):
                 running = recorder.begin(beginning_of(episode))
                 for step in episode.steps:

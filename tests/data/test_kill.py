@@ -29,7 +29,7 @@ def numbered(make_episode) -> Callable[[int], Episode]:
 
 
 def _record(path: Path, report: int, first: int, step_s: float, numbered, beginning_of) -> None:
-    with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
         for number in itertools.count(first):
             episode = numbered(number)
             running = recorder.begin(beginning_of(episode))
@@ -94,7 +94,7 @@ def _kill_again_and_again(
         if kill % 2 and path.exists():
             assert repair(path).lost == ()
         else:
-            SessionRecorder(path, task="hanger", cloth="towel", keep_images=True).close()
+            SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True).close()
         assert [p.name for p in path.parent.iterdir() if p != path] == []
         lengths = _check_whole(path, kept, numbered, prefix_of, differences) if path.exists() else {}
         handed = [(int(n), int(step_index), float(when)) for kind, n, step_index, when in lines if kind == "step"]

@@ -28,7 +28,7 @@ RGB, DEPTH = "observation.images.camera", "observation.images.depth"
 
 def _session(path: Path, episodes):
     first = episodes[0]
-    with SessionRecorder(path, task=first.task, cloth=first.cloth, keep_images=True) as recorder:
+    with SessionRecorder(path, robot=first.robot, cloth=first.cloth, keep_images=True) as recorder:
         for episode in episodes:
             recorder.keep(episode)
     return open_session(path)
@@ -132,7 +132,7 @@ def test_the_files_agree_with_each_other(exported):
         assert "/" not in key
         if described["dtype"] != "image" and described["shape"] != [1]:
             assert frames.schema.field(key).type.list_size == described["shape"][0] == len(described["names"])
-    assert info["features"]["action"]["names"] == list(ACTION_NAMES[made[0].task])
+    assert info["features"]["action"]["names"] == list(ACTION_NAMES[made[0].robot])
     assert info["features"][DEPTH]["info"] == {"is_depth_map": True, "depth_unit": "m"}
 
 

@@ -67,7 +67,7 @@ def disturbances(draw, n_steps):
 
 @st.composite
 def episodes(draw):
-    task = draw(st.sampled_from(ROBOTS))
+    robot = draw(st.sampled_from(ROBOTS))
     nodes, three = draw(st.integers(0, 4)), arrays(np.float64, 3, elements=finite)
     shape = st.none() | st.tuples(st.integers(0, 3), st.integers(0, 3))
     observation = observations(draw(shape), draw(shape))
@@ -77,7 +77,7 @@ def episodes(draw):
         contact_portion_true=finite,
         flat_area=finite,
     )
-    size = len(ACTION_NAMES[task])
+    size = len(ACTION_NAMES[robot])
     step = st.builds(
         Step,
         observation=observation,
@@ -92,7 +92,7 @@ def episodes(draw):
     )
     n_steps = draw(st.integers(1, 3))
     return Episode(
-        task=task,
+        robot=robot,
         cloth=draw(text),
         seed=draw(st.integers(-(2**63) + 1, 2**63 - 1)),
         source=draw(text),
@@ -129,19 +129,19 @@ def test_any_valid_episode_survives_the_file(episode, differences):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "session.h5"
         with SessionRecorder(
-            path, task=episode.task, cloth=episode.cloth, keep_images=True, descriptor=episode.descriptor
+            path, robot=episode.robot, cloth=episode.cloth, keep_images=True, descriptor=episode.descriptor
         ) as recorder:
             kept = recorder.keep(episode)
         with open_session(path) as session:
             assert differences(session.episode(kept.name), episode) == []
-            assert (session.task, session.cloth, session.step_s) == (episode.task, episode.cloth, episode.step_s)
+            assert (session.robot, session.cloth, session.step_s) == (episode.robot, episode.cloth, episode.step_s)
 
 
 def test_images_are_left_out_where_not_asked_for(tmp_path, make_episode):
     episode = make_episode(images=True)
     for keep_images in (False, True):
         path = tmp_path / f"{keep_images}.h5"
-        with SessionRecorder(path, task="hanger", cloth="towel", keep_images=keep_images) as recorder:
+        with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=keep_images) as recorder:
             recorder.keep(episode)
         with open_session(path) as session:
             assert session.info("demo_0").images is keep_images
@@ -153,7 +153,7 @@ def test_order_is_numeric_and_appending_goes_on(tmp_path, make_episode, differen
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i, outcome=OUTCOMES[i % 3], source=["scripted", "gamepad"][i % 2]) for i in range(12)]
     for batch in (made[:5], made[5:]):
-        with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+        with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
             names = [recorder.keep(episode).name for episode in batch]
     assert names[-1] == "demo_11"
     with open_session(path) as session:
@@ -183,11 +183,11 @@ def _as_robomimic_reads(path):
         return demos, filters, lengths, actions, meta, arrays_, int(f["data"].attrs["total"])
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, task):
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, robot):
     path = tmp_path / "s.h5"
-    made = [make_episode(task, n_steps=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
-    with SessionRecorder(path, task=task, cloth="towel", keep_images=True) as recorder:
+    made = [make_episode(robot, n_steps=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
+    with SessionRecorder(path, robot=robot, cloth="towel", keep_images=True) as recorder:
         for episode in made:
             recorder.keep(episode)
     demos, filters, lengths, actions, meta, found, total = _as_robomimic_reads(path)
@@ -199,7 +199,7 @@ def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, task):
     assert sorted(filters["success"] + filters["failure"]) == sorted(demos)
     for name, episode, action in zip(demos, made, actions, strict=True):
         n, arrays_ = len(episode.steps), found[name]
-        assert action.shape == (n, len(ACTION_NAMES[task]))
+        assert action.shape == (n, len(ACTION_NAMES[robot]))
         assert np.abs(action).max() <= 1
         np.testing.assert_allclose(action * ACTION_LIMIT_M, [s.action for s in episode.steps], rtol=1e-12)
         assert all(len(rows) == n for rows in arrays_.values())
@@ -217,13 +217,13 @@ def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, task):
 
 def test_what_users_add_to_a_file_stays_when_it_grows(tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode())
     with h5py.File(path, "r+") as f:
         f["mask/train"] = np.array([b"demo_0"])
         f["data"].attrs["author"] = "a person"
         f["notes/text"] = "first take"
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode(seed=1))
     with h5py.File(path, "r") as f:
         assert f["mask/train"][()].tolist() == [b"demo_0"]
@@ -257,9 +257,9 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
         (make_episode(cloth="napkin"), "cloth is napkin"),
         (make_episode(descriptor="how"), "descriptor is how"),
         (make_episode(bench={"camera": object()}), "bench is"),
-        (make_episode("pickers"), "task is pickers"),
+        (make_episode("pickers"), "robot is pickers"),
     ]
-    with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
         recorder.keep(good)
         for episode, message in refused:
             with pytest.raises(DataError, match=message):
@@ -273,7 +273,7 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
 
 def test_no_data_set_holds_python_objects(tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode())
     objects = []
     with h5py.File(path, "r") as f:

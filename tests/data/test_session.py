@@ -122,7 +122,7 @@ def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, differences, 
     with open_session(path) as session:
         assert not session.indexed
         assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[]] * len(wanted)
-    with SessionRecorder(path, task="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
         recorder.keep(make_episode(seed=77))
     with open_session(path) as session:
         assert session.indexed
@@ -228,7 +228,7 @@ def _as_nobody(path, made, differences) -> int:
     failed += validate(path) != ()
     for target, word in ((path, "write-protected"), (path.with_name("new.h5"), "Permission denied")):
         try:
-            SessionRecorder(target, task="hanger", cloth="towel").close()
+            SessionRecorder(target, robot="hanger", cloth="towel").close()
         except DataError as error:
             failed += word not in str(error)
         else:

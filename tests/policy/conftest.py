@@ -48,7 +48,7 @@ def _episode(
     observations: Sequence[Observation],
     actions: np.ndarray,
     *,
-    task: RobotName = "hanger",
+    robot: RobotName = "hanger",
     seed: int = 0,
     cloth: str = "towel",
     step_s: float = 0.1,
@@ -60,7 +60,7 @@ def _episode(
         for k, (o, a) in enumerate(zip(observations, actions, strict=True))
     )
     return Episode(
-        task=task,
+        robot=robot,
         cloth=cloth,
         seed=seed,
         source="scripted",
@@ -74,12 +74,12 @@ def _episode(
 
 
 def _model(
-    task: RobotName = "hanger", inputs: str = "all", points: int = 25, seed: int = 0, policy: str = ""
+    robot: RobotName = "hanger", inputs: str = "all", points: int = 25, seed: int = 0, policy: str = ""
 ) -> GpModel:
     """A model with given hyperparameters on random points: what a fit would make, without the fit."""
     rng = np.random.default_rng(seed)
-    layout = input_set(task, inputs)
-    outputs = action_size(task)
+    layout = input_set(robot, inputs)
+    outputs = action_size(robot)
     matrix = rng.uniform(-0.3, 0.5, (points, layout.size))
     targets = rng.normal(0.0, 0.7, (points, outputs))
     hyper = Hyperparameters(
@@ -104,7 +104,7 @@ def _model(
     )
 
 
-def _taught(task: RobotName) -> list[Episode]:
+def _taught(robot: RobotName) -> list[Episode]:
     """Three demonstrations of a way down and forward, as long as their seeds say."""
     episodes = []
     for seed in range(3):
@@ -114,9 +114,9 @@ def _taught(task: RobotName) -> list[Episode]:
             _observe(0.4 * s + rng.normal(0, 1e-3), 0.4 * (1 - s), contact=s, word=(np.cos(s), np.sin(s)))
             for s in share
         ]
-        move = np.array([0.4, -0.4] if task == "hanger" else [0.4, 0.0, -0.4] * 2) / n_steps
+        move = np.array([0.4, -0.4] if robot == "hanger" else [0.4, 0.0, -0.4] * 2) / n_steps
         actions = move + rng.normal(0, 3e-4, (n_steps, len(move)))
-        episode = _episode(seen[:-1], actions, task=task, seed=seed)
+        episode = _episode(seen[:-1], actions, robot=robot, seed=seed)
         episodes.append(replace(episode, final_observation=seen[-1]))
     return episodes
 
@@ -126,10 +126,10 @@ def learned_of() -> Callable[[str, RobotName], TrainedModel]:
     """A model of any trainable policy by name; those of Gaussian processes without a fit, which takes a second each."""
 
     @cache
-    def made(name: str, task: RobotName) -> TrainedModel:
+    def made(name: str, robot: RobotName) -> TrainedModel:
         if name in GP_INPUTS:
-            return _model(task, GP_INPUTS[name], policy=name)
-        return registry.train(name, _taught(task))
+            return _model(robot, GP_INPUTS[name], policy=name)
+        return registry.train(name, _taught(robot))
 
     return made
 

@@ -25,8 +25,8 @@ COLUMNS = 3
 class RodCloth:
     """The free edge hangs below the holder; once it touches it stays, and slides only when it is pulled taut."""
 
-    def __init__(self, task, start=(0.0, 0.47)):
-        self.task = task
+    def __init__(self, robot, start=(0.0, 0.47)):
+        self.robot = robot
         self.corners = np.array([[start[0], WIDTH_M / 2, start[1]], [start[0], -WIDTH_M / 2, start[1]]])
         self.edge_x = start[0]
         self.wrinkle_m = 0.0
@@ -49,7 +49,7 @@ class RodCloth:
         return float(np.clip(1.0 - 2.0 * (LENGTH_M + self.edge_x - x + self.wrinkle_m) / LENGTH_M, 0.0, 1.0))
 
     def move(self, action):
-        step = np.array([action[0], 0.0, action[1]]) if self.task == "hanger" else action.reshape(2, 3)
+        step = np.array([action[0], 0.0, action[1]]) if self.robot == "hanger" else action.reshape(2, 3)
         self.corners = self.corners + step
         self.corners[:, 2] = np.maximum(self.corners[:, 2], 0.004)
         x, _, z = self.holder
@@ -69,7 +69,7 @@ class RodCloth:
 
 
 def expert_for(cloth):
-    return ScriptedDemonstrator(cloth.task, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.truth)
+    return ScriptedDemonstrator(cloth.robot, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.truth)
 
 
 def demonstrate(cloth, expert, limit=200):
@@ -82,10 +82,10 @@ def demonstrate(cloth, expert, limit=200):
     pytest.fail(f"no stop within {limit} steps; the last clause was {decisions[-1].reason!r}")
 
 
-@pytest.mark.parametrize("task", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("seed", range(6))
-def test_lays_the_cloth_and_stops_flat_within_the_limits(task, seed):
-    cloth = RodCloth(task)
+def test_lays_the_cloth_and_stops_flat_within_the_limits(robot, seed):
+    cloth = RodCloth(robot)
     expert = expert_for(cloth)
     expert.reset(seed)
     decisions = demonstrate(cloth, expert)
@@ -95,9 +95,9 @@ def test_lays_the_cloth_and_stops_flat_within_the_limits(task, seed):
     assert not decisions[-1].action.any()
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_the_free_edge_trails_before_anything_is_laid_on_it(task):
-    cloth = RodCloth(task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_free_edge_trails_before_anything_is_laid_on_it(robot):
+    cloth = RodCloth(robot)
     expert = expert_for(cloth)
     expert.reset(3)
     for step_index in range(100):
@@ -109,10 +109,10 @@ def test_the_free_edge_trails_before_anything_is_laid_on_it(task):
     assert cloth.holder[0] - cloth.edge_x > 0.04
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(task):
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(robot):
     def drag_speed(wrinkle_m):
-        cloth = RodCloth(task)
+        cloth = RodCloth(robot)
         expert = expert_for(cloth)
         expert.reset(1)
         demonstrate(cloth, expert)
@@ -125,9 +125,9 @@ def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(task):
     assert DRAG_STEP_M[0] <= speeds[0] < speeds[-1] <= DRAG_STEP_M[1] + 0.006
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_repairs_after_a_disturbance(task):
-    cloth = RodCloth(task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_repairs_after_a_disturbance(robot):
+    cloth = RodCloth(robot)
     expert = expert_for(cloth)
     expert.reset(2)
     demonstrate(cloth, expert)

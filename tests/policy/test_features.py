@@ -13,11 +13,11 @@ finite = st.floats(-1, 1)
 
 
 @pytest.mark.parametrize(
-    ("task", "inputs", "size"),
+    ("robot", "inputs", "size"),
     [("hanger", "position", 2), ("hanger", "all", 5), ("pickers", "position", 6), ("pickers", "all", 9)],
 )
-def test_sizes_are_those_of_the_thesis(task, inputs, size, observe):
-    layout = input_set(task, inputs)
+def test_sizes_are_those_of_the_thesis(robot, inputs, size, observe):
+    layout = input_set(robot, inputs)
     assert layout.size == size
     assert layout.vector(observe()).shape == layout.scales().shape == (size,)
 
@@ -41,13 +41,13 @@ def test_pickers_layout_begins_with_the_corners():
     np.testing.assert_array_equal(vector, [*corners.ravel(), 0.6, 0.8, 0.25])
 
 
-@pytest.mark.parametrize("task", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOTS)
 @given(contact=st.floats(0, 1), angle=st.floats(-1.5, 1.5))
-def test_cloth_state_reaches_exactly_the_sets_that_name_it(task, observe, contact, angle):
+def test_cloth_state_reaches_exactly_the_sets_that_name_it(robot, observe, contact, angle):
     word = (np.cos(angle), np.sin(angle))
     calm, stirred = observe(0.1, 0.1, contact=0.5), observe(0.1, 0.1, contact=contact, word=word)
     for name in INPUT_SETS:
-        layout = input_set(task, name)
+        layout = input_set(robot, name)
         moved = layout.vector(calm) != layout.vector(stirred)
         changed = {column for column, differs in zip(layout.names, moved, strict=True) if differs}
         expected = {"contact"} if contact != 0.5 else set()
@@ -64,23 +64,23 @@ def test_matrix_is_the_vectors_in_order(observe, episode_of):
     assert layout.matrix([]).shape == (0, 5)
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_no_column_reads_what_only_the_simulator_knows(task):
-    assert not {"nodes", "contact_true", "flat_area"} & set(COLUMNS[task])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_no_column_reads_what_only_the_simulator_knows(robot):
+    assert not {"nodes", "contact_true", "flat_area"} & set(COLUMNS[robot])
 
 
 @pytest.mark.parametrize(
-    ("task", "names", "message"),
+    ("robot", "names", "message"),
     [
         ("hanger", ("x", "y1"), "feature 'y1' is unknown"),
         ("hanger", ("x", "x"), "none twice"),
         ("hanger", (), "at least one"),
-        ("table", ("x",), "task is 'table'"),
+        ("table", ("x",), "robot is 'table'"),
     ],
 )
-def test_wrong_layouts_are_refused(task, names, message):
+def test_wrong_layouts_are_refused(robot, names, message):
     with pytest.raises(PolicyError, match=message):
-        FeatureLayout(task=task, names=names)
+        FeatureLayout(robot=robot, names=names)
 
 
 def test_unknown_set_names_the_known():

@@ -14,8 +14,8 @@ from layflat.policy.gmr.model import GmrModel
 SCALE_M = 0.01
 
 
-def model_with(weights, means, covariances, inputs: str = "all", task: str = "hanger") -> GmrModel:
-    layout = input_set(task, inputs)
+def model_with(weights, means, covariances, inputs: str = "all", robot: str = "hanger") -> GmrModel:
+    layout = input_set(robot, inputs)
     return GmrModel(
         policy="gmr",
         layout=layout,

@@ -249,7 +249,7 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
         ([drags[0], episode_of(seen, np.zeros((4, 2)), cloth="silk")], "mix the cloths towel and silk"),
         ([drags[0], episode_of(seen, np.zeros((4, 2)), step_s=0.05)], "mix steps"),
         ([drags[0], replace(drags[1], descriptor="hog")], "mix the descriptors word and hog"),
-        ([drags[0], episode_of(seen, np.zeros((4, 6)), task="pickers")], "is of task pickers"),
+        ([drags[0], episode_of(seen, np.zeros((4, 6)), robot="pickers")], "is of robot pickers"),
     ):
         with pytest.raises(PolicyError, match=message):
             fit.fit(episodes, layout, policy="gp-word")

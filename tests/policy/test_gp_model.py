@@ -42,10 +42,10 @@ def targets_of(model: GpModel, output: int) -> np.ndarray:
     return kernel @ model.alpha[output]
 
 
-@pytest.mark.parametrize("task", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ["hanger", "pickers"])
 @pytest.mark.parametrize("inputs", ["position", "all"])
-def test_posterior_is_that_of_scikit_learn(task, inputs, model_of):
-    model = model_of(task, inputs, points=40)
+def test_posterior_is_that_of_scikit_learn(robot, inputs, model_of):
+    model = model_of(robot, inputs, points=40)
     queries = np.random.default_rng(9).uniform(-0.5, 0.8, (30, model.layout.size))
     mean, std = model.predict(queries)
     for a in range(len(model.outputs)):
@@ -72,9 +72,9 @@ def test_nothing_is_known_without_the_only_demonstration():
     np.testing.assert_allclose(held_out_errors(inputs, targets, np.zeros(15), hyper), targets, atol=1e-8)
 
 
-@pytest.mark.parametrize("task", ["hanger", "pickers"])
-def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(task, model_of):
-    model = model_of(task)
+@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(robot, model_of):
+    model = model_of(robot)
     start = model.inputs[0]
     away = np.ones(model.layout.size) / np.sqrt(model.layout.size) * model.input_scale
     mean, std = model.predict([start + d * away for d in (0, 5, 8, 30)])

@@ -30,6 +30,6 @@ def test_reset_hands_back_to_the_first(handover, observe):
     np.testing.assert_array_equal(handover.act(observe(0.3, 0.01)).action, np.zeros(2))
 
 
-def test_policies_of_different_tasks_are_refused():
+def test_policies_of_different_robots_are_refused():
     with pytest.raises(PolicyError, match="pickers"):
         SequentialPolicy(registry.make("hold", "hanger"), registry.make("hold", "pickers"), name="both")

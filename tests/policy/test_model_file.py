@@ -39,12 +39,12 @@ def rewrite(path: Path, arrays: dict[str, np.ndarray], **header_changes: object)
     np.savez(path, **{**arrays, "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)})
 
 
-@pytest.mark.parametrize("task", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ["hanger", "pickers"])
 @pytest.mark.parametrize("inputs", ["position", "position+word", "all"])
-def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
+def test_round_trip_predicts_bit_for_bit(robot, inputs, tmp_path, model_of):
     model = replace(
-        model_of(task, inputs),
-        heldout_rmse_m=None if inputs == "all" else model_of(task, inputs).heldout_rmse_m,
+        model_of(robot, inputs),
+        heldout_rmse_m=None if inputs == "all" else model_of(robot, inputs).heldout_rmse_m,
         provenance=Provenance(versions={"numpy": "2"}, platform="linux", created_utc="2024", command="train"),
         stop_threshold_m=0.0031,
         descriptor="hog",
@@ -61,10 +61,10 @@ def test_round_trip_predicts_bit_for_bit(task, inputs, tmp_path, model_of):
         assert getattr(again, name) == getattr(model, name)
 
 
-@pytest.mark.parametrize("task", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ["hanger", "pickers"])
 @pytest.mark.parametrize("name", registry.TRAINABLE_POLICIES)
-def test_every_method_comes_back_as_it_was(name, task, tmp_path, learned_of, observe):
-    model = replace(learned_of(name, task), provenance=Provenance(versions={"numpy": "2"}, command="train"))
+def test_every_method_comes_back_as_it_was(name, robot, tmp_path, learned_of, observe):
+    model = replace(learned_of(name, robot), provenance=Provenance(versions={"numpy": "2"}, command="train"))
     path, twin = tmp_path / "model.npz", tmp_path / "twin.npz"
     model_file.save(model, path)
     again = model_file.load(path)
@@ -209,7 +209,7 @@ def test_a_changed_header_is_noticed(saved):
         ({"schema": 1}, "schema is 1"),
         ({"descriptor": "sift"}, "descriptor is 'sift'"),
         ({"kernel": "os.system"}, "must be one of se"),
-        ({"task": "table"}, "task is 'table'"),
+        ({"robot": "table"}, "robot is 'table'"),
         ({"features": ["x", "z", "word_x", "word_y", "secret"]}, "feature 'secret' is unknown"),
         ({"outputs": ["dx", "dy"]}, "outputs"),
         ({"stop_steps": "8"}, "stop_steps is '8'"),

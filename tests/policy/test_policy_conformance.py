@@ -26,31 +26,31 @@ AROUND = "hold+"
 """What can be put around any policy, around one of the poorest."""
 OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED, *(AROUND + name for name in registry.WRAPPERS))
 PLACERS = [
-    (name, task) for name in (*registry.BUILTIN_POLICIES, *registry.TRAINABLE_POLICIES, *OTHERS) for task in ROBOTS
+    (name, robot) for name in (*registry.BUILTIN_POLICIES, *registry.TRAINABLE_POLICIES, *OTHERS) for robot in ROBOTS
 ]
 
 
 @pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
 def policy(request, model_of, learned_of, make_episode) -> Policy:
-    name, task = request.param
+    name, robot = request.param
     if name == RECORDED:
-        return ReplayPolicy(make_episode(task, n_steps=50))
+        return ReplayPolicy(make_episode(robot, n_steps=50))
     if name.startswith(FLATTEN):
         return controller(name.removeprefix(FLATTEN))
     if name.startswith(AROUND):
-        return registry.wrap(registry.make("hold", task), [name.removeprefix(AROUND)])
+        return registry.wrap(registry.make("hold", robot), [name.removeprefix(AROUND)])
     if name == HANDOVER:
-        first = ModelPolicy(model_of(task, "position"))
-        return SequentialPolicy(first, registry.make("drag-rule", task), name="gp-baseline+drag-rule")
+        first = ModelPolicy(model_of(robot, "position"))
+        return SequentialPolicy(first, registry.make("drag-rule", robot), name="gp-baseline+drag-rule")
     if name == TAKEOVER:
-        return Takeover(ModelPolicy(model_of(task, "position")), registry.make("random", task), lambda: "lead")
+        return Takeover(ModelPolicy(model_of(robot, "position")), registry.make("random", robot), lambda: "lead")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
         truth = GroundTruth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
-        return ScriptedDemonstrator(task, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: truth)
+        return ScriptedDemonstrator(robot, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: truth)
     if name in registry.TRAINABLE_POLICIES:
-        return registry.from_model(learned_of(name, task))
-    return registry.make(name, task)
+        return registry.from_model(learned_of(name, robot))
+    return registry.make(name, robot)
 
 
 def placing(observe: Callable[..., Observation], n_steps: int = 40) -> list[Observation]:
@@ -67,15 +67,15 @@ def run(policy: Policy, observations: list[Observation], seed: int) -> list:
     return [policy.act(observation) for observation in observations]
 
 
-def test_is_a_policy_with_a_name_and_a_task(policy):
+def test_is_a_policy_with_a_name_and_a_robot(policy):
     assert isinstance(policy, Policy)
     assert policy.name
-    assert policy.task in ROBOTS
+    assert policy.robot in ROBOTS
 
 
 def test_decisions_are_well_formed(policy, observe):
     for decision in run(policy, placing(observe), seed=1):
-        assert decision.action.shape == (action_size(policy.task),)
+        assert decision.action.shape == (action_size(policy.robot),)
         assert np.abs(decision.action).max() <= ACTION_LIMIT_M
         assert decision.stop is None or decision.stop in STOP_REASONS
         assert decision.reason

@@ -29,8 +29,8 @@ class Layer:
 
     name = "layer"
 
-    def __init__(self, task: RobotName) -> None:
-        self.task = task
+    def __init__(self, robot: RobotName) -> None:
+        self.robot = robot
         self.begun = 0
 
     def reset(self, seed: int) -> None:
@@ -40,17 +40,17 @@ class Layer:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Decision:
-        zeros = np.zeros(action_size(self.task))
+        zeros = np.zeros(action_size(self.robot))
         if observation.holder_position[2] <= 0.006:
             return Decision(action=zeros, stop="converged", reason="laid")
-        return Decision(action=along_x(self.task, 0.008) + along_z(self.task, -0.01))
+        return Decision(action=along_x(self.robot, 0.008) + along_z(self.robot, -0.01))
 
 
 class Toy:
     """A cloth that hides ``hidden`` of itself once it lies, until it has hung free ``cures`` times."""
 
-    def __init__(self, task: RobotName, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
-        self.task, self._observe, self._hidden, self._cures = task, observe, hidden, cures
+    def __init__(self, robot: RobotName, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
+        self.robot, self._observe, self._hidden, self._cures = robot, observe, hidden, cures
         self.corners = np.array([[0.0, half, 0.47], [0.0, -half, 0.47]])
         self._was_down = False
 
@@ -66,7 +66,7 @@ class Toy:
         return replace(seen, corner_positions=self.corners, lowest_m=np.array([x, 0.0, lowest]))
 
     def move(self, action: np.ndarray) -> None:
-        step = action.reshape(2, 3) if self.task == "pickers" else np.array([action[0], 0.0, action[1]])
+        step = action.reshape(2, 3) if self.robot == "pickers" else np.array([action[0], 0.0, action[1]])
         self.corners = self.corners + step
 
 
@@ -83,28 +83,28 @@ def run(policy: RecoveryWrapper, toy: Toy, n_steps: int = 2000) -> tuple[list[De
     raise AssertionError("it never stops")
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_flat_cloth_is_left_alone(task: RobotName, observe) -> None:
-    policy = RecoveryWrapper(Layer(task))
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_flat_cloth_is_left_alone(robot: RobotName, observe) -> None:
+    policy = RecoveryWrapper(Layer(robot))
     policy.reset(0)
-    decisions, contact = run(policy, Toy(task, observe, hidden=0.0))
+    decisions, contact = run(policy, Toy(robot, observe, hidden=0.0))
     assert policy.tried == []
     assert contact > FLAT_CONTACT
     assert all(decision.reason in ("", "laid") for decision in decisions)
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_fold_is_lifted_once_and_laid_again(task: RobotName, observe) -> None:
-    inner = Layer(task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_fold_is_lifted_once_and_laid_again(robot: RobotName, observe) -> None:
+    inner = Layer(robot)
     policy = RecoveryWrapper(inner)
     policy.reset(3)
-    decisions, contact = run(policy, Toy(task, observe, hidden=0.25))
+    decisions, contact = run(policy, Toy(robot, observe, hidden=0.25))
     assert policy.tried == ["lift"]
     assert contact > FLAT_CONTACT
     assert inner.begun == 2
     lifts = [decision.action for decision in decisions if "lifting" in decision.reason]
     # It begins and ends without a jerk: no move differs from the one before by more than a millimetre.
-    heights = np.array([0.0, *(action[1 if task == "hanger" else 2] for action in lifts)])
+    heights = np.array([0.0, *(action[1 if robot == "hanger" else 2] for action in lifts)])
     assert np.abs(np.diff(heights)).max() < 0.0011
     assert len(decisions) < 160 + policy.extra_steps
 
@@ -167,7 +167,7 @@ class Forward(Layer):
     """Drags to the front for ever."""
 
     def act(self, observation: Observation) -> Decision:
-        return Decision(action=along_x(self.task, 0.004))
+        return Decision(action=along_x(self.robot, 0.004))
 
 
 @pytest.mark.parametrize(("slope", "undone"), [(0.0, True), (0.004, False)])

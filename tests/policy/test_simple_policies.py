@@ -9,10 +9,10 @@ from layflat.policy.base import PolicyError
 from layflat.policy.scripted.baselines import RandomPolicy, along_x, drag_rule, stretch_right
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_along_x_moves_every_holder_point_alike_and_only_in_x(task):
-    action = along_x(task, 0.004)
-    names = {"hanger": ["dx", "dz"], "pickers": ["dx1", "dy1", "dz1", "dx2", "dy2", "dz2"]}[task]
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_along_x_moves_every_holder_point_alike_and_only_in_x(robot):
+    action = along_x(robot, 0.004)
+    names = {"hanger": ["dx", "dz"], "pickers": ["dx1", "dy1", "dz1", "dx2", "dy2", "dz2"]}[robot]
     assert {name: value for name, value in zip(names, action, strict=True) if value} == {
         name: 0.004 for name in names if name.startswith("dx")
     }
@@ -79,9 +79,9 @@ def test_unknown_and_untrained_policies_are_told_apart():
         registry.make("gp-word", "hanger")
 
 
-def test_unknown_task_is_refused():
+def test_unknown_robot_is_refused():
     for name in registry.BUILTIN_POLICIES:
-        with pytest.raises(PolicyError, match="task is 'table'"):
+        with pytest.raises(PolicyError, match="robot is 'table'"):
             registry.make(name, "table")
 
 

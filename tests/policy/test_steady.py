@@ -15,9 +15,9 @@ LENGTH_M = 0.35
 PERIOD_STEPS = 10.0
 
 
-def lower(task: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:
+def lower(robot: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: float = 0.36) -> tuple[list[str], float]:
     """Reasons of all decisions until the free edge touches, and how far ahead of the holder it is then."""
-    policy = SwingDampingWrapper(Down(task))
+    policy = SwingDampingWrapper(Down(robot))
     policy.reset(0)
     reasons: list[str] = []
     for step_index in range(200):
@@ -31,13 +31,13 @@ def lower(task: RobotName, observe, *, swing_m: float, fades: float = 8.0, z: fl
     raise AssertionError("it never comes down")
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_swing_ahead_is_waited_for(task: RobotName, observe) -> None:
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_swing_ahead_is_waited_for(robot: RobotName, observe) -> None:
     plainly = max(
         0.1 * np.cos(2 * np.pi * step_index / PERIOD_STEPS) * np.exp(-step_index / 8.0) for step_index in (1, 2)
     )
     assert plainly > 0.03, "without waiting it would touch ahead"
-    reasons, ahead = lower(task, observe, swing_m=0.1)
+    reasons, ahead = lower(robot, observe, swing_m=0.1)
     assert "waiting" in reasons[0]
     assert reasons[-1] == "down"
     assert abs(ahead) < 0.02

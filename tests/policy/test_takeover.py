@@ -13,7 +13,7 @@ from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
 class Counts:
     """Moves by the number of steps that it has decided since it last began or went on; stops at ``most``."""
 
-    task = "hanger"
+    robot = "hanger"
 
     def __init__(self, name: str, step_m: float, most: int = 100) -> None:
         self.name, self._step_m, self._most, self.count = name, step_m, most, 0
@@ -86,6 +86,6 @@ def test_a_grip_leads_while_the_hands_move_and_a_little_longer():
         MotionTakeoverTrigger(lambda: True, rest_steps=0)
 
 
-def test_policies_of_different_tasks_are_refused():
+def test_policies_of_different_robots_are_refused():
     with pytest.raises(PolicyError, match=r"hanger.*pickers"):
         Takeover(registry.make("hold", "hanger"), registry.make("hold", "pickers"), lambda: None)

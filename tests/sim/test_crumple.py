@@ -16,7 +16,7 @@ _SCRIPT = """
 import sys, hashlib
 from layflat.sim.simulation import ClothSimulation
 from layflat.sim.config import SimConfig
-bench = ClothSimulation(SimConfig(task="pickers", start="crumpled", camera=False))
+bench = ClothSimulation(SimConfig(robot="pickers", start="crumpled", camera=False))
 bench.reset(int(sys.argv[1]))
 print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 """
@@ -24,7 +24,7 @@ print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 
 @pytest.fixture(scope="module")
 def crumpled() -> ClothSimulation:
-    bench = ClothSimulation(SimConfig(task="pickers", start="crumpled"))
+    bench = ClothSimulation(SimConfig(robot="pickers", start="crumpled"))
     bench.reset(201)
     return bench
 
@@ -66,10 +66,10 @@ def test_the_same_seed_in_fresh_processes_gives_the_same_bits() -> None:
     ("wrong", "hint"),
     [
         ({"start": "folded"}, "crumpled"),
-        ({"start": "crumpled", "task": "hanger"}, "pickers"),
+        ({"start": "crumpled", "robot": "hanger"}, "pickers"),
         ({"descriptor": "sift"}, "word-axial"),
     ],
 )
 def test_settings_that_do_not_go_together_are_refused(wrong: dict, hint: str) -> None:
     with pytest.raises(SimError, match=hint):
-        SimConfig(**({"task": "pickers"} | wrong))
+        SimConfig(**({"robot": "pickers"} | wrong))

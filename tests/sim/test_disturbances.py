@@ -107,7 +107,7 @@ def test_both_sides_occur() -> None:
 
 
 def test_repeats_differ_and_the_first_is_what_it_always_was() -> None:
-    bench = ClothSimulation(SimConfig(task="hanger", cloth="towel", camera=False))
+    bench = ClothSimulation(SimConfig(robot="hanger", cloth="towel", camera=False))
     known = disturbance_spec("thesis").schedule(np.random.default_rng([7, 0xD157]), TOWEL)
     first, named, second, again = (
         bench.disturbance_plan(what, 7, repeat).path_m

@@ -145,7 +145,7 @@ class TestArm:
 
 class TestOnTheBench:
     def test_the_displacements_are_what_happened_and_can_be_done_again(self) -> None:
-        bench = ClothSimulation(SimConfig(task="hanger", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(robot="hanger", cloth="napkin", camera=False))
         try:
             bench.reset(1)
             start = bench.holder.position()
@@ -165,7 +165,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_left_alone_it_carries_its_cloth(self) -> None:
-        bench = ClothSimulation(SimConfig(task="hanger", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(robot="hanger", cloth="napkin", camera=False))
         try:
             bench.reset(0)
             for _ in range(3):
@@ -179,7 +179,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_pickers_follow_their_hands_at_a_bounded_speed(self) -> None:
-        bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
         try:
             bench.reset(0)
             hands = bench.holder.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
@@ -196,11 +196,11 @@ class TestOnTheBench:
         finally:
             bench.close()
 
-    @pytest.mark.parametrize("task", ["hanger", "pickers"])
-    def test_hands_that_are_none_are_refused(self, task: str) -> None:
-        bench = ClothSimulation(SimConfig(task=task, cloth="napkin", camera=False))  # type: ignore[arg-type]
+    @pytest.mark.parametrize("robot", ["hanger", "pickers"])
+    def test_hands_that_are_none_are_refused(self, robot: str) -> None:
+        bench = ClothSimulation(SimConfig(robot=robot, cloth="napkin", camera=False))  # type: ignore[arg-type]
         bench.reset(0)
-        shape = (3,) if task == "hanger" else (2, 3)
+        shape = (3,) if robot == "hanger" else (2, 3)
         try:
             for wrong in (np.zeros(2), np.full(shape, np.nan)):
                 with pytest.raises(SimError, match="hand's target"):

@@ -20,25 +20,25 @@ import sys, hashlib, numpy as np
 from layflat.data.types import action_size
 from layflat.sim.simulation import ClothSimulation
 from layflat.sim.config import SimConfig
-task, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
-bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))
+robot, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
+bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))
 bench.reset(seed)
 rng = np.random.default_rng(seed)
-down = np.array([0.006, -0.011] if task == "hanger" else [0.006, 0.0, -0.011] * 2)
+down = np.array([0.006, -0.011] if robot == "hanger" else [0.006, 0.0, -0.011] * 2)
 lowest = 1.0
 for _ in range(15):
-    bench.step(down + rng.uniform(-0.001, 0.001, action_size(task)))
+    bench.step(down + rng.uniform(-0.001, 0.001, action_size(robot)))
     lowest = min(lowest, bench.truth().nodes[:, 2].min())
 assert bench.instability() is None and lowest < 0.006, lowest
 print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 """
 
 
-@pytest.mark.parametrize(("task", "cloth"), [("hanger", "towel"), ("pickers", "napkin")])
-def test_the_same_seed_in_fresh_processes_gives_the_same_bits(task: RobotName, cloth: str) -> None:
+@pytest.mark.parametrize(("robot", "cloth"), [("hanger", "towel"), ("pickers", "napkin")])
+def test_the_same_seed_in_fresh_processes_gives_the_same_bits(robot: RobotName, cloth: str) -> None:
     """Through the start, the descent, and the first contact with the table."""
     running = [
-        subprocess.Popen([sys.executable, "-c", _SCRIPT, task, cloth, seed], stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([sys.executable, "-c", _SCRIPT, robot, cloth, seed], stdout=subprocess.PIPE, text=True)
         for seed in ("3", "3", "4")
     ]
     digests = [process.communicate(timeout=100)[0].split()[-1] for process in running]
@@ -47,7 +47,7 @@ def test_the_same_seed_in_fresh_processes_gives_the_same_bits(task: RobotName, c
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def started(request: pytest.FixtureRequest) -> ClothSimulation:
-    bench = ClothSimulation(SimConfig(task=request.param))
+    bench = ClothSimulation(SimConfig(robot=request.param))
     bench.reset(5)
     return bench
 
@@ -59,9 +59,11 @@ def test_a_start_hangs_free_of_the_table_near_home(started: ClothSimulation) -> 
     assert truth.contact_portion_true == 0.0
     assert truth.flat_area == 0.0
     assert truth.nodes[:, 2].min() > 0.03
-    assert np.abs(seen.corner_positions - home).max() < START_MOVES * START_STEP_M[started.settings.task]
+    assert np.abs(seen.corner_positions - home).max() < START_MOVES * START_STEP_M[started.settings.robot]
     held = np.linalg.norm(np.diff(seen.corner_positions, axis=0))
-    assert held == pytest.approx(HELD_STRETCH * spec.width_m, rel=0.05 if started.settings.task == "pickers" else 0.005)
+    assert held == pytest.approx(
+        HELD_STRETCH * spec.width_m, rel=0.05 if started.settings.robot == "pickers" else 0.005
+    )
     np.testing.assert_allclose(truth.nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
     assert seen.contact_portion == pytest.approx(0.0, abs=0.02)
     assert started.instability() is None
@@ -77,7 +79,7 @@ def test_observations_keep_images_only_when_asked(started: ClothSimulation) -> N
 
 def test_a_step_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimulation) -> None:
     before, time_s = started.observe(images=False).holder_position, started.time_s
-    up = np.zeros(action_size(started.settings.task)).reshape(-1, 2 if started.settings.task == "hanger" else 3)
+    up = np.zeros(action_size(started.settings.robot)).reshape(-1, 2 if started.settings.robot == "hanger" else 3)
     up[:, -1] = 0.008
     for _ in range(4):
         started.step(up.ravel())
@@ -89,7 +91,7 @@ def test_a_step_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimula
 
 def test_starts_differ_by_seed_and_repeat_in_one_process() -> None:
     """In the air nothing touches itself, so that even one process repeats a start bit by bit."""
-    bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
+    bench = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
     nodes = []
     for seed in (1, 2, 1):
         bench.reset(seed)
@@ -100,29 +102,29 @@ def test_starts_differ_by_seed_and_repeat_in_one_process() -> None:
 
 
 def test_a_bench_without_a_world_says_so() -> None:
-    bench = ClothSimulation(SimConfig(task="pickers"))
+    bench = ClothSimulation(SimConfig(robot="pickers"))
     with pytest.raises(SimError, match="reset"):
         bench.step(np.zeros(6))
     bench.close()
 
 
-@pytest.mark.parametrize("wrong", [{"task": "feet"}, {"cloth": "silk"}, {"step_s": 0.0}, {"step_s": 2.0}])
+@pytest.mark.parametrize("wrong", [{"robot": "feet"}, {"cloth": "silk"}, {"step_s": 0.0}, {"step_s": 2.0}])
 def test_impossible_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(SimError, match=r"known ones|between"):
-        SimConfig(**({"task": "hanger"} | wrong))
+        SimConfig(**({"robot": "hanger"} | wrong))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_fine_mesh_survives_a_whole_demonstration(task: RobotName, seed: int) -> None:
+def test_the_fine_mesh_survives_a_whole_demonstration(robot: RobotName, seed: int) -> None:
     script = (
         "import sys; from layflat.app.workers.episode_pool import EpisodeJob, run_job\n"
-        "episode = run_job(EpisodeJob(task=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
+        "episode = run_job(EpisodeJob(robot=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
         "print(episode.stopped_by, episode.final_truth.flat_area)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script, task, str(seed)], capture_output=True, text=True, check=True, timeout=600
+        [sys.executable, "-c", script, robot, str(seed)], capture_output=True, text=True, check=True, timeout=600
     )
     stopped_by, area = done.stdout.split()
     assert stopped_by != "unstable"

@@ -117,12 +117,12 @@ def test_a_node_that_is_none_is_refused(flying: tuple[World, Cloth]) -> None:
 
 
 class TestOnTheBench:
-    @pytest.mark.parametrize(("task", "cloth"), [("hanger", "napkin"), ("pickers", "towel")])
+    @pytest.mark.parametrize(("robot", "cloth"), [("hanger", "napkin"), ("pickers", "towel")])
     @pytest.mark.parametrize("where", ["anywhere", "corner", "under"])
-    def test_flinging_the_mouse_tears_nothing(self, task: str, cloth: str, where: str) -> None:
+    def test_flinging_the_mouse_tears_nothing(self, robot: str, cloth: str, where: str) -> None:
         """Ten steps of targets metres away, in all directions or under the table, then let go in the air."""
-        bench = ClothSimulation(SimConfig(task=task, cloth=cloth, camera=False))  # type: ignore[arg-type]
-        spec, rest = bench.settings.spec, np.zeros(action_size(bench.settings.task))
+        bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))  # type: ignore[arg-type]
+        spec, rest = bench.settings.spec, np.zeros(action_size(bench.settings.robot))
         rng = np.random.default_rng(2)
         try:
             bench.reset(0)
@@ -145,7 +145,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_another_node_is_another_hand_and_a_disturbance_adds_up(self) -> None:
-        bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
         try:
             bench.reset(0)
             bodies = bullet.getNumBodies(physicsClientId=bench._running().client)
@@ -168,7 +168,7 @@ class TestOnTheBench:
             bench.close()
 
     def test_what_is_no_place_is_refused(self) -> None:
-        bench = ClothSimulation(SimConfig(task="pickers", cloth="napkin", camera=False))
+        bench = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
         with pytest.raises(SimError, match="reset"):
             bench.pull(0, np.zeros(3))
         bench.reset(0)
@@ -185,7 +185,7 @@ _SCRIPT = """
 import hashlib, sys, numpy as np
 from layflat.sim.simulation import ClothSimulation
 from layflat.sim.config import SimConfig
-bench = ClothSimulation(SimConfig(task="hanger", cloth="napkin", camera=False, start="folded-corner"))
+bench = ClothSimulation(SimConfig(robot="hanger", cloth="napkin", camera=False, start="folded-corner"))
 bench.reset(3)
 rng = np.random.default_rng(int(sys.argv[1]))
 for k in range(12):

@@ -15,21 +15,21 @@ ARM_SHARE = 0.02
 """Of the pixels: the edges of the arm, whose joints follow from where its hanger was."""
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_the_stage_shows_what_the_camera_saw(task: RobotName) -> None:
-    bench = ClothSimulation(SimConfig(task=task, noise=False))
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_stage_shows_what_the_camera_saw(robot: RobotName) -> None:
+    bench = ClothSimulation(SimConfig(robot=robot, noise=False))
     bench.reset(3)
-    down = np.array([0.006, -0.011] if task == "hanger" else [0.006, 0.0, -0.011] * 2)
+    down = np.array([0.006, -0.011] if robot == "hanger" else [0.006, 0.0, -0.011] * 2)
     for _ in range(12):
         bench.step(down)
     seen, truth = bench.observe(), bench.truth()
     bench.close()
-    with ReplayScene(task, "towel") as stage:
+    with ReplayScene(robot, "towel") as stage:
         before = stage.capture(truth.nodes + 0.1, seen.holder_position + 0.1)[0]
         rgb, depth = stage.capture(truth.nodes, seen.holder_position)
     assert (rgb != before).any(axis=2).mean() > 2 * ARM_SHARE
     other = (rgb != seen.rgb).any(axis=2)
-    if task == "pickers":
+    if robot == "pickers":
         assert not other.any()
         np.testing.assert_array_equal(depth, seen.depth)
     else:

@@ -21,7 +21,7 @@ def test_seeds_decide_place_size_and_side() -> None:
 
 
 def _start(seed: int) -> dict[str, float]:
-    bench = ClothSimulation(SimConfig(task="pickers", cloth="towel", start="folded-corner", camera=False))
+    bench = ClothSimulation(SimConfig(robot="pickers", cloth="towel", start="folded-corner", camera=False))
     try:
         bench.reset(seed)
         assert not bench.disturbed
@@ -41,7 +41,7 @@ def _start(seed: int) -> dict[str, float]:
 
 def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
     """Edges keep their lengths: what a hand folds, gravity unfolds. Nodes that are put into a fold stay creased."""
-    bench = ClothSimulation(SimConfig(task="hanger", cloth="towel", start="folded-corner", camera=False))
+    bench = ClothSimulation(SimConfig(robot="hanger", cloth="towel", start="folded-corner", camera=False))
     try:
         bench.reset(0)
         assert bench.cloth.layered(bench.truth().nodes)
@@ -57,9 +57,9 @@ def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
         bench.close()
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_folded_corner_lies_still_with_the_hem_held(task: RobotName) -> None:
-    bench = ClothSimulation(SimConfig(task=task, cloth="towel", start="folded-corner"))
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_folded_corner_lies_still_with_the_hem_held(robot: RobotName) -> None:
+    bench = ClothSimulation(SimConfig(robot=robot, cloth="towel", start="folded-corner"))
     try:
         bench.reset(3)
         truth, seen = bench.truth(), bench.observe(images=False)
@@ -69,7 +69,7 @@ def test_a_folded_corner_lies_still_with_the_hem_held(task: RobotName) -> None:
         np.testing.assert_allclose(held, seen.corner_positions, atol=0.002)
         assert held[:, 2].max() < 0.012
         for _ in range(5):
-            bench.step(np.zeros(2 if task == "hanger" else 6))
+            bench.step(np.zeros(2 if robot == "hanger" else 6))
         assert bench.instability() is None
         # The fold may still give by some millimetres.
         assert np.linalg.norm(bench.truth().nodes - truth.nodes, axis=1).mean() < 0.001
@@ -78,11 +78,11 @@ def test_a_folded_corner_lies_still_with_the_hem_held(task: RobotName) -> None:
         bench.close()
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_swinging_cloth_touches_ahead_of_its_holder(task: RobotName) -> None:
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_swinging_cloth_touches_ahead_of_its_holder(robot: RobotName) -> None:
     """Lowered straight on, the free edge comes down in front; a cloth that hangs does not."""
-    bench = ClothSimulation(SimConfig(task=task, cloth="towel", start="swinging", camera=False))
-    down = np.array([0.0, -0.01] if task == "hanger" else [0.0, 0.0, -0.01] * 2)
+    bench = ClothSimulation(SimConfig(robot=robot, cloth="towel", start="swinging", camera=False))
+    down = np.array([0.0, -0.01] if robot == "hanger" else [0.0, 0.0, -0.01] * 2)
     try:
         bench.reset(2)
         assert bench.time_s == 0.0

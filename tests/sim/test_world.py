@@ -121,7 +121,7 @@ def test_two_worlds_do_not_meet() -> None:
     [
         "import layflat.sim.physics.bullet.world",
         "import layflat.sim.camera.camera, pybullet",
-        "import sim; import pybullet",
+        "import layflat.sim; import pybullet",
     ],
 )
 def test_imports_print_nothing(call: str) -> None:
@@ -132,6 +132,6 @@ def test_imports_print_nothing(call: str) -> None:
 
 
 def test_output_after_the_quiet_import_is_heard() -> None:
-    call = "import sys, sim; print('out'); print('err', file=sys.stderr)"
+    call = "import sys, layflat.sim; print('out'); print('err', file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=True, timeout=60)
     assert (done.stdout.split(), done.stderr.split()) == ([b"out"], [b"err"])

@@ -17,7 +17,7 @@ from layflat.data.types import DragTarget, RobotName
 
 END_S = 20.0
 """Time for a bench process to put what it has on disk when it is told to end; assembling a large session takes some."""
-PRELOAD = ["layflat.app.workstation.session.tasks"]
+PRELOAD = ["layflat.app.workstation.session.robots"]
 
 
 def bench_context() -> Any:
@@ -53,12 +53,12 @@ class BenchClient:
     _done: bool = False
     """It has said that it ends, or why it failed."""
 
-    def start(self, order: Request, task: RobotName) -> None:
+    def start(self, order: Request, robot: RobotName) -> None:
         """Begin a bench process for this order; returns at once."""
         self.end()
         self.sentence, self.status, self._seen, self._closing = "", {}, [0, 0], False
         self._done = False
-        self._channels = Channels(self.context, task)
+        self._channels = Channels(self.context, robot)
         self._connection, theirs = self.context.Pipe()
         self._process = self.context.Process(
             target=main, args=(self.make, dict(order), self._channels, theirs), name="bench", daemon=False

@@ -33,9 +33,9 @@ Request: TypeAlias = Mapping[str, Any]
 class Channels:
     """Everything between the window and one bench process. Bytes on the way are JSON or arrays, never code."""
 
-    def __init__(self, context: BaseContext, task: RobotName) -> None:
+    def __init__(self, context: BaseContext, robot: RobotName) -> None:
         self.moments = FrameChannel(context)
-        self.mailbox = InputChannel(context, task)
+        self.mailbox = InputChannel(context, robot)
         self.status = LatestValue(context, np.dtype([("text", f"S{_STATUS_BYTES}")]))
 
 

@@ -174,10 +174,10 @@ class EpisodeWorker:
 
     def __init__(self, job: InteractiveEpisodeConfig) -> None:
         self._journal: JournalWriter | None = None
-        self._reading = zero_input(job.settings.task)
+        self._reading = zero_input(job.settings.robot)
         self._bench = ClothSimulation(job.settings)
         self._bench.reset(job.seed)
-        policy: Policy = TeleopPolicy(job.settings.task, job.source, lambda: self._reading)
+        policy: Policy = TeleopPolicy(job.settings.robot, job.source, lambda: self._reading)
         self._grip = MotionTakeoverTrigger(lambda: self._reading.moving)
         if job.model is not None:
             policy = Takeover(registry.from_model(job.model), policy, self._grip)

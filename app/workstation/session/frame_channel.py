@@ -25,7 +25,7 @@ _PINHOLE = default_pinhole()
 _DTYPE = np.dtype(
     [
         ("episode", "i4"), ("step", "i4"), ("phase", "U10"), ("sim_s", "f8"), ("told_s", "f8"), ("input_s", "f8"),
-        ("work_s", "f8"), ("cloth", "U24"), ("task", "U10"), ("node_count", "i4"), ("nodes", "f4", (NODES_MAX, 3)),
+        ("work_s", "f8"), ("cloth", "U24"), ("robot", "U10"), ("node_count", "i4"), ("nodes", "f4", (NODES_MAX, 3)),
         ("corners", "f8", (2, 3)), ("holder", "f8", 3), ("joint_count", "i4"), ("joints", "f8", JOINTS_MAX),
         ("hand_count", "i4"), ("hands", "f8", (HANDS_MAX, 3)), ("force", "f8", 3), ("pulled", "i4"),
         ("pull_target", "f8", 3), ("word", "f8", 2), ("strength", "f8"), ("contact", "f8"), ("contact_true", "f8"),
@@ -51,7 +51,7 @@ class BenchFrame:
     """Stamp of the input that acted in this step; 0 where none did."""
     work_s: float
     """Wall time that the step took."""
-    task: str
+    robot: str
     cloth: str
     nodes: FloatArray
     """(N, 3)"""
@@ -113,7 +113,7 @@ class FrameChannel:
             input_s=input_s,
             work_s=work_s,
             cloth=bench.settings.cloth,
-            task=bench.settings.task,
+            robot=bench.settings.robot,
             node_count=len(truth.nodes),
             nodes=nodes,
             corners=seen.corner_positions,
@@ -176,7 +176,7 @@ def _moment(value: np.void) -> BenchFrame:
         told_s=float(value["told_s"]),
         input_s=float(value["input_s"]),
         work_s=float(value["work_s"]),
-        task=str(value["task"]),
+        robot=str(value["robot"]),
         cloth=str(value["cloth"]),
         nodes=value["nodes"][: int(value["node_count"])].astype(float),
         corners=value["corners"],

@@ -37,9 +37,9 @@ class InputSample:
 class InputChannel:
     """The window puts in, the bench looks."""
 
-    def __init__(self, context: BaseContext, task: RobotName) -> None:
+    def __init__(self, context: BaseContext, robot: RobotName) -> None:
         self._value = LatestValue(context, _DTYPE)
-        self._task: RobotName = task
+        self._robot: RobotName = robot
 
     def put(self, reading: TeleopInput, pull: DragTarget | None = None) -> float:
         """Replace what was there; returns the stamp."""
@@ -73,7 +73,7 @@ class InputChannel:
         hands = int(value["hands"])
         hand = None if hands == 0 else value["hand"][0] if hands == 1 else value["hand"]
         reading = TeleopInput(
-            motion=value["motion"][: action_size(self._task)],
+            motion=value["motion"][: action_size(self._robot)],
             speed=float(value["speed"]),
             connected=bool(value["connected"]),
             device=str(value["device"]),

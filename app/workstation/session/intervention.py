@@ -20,11 +20,11 @@ class InterventionController:
 
     def __init__(self, policy: Policy, source: str) -> None:
         """``policy`` has the lead at first; ``source`` names the device, as records have it."""
-        self.reading = zero_input(policy.task)
+        self.reading = zero_input(policy.robot)
         """The newest of the device."""
         self.helped = policy.name
         self._grip = MotionTakeoverTrigger(lambda: self.reading.moving)
-        self.policy = Takeover(policy, TeleopPolicy(policy.task, source, lambda: self.reading), self._wish)
+        self.policy = Takeover(policy, TeleopPolicy(policy.robot, source, lambda: self.reading), self._wish)
         """What decides."""
 
     @property

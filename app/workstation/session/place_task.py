@@ -36,7 +36,7 @@ NOT_RECORDED = "nothing is recorded: give a session file before placing"
 class PlaceTask:
     """One episode of a policy.
 
-    The order: ``task, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
+    The order: ``robot, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
     ``with`` (names of layflat.policy.registry.DECORATORS), ``descriptor, noise, step_s, speed, hurry`` (as fast as it goes
     until the cloth is placed), ``record`` (a session's path, or empty), ``images`` and ``source`` (the device of a
     person who may take over, or empty).
@@ -64,7 +64,7 @@ class PlaceTask:
         self.bench.reset(int(order["seed"]))
         made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
         job = EpisodeConfig(
-            task=settings.task, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made,
+            robot=settings.robot, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made,
             decorators=tuple(order.get("with", ())),
         )  # fmt: skip
         begin = None if self._recorder is None else self._begin

@@ -20,7 +20,7 @@ from layflat.policy import model_io as model_files
 
 
 class RecordTask:
-    """The order: ``task, cloth, descriptor, noise, step_s, speed, images, source, record, seed, countdown_s``,
+    """The order: ``robot, cloth, descriptor, noise, step_s, speed, images, source, record, seed, countdown_s``,
     ``episodes`` (None: until told to end), ``disturbance`` and ``correct`` (the path of a model that places, and that
     the person takes over from; or empty)."""
 

@@ -18,7 +18,7 @@ def model_of(policy: str) -> TrainedModel | None:
 
 def settings_of(order: Request, *, descriptor: str | None) -> SimConfig:
     return SimConfig(
-        task=order["task"],
+        robot=order["robot"],
         cloth=str(order["cloth"]),
         descriptor=descriptor or str(order["descriptor"]),
         noise=bool(order["noise"]),
@@ -34,7 +34,7 @@ def recorder_of(order: Request, settings: SimConfig) -> SessionRecorder | None:
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     return SessionRecorder(
         path,
-        task=settings.task,
+        robot=settings.robot,
         cloth=settings.cloth,
         keep_images=bool(order.get("images")),
         descriptor=settings.descriptor,

@@ -34,7 +34,7 @@ def record_teleoperated(wish: RecordConfig) -> None:
     validators.one_of("disturbance", wish.disturb, DISTURBANCES)
     if wish.mapping is not None:
         validators.readable_file(wish.mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
-    model = None if wish.correct is None else load_policy_to_correct(wish.correct, wish.task, wish.descriptor)
+    model = None if wish.correct is None else load_policy_to_correct(wish.correct, wish.robot, wish.descriptor)
     in_window = wish.window and has_display()
     if not in_window and not TELEOPERATORS[wish.source].terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
@@ -52,15 +52,15 @@ def record_teleoperated(wish: RecordConfig) -> None:
 
 def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
     """Without a window. KeyboardInterrupt after Ctrl-C or SIGTERM, with everything kept by then."""
-    settings = SimConfig(task=wish.task, cloth=wish.cloth, descriptor=wish.descriptor)
+    settings = SimConfig(robot=wish.robot, cloth=wish.cloth, descriptor=wish.descriptor)
     screen = TerminalDisplay(sys.stderr)
     with ExitStack() as stack:
         stopped = stack.enter_context(stops_on_signals())
-        hands = terminal_source(wish.source, wish.task, mapping=wish.mapping)
+        hands = terminal_source(wish.source, wish.robot, mapping=wish.mapping)
         stack.callback(hands.close)
         recorder = stack.enter_context(
             SessionRecorder(
-                wish.path, task=wish.task, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
+                wish.path, robot=wish.robot, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
             )
         )
         recording = RecordingSession(
@@ -85,11 +85,11 @@ def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
         raise KeyboardInterrupt
 
 
-def load_policy_to_correct(path: Path, task: RobotName, descriptor: str) -> TrainedModel:
+def load_policy_to_correct(path: Path, robot: RobotName, descriptor: str) -> TrainedModel:
     """UsageError where the model was taught something else than what is to be recorded."""
     validators.readable_file(path, "a model that `layflat train` wrote")
     model = model_files.load(path)
-    for name, taught, asked in (("task", model.layout.task, task), ("descriptor", model.descriptor, descriptor)):
+    for name, taught, asked in (("robot", model.layout.robot, robot), ("descriptor", model.descriptor, descriptor)):
         if taught != asked:
             raise UsageError(f"{path} was taught with {name} {taught}, not {asked}; give --{name} {taught}")
     return model

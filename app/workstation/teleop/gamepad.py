@@ -40,12 +40,14 @@ class Gamepad:
 
     name = "gamepad"
 
-    def __init__(self, task: RobotName, *, mapping: Path | None = None, own_events: bool = True, left: int = 2) -> None:
+    def __init__(
+        self, robot: RobotName, *, mapping: Path | None = None, own_events: bool = True, left: int = 2
+    ) -> None:
         """``own_events``: False where a window takes all events and passes them to ``on_event``.
 
         ``left``: the picker on the left as the person sees it; in the window's first view that is 2, at -y.
         """
-        self.task: RobotName = task
+        self.robot: RobotName = robot
         self._left = left
         self._own_events = own_events
         self._pygame, controller = sdl.start()
@@ -74,12 +76,12 @@ class Gamepad:
         self._choose()
         if self._used is None:
             self._presses.clear()
-            return zero_input(self.task, connected=False, problem=self._problem())
+            return zero_input(self.robot, connected=False, problem=self._problem())
         state = self._used.state()
         controls = tuple(CONTROLS[button] for button in self._pressed(state) if button in CONTROLS)
         others = len(self._pads.devices) - 1
         return TeleopInput(
-            motion=motion(self.task, state, left=self._left),
+            motion=motion(self.robot, state, left=self._left),
             speed=speed(state),
             controls=controls,
             device=self._used.name + (f" ({others} more not used)" if others else ""),
@@ -90,7 +92,10 @@ class Gamepad:
             self._used.rumble(strength, seconds)
 
     def help(self) -> tuple[Button, ...]:
-        return (*_HELP[self.task], *(Button(label(name), control.value, control) for name, control in CONTROLS.items()))
+        return (
+            *_HELP[self.robot],
+            *(Button(label(name), control.value, control) for name, control in CONTROLS.items()),
+        )
 
     def close(self) -> None:
         self._pads.close()
@@ -142,14 +147,14 @@ class Gamepad:
         return next(iter(self._pads.devices.values())).name
 
 
-def motion(task: RobotName, state: GamepadState, *, left: int = 2) -> FloatArray:
+def motion(robot: RobotName, state: GamepadState, *, left: int = 2) -> FloatArray:
     """(A,) in [-1, 1]: what the sticks ask for. To the right is +x, up is +z.
 
     Two pickers have a stick each. L1 held: to the side is y instead of x. R1 held: the left stick moves both pickers,
     the right one both across.
     """
     (left_x, left_y), (right_x, right_y) = state.left, state.right
-    if task == "hanger":
+    if robot == "hanger":
         return np.array([left_x, left_y])
     across = 1.0 if left == 2 else -1.0
     if "r1" in state.pressed:

@@ -28,11 +28,11 @@ class HandGuidingTeleoperator:
 
     name = "kinesthetic"
 
-    def __init__(self, task: RobotName, ray: Ray, corners: Callable[[], FloatArray]) -> None:
+    def __init__(self, robot: RobotName, ray: Ray, corners: Callable[[], FloatArray]) -> None:
         """``corners`` gives the newest (2, 3) m of where the two held corners are."""
-        self.task: RobotName = task
+        self.robot: RobotName = robot
         self._pygame = sdl.load()
-        self._keys = WindowKeyboard(task)
+        self._keys = WindowKeyboard(robot)
         self._ray = ray
         self._corners = corners
         self._hold: Grab | None = None
@@ -40,7 +40,7 @@ class HandGuidingTeleoperator:
     def on_event(self, event: Any) -> bool:
         pygame = self._pygame
         if event.type == pygame.MOUSEBUTTONDOWN and event.button == LEFT_BUTTON:
-            self._hold = take_hold(self.task, self._corners(), *self._ray(event.pos))
+            self._hold = take_hold(self.robot, self._corners(), *self._ray(event.pos))
             return self._hold is not None
         if event.type == pygame.MOUSEBUTTONUP and event.button == LEFT_BUTTON:
             held, self._hold = self._hold is not None, None
@@ -55,14 +55,14 @@ class HandGuidingTeleoperator:
     def poll(self) -> TeleopInput:
         keys = self._keys.poll()
         hand = None if self._hold is None else self._hold.hand
-        rest = np.zeros(action_size(self.task))
+        rest = np.zeros(action_size(self.robot))
         return TeleopInput(motion=rest, speed=keys.speed, controls=keys.controls, device="mouse", hand=hand)
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Mice do not."""
 
     def help(self) -> tuple[Button, ...]:
-        what = "the hanger" if self.task == "hanger" else "a picker"
+        what = "the hanger" if self.robot == "hanger" else "a picker"
         return (Button(f"drag {what}", "leads it by hand"), *(b for b in self._keys.help() if b.control))
 
     def close(self) -> None:
@@ -98,12 +98,12 @@ class Grab:
         self.hand = hand
 
 
-def take_hold(task: RobotName, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> Grab | None:
+def take_hold(robot: RobotName, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> Grab | None:
     """What a press on this line of sight takes hold of; None where nothing is close, or nothing is known of it yet."""
     if not np.isfinite(corners).all():
         return None
     direction = direction / np.linalg.norm(direction)
-    if task == "hanger":
+    if robot == "hanger":
         along = np.linspace(0.0, 1.0, 41)[:, None]
         bar = corners[0] + along * (corners[1] - corners[0])
         at, gap = _nearest(bar, origin, direction)

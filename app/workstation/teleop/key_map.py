@@ -57,9 +57,9 @@ _RIGHT: Ways = {
 }
 
 
-def key_motions(task: RobotName, *, left: int = 2) -> dict[str, FloatArray]:
+def key_motions(robot: RobotName, *, left: int = 2) -> dict[str, FloatArray]:
     """(A,) of each key that moves. ``left``: the picker on the left as the person sees it, as for pads."""
-    if task == "hanger":
+    if robot == "hanger":
         return {key: np.array([x, z], dtype=float) for key, (x, y, z) in (_WAYS | _LEFT).items() if not y}
     across = 1.0 if left == 2 else -1.0
     found = {}
@@ -71,18 +71,18 @@ def key_motions(task: RobotName, *, left: int = 2) -> dict[str, FloatArray]:
     return found
 
 
-def sum_motions(task: RobotName, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
+def sum_motions(robot: RobotName, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
     """(A,) in [-1, 1] of several keys held together."""
-    total = np.zeros(2 if task == "hanger" else 6)
+    total = np.zeros(2 if robot == "hanger" else 6)
     for key in held:
         total = total + moves[key]
     return np.clip(total, -1.0, 1.0)
 
 
-def help_of(task: RobotName) -> tuple[Button, ...]:
+def help_of(robot: RobotName) -> tuple[Button, ...]:
     """What the keys do."""
     controls = (Button(LABELS.get(key, key), control.value, control) for key, control in CONTROLS.items())
-    return (*_MOVES[task], Button("1..9 0", "speed, 5 at first, 0 is the fastest"), *controls)
+    return (*_MOVES[robot], Button("1..9 0", "speed, 5 at first, 0 is the fastest"), *controls)
 
 
 _MOVES: Mapping[RobotName, tuple[Button, ...]] = {

@@ -25,10 +25,10 @@ class Mouse:
 
     name = "mouse"
 
-    def __init__(self, task: RobotName, *, left: int = 2) -> None:
-        self.task: RobotName = task
+    def __init__(self, robot: RobotName, *, left: int = 2) -> None:
+        self.robot: RobotName = robot
         self._pygame = sdl.load()
-        self._keys = WindowKeyboard(task, left=left)
+        self._keys = WindowKeyboard(robot, left=left)
         self._left = left
         self._from: tuple[int, int] | None = None
         self._at = (0, 0)
@@ -58,7 +58,7 @@ class Mouse:
 
     def help(self) -> tuple[Button, ...]:
         return (
-            *_HELP[self.task],
+            *_HELP[self.robot],
             *(button for button in self._keys.help() if button.control or "speed" in button.does),
         )
 
@@ -69,10 +69,10 @@ class Mouse:
     def _dragged(self) -> FloatArray:
         """(A,) of the drag: to the right is +x, up is +z."""
         if self._from is None:
-            return np.zeros(2 if self.task == "hanger" else 6)
+            return np.zeros(2 if self.robot == "hanger" else 6)
         right, up = (self._at[0] - self._from[0]) / REACH_PX, (self._from[1] - self._at[1]) / REACH_PX
         right, up = dead_zone(right, up, dead=DEAD)
-        if self.task == "hanger":
+        if self.robot == "hanger":
             return np.array([right, up])
         held = self._pygame.key.get_mods()
         across = 1.0 if self._left == 2 else -1.0

@@ -36,29 +36,29 @@ TELEOPERATORS: Mapping[str, TeleoperatorSpec] = {
 }
 
 
-def terminal_source(name: str, task: RobotName, *, mapping: Path | None = None) -> Teleoperator:
+def terminal_source(name: str, robot: RobotName, *, mapping: Path | None = None) -> Teleoperator:
     """A source that needs no window. LayflatError where its device is missing."""
     if name == "keyboard":
-        return TerminalKeyboard(task)
-    pad = Gamepad(task, mapping=mapping)
+        return TerminalKeyboard(robot)
+    pad = Gamepad(robot, mapping=mapping)
     reading = pad.poll()
     if not reading.connected:
         pad.close()
         raise LayflatError(reading.problem)
-    return CombinedInput(pad, TerminalKeyboard(task)) if sys.stdin and sys.stdin.isatty() else pad
+    return CombinedInput(pad, TerminalKeyboard(robot)) if sys.stdin and sys.stdin.isatty() else pad
 
 
 def window_source(
-    name: str, task: RobotName, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
+    name: str, robot: RobotName, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
 ) -> WindowTeleoperator:
     """A source that hears of the window's events; one whose device is missing says so in its readings.
 
     ``ray`` and ``corners`` are for what is taken hold of with the mouse, see HandGuidingTeleoperator.
     """
     made: Mapping[str, Callable[[], WindowTeleoperator]] = {
-        "gamepad": lambda: Gamepad(task, mapping=mapping, own_events=False),
-        "keyboard": lambda: WindowKeyboard(task),
-        "mouse": lambda: Mouse(task),
-        "kinesthetic": lambda: HandGuidingTeleoperator(task, ray, corners),
+        "gamepad": lambda: Gamepad(robot, mapping=mapping, own_events=False),
+        "keyboard": lambda: WindowKeyboard(robot),
+        "mouse": lambda: Mouse(robot),
+        "kinesthetic": lambda: HandGuidingTeleoperator(robot, ray, corners),
     }
     return made[name]()

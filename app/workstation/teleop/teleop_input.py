@@ -79,6 +79,6 @@ class TeleopInput:
         return replace(self, controls=())
 
 
-def zero_input(task: RobotName, *, connected: bool = True, device: str = "", problem: str = "") -> TeleopInput:
+def zero_input(robot: RobotName, *, connected: bool = True, device: str = "", problem: str = "") -> TeleopInput:
     """No motion, no controls."""
-    return TeleopInput(motion=np.zeros(action_size(task)), connected=connected, device=device, problem=problem)
+    return TeleopInput(motion=np.zeros(action_size(robot)), connected=connected, device=device, problem=problem)

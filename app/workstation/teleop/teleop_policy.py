@@ -15,8 +15,8 @@ class TeleopPolicy:
     ``read`` gives the newest reading and does not wait; ``name`` is the source's, as records have it.
     """
 
-    def __init__(self, task: RobotName, name: str, read: Callable[[], TeleopInput]) -> None:
-        self.task: RobotName = task
+    def __init__(self, robot: RobotName, name: str, read: Callable[[], TeleopInput]) -> None:
+        self.robot: RobotName = robot
         self.name = name
         self._read = read
 

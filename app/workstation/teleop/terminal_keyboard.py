@@ -32,15 +32,15 @@ class TerminalKeyboard:
 
     def __init__(
         self,
-        task: RobotName,
+        robot: RobotName,
         *,
         left: int = 2,
         pressed: Callable[[], list[str]] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """``pressed`` gives the names of keys since its last call, for tests; else the terminal does."""
-        self.task: RobotName = task
-        self._moves = key_map.key_motions(task, left=left)
+        self.robot: RobotName = robot
+        self._moves = key_map.key_motions(robot, left=left)
         self._clock = clock
         self._terminal = TerminalKeys() if pressed is None else None
         self._pressed = self._terminal.pressed if self._terminal is not None else pressed
@@ -62,7 +62,7 @@ class TerminalKeyboard:
             controls.append(Command.QUIT)
         held = [key for key, until in self._held_until.items() if now < until]
         return TeleopInput(
-            motion=key_map.sum_motions(self.task, self._moves, held),
+            motion=key_map.sum_motions(self.robot, self._moves, held),
             speed=self._speed,
             controls=tuple(controls),
             device="terminal",
@@ -72,7 +72,7 @@ class TerminalKeyboard:
         """Keyboards do not."""
 
     def help(self) -> tuple[Button, ...]:
-        return key_map.help_of(self.task)
+        return key_map.help_of(self.robot)
 
     def close(self) -> None:
         if self._terminal is not None:

@@ -17,10 +17,10 @@ class WindowKeyboard:
 
     name = "keyboard"
 
-    def __init__(self, task: RobotName, *, left: int = 2) -> None:
-        self.task: RobotName = task
+    def __init__(self, robot: RobotName, *, left: int = 2) -> None:
+        self.robot: RobotName = robot
         self._pygame = sdl.load()
-        self._moves = key_map.key_motions(task, left=left)
+        self._moves = key_map.key_motions(robot, left=left)
         self._held: dict[int, str] = {}
         """Name at the time of the press by pygame's code: letting go of shift first must not leave a key held."""
         self._controls: list[Command] = []
@@ -48,14 +48,14 @@ class WindowKeyboard:
 
     def poll(self) -> TeleopInput:
         controls, self._controls = tuple(self._controls), []
-        motion = key_map.sum_motions(self.task, self._moves, self._held.values())
+        motion = key_map.sum_motions(self.robot, self._moves, self._held.values())
         return TeleopInput(motion=motion, speed=self._speed, controls=controls, device="keyboard")
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Keyboards do not."""
 
     def help(self) -> tuple[Button, ...]:
-        return key_map.help_of(self.task)
+        return key_map.help_of(self.robot)
 
     def close(self) -> None:
         self._held.clear()

@@ -33,18 +33,18 @@ class InputManager:
         self._pane = pane
         self._source: Teleoperator | None = None
         self._touch: ContactRumble | None = None
-        self._task: RobotName = "hanger"
+        self._robot: RobotName = "hanger"
 
-    def use(self, name: str, task: RobotName) -> bool:
+    def use(self, name: str, robot: RobotName) -> bool:
         """Take a device into the hands; False, and a ``problem``, where that cannot be."""
         self.drop()
         try:
-            self._source = window_source(name, task, ray=self._ray, corners=self._corners, mapping=self.mapping)
+            self._source = window_source(name, robot, ray=self._ray, corners=self._corners, mapping=self.mapping)
         except Exception as error:
             self.problem, _ = format_error(error)
             return False
         self._touch = ContactRumble(self._source)
-        self._task = task
+        self._robot = robot
         return True
 
     def _ray(self, at: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
@@ -92,7 +92,7 @@ class InputManager:
             return
         if not mode.pullable():
             self._pane.release_pull()
-        link.put(self.reading or zero_input(self._task), self._pane.pull)
+        link.put(self.reading or zero_input(self._robot), self._pane.pull)
         if self._touch is not None:
             self._touch.see(float(link.status.get("contact", 0.0)), int(link.status.get("steps", 0)))
 

@@ -74,7 +74,7 @@ def record_in_window(wish: RecordConfig) -> None:
             raise TypeError(f"the window opens with {mode.name}, not with its recording")
         window.shop.settings = replace(
             window.shop.settings,
-            task=wish.task,
+            robot=wish.robot,
             cloth=wish.cloth,
             source=wish.source,
             descriptor=wish.descriptor,

@@ -74,7 +74,7 @@ class Playback:
             told_s=0.0,
             input_s=0.0,
             work_s=0.0,
-            task=self.episode.task,
+            robot=self.episode.robot,
             cloth=self.episode.cloth,
             nodes=truth.nodes,
             corners=seen.corner_positions,
@@ -94,8 +94,8 @@ class Playback:
         )
 
     def _joints(self, seen: Observation) -> FloatArray:
-        """The arm's, hand straight down, where the task has one."""
-        if self.episode.task != "hanger":
+        """The arm's, hand straight down, where the robot has one."""
+        if self.episode.robot != "hanger":
             return np.zeros(0)
         try:
             return inverse_kinematics(seen.holder_position)
@@ -124,7 +124,7 @@ def facts(episode: Episode) -> Mapping[str, str]:
     corrected = {"corrected": f"a person led in {led} steps"} if led else {}
     return {
         "source": f"{episode.source}, seed {episode.seed}",
-        "bench": f"{episode.task}, {episode.cloth}, step {episode.step_s:g} s",
+        "bench": f"{episode.robot}, {episode.cloth}, step {episode.step_s:g} s",
         "outcome": f"{episode.outcome}, {episode.stopped_by.replace('_', ' ')}",
         "steps": str(len(episode.steps)),
         "contact": f"{100 * contact[0]:.0f} to {100 * contact[-1]:.0f} %",

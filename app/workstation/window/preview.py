@@ -14,9 +14,9 @@ from layflat.sim.robots.panda import inverse_kinematics
 
 
 @lru_cache(maxsize=4)
-def preview(task: RobotName, cloth: str) -> BenchFrame:
+def preview(robot: RobotName, cloth: str) -> BenchFrame:
     """What one would see, without a simulator."""
-    settings = SimConfig(task=task, cloth=cloth)
+    settings = SimConfig(robot=robot, cloth=cloth)
     home = home_corners(settings.spec)
     centre = home.mean(axis=0)
     return BenchFrame(
@@ -27,12 +27,12 @@ def preview(task: RobotName, cloth: str) -> BenchFrame:
         told_s=0.0,
         input_s=0.0,
         work_s=0.0,
-        task=task,
+        robot=robot,
         cloth=cloth,
         nodes=settings.spec.hanging_nodes(home),
         corners=home,
         holder=centre,
-        joints=inverse_kinematics(centre) if task == "hanger" else np.zeros(0),
+        joints=inverse_kinematics(centre) if robot == "hanger" else np.zeros(0),
         hands=np.zeros((0, 3)),
         force_n=np.zeros(3),
         pull=None,

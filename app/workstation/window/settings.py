@@ -22,7 +22,7 @@ SOURCES = ("gamepad", "keyboard", "mouse", "kinesthetic", "scripted")
 class Settings:
     """What a bench is made of and how fast it runs; a session that is there decides for itself."""
 
-    task: str = "hanger"
+    robot: str = "hanger"
     cloth: str = "towel"
     source: str = "gamepad"
     descriptor: str = DEFAULT
@@ -41,7 +41,7 @@ class Settings:
         """What a file of another version says wrong is as if it said nothing."""
         usual = {item.name: item.default for item in fields(self)}
         for name, known in (
-            ("task", ROBOTS), ("cloth", tuple(CLOTHS)), ("source", SOURCES), ("descriptor", tuple(DESCRIPTORS)),
+            ("robot", ROBOTS), ("cloth", tuple(CLOTHS)), ("source", SOURCES), ("descriptor", tuple(DESCRIPTORS)),
             ("speed", tuple(SPEEDS)),
         ):  # fmt: skip
             if getattr(self, name) not in known:
@@ -52,7 +52,7 @@ class Settings:
 
     def bench(self) -> dict[str, Any]:
         """The part of an order that says what the bench is made of."""
-        names = ("task", "cloth", "descriptor", "noise", "step_s", "images")
+        names = ("robot", "cloth", "descriptor", "noise", "step_s", "images")
         return {name: getattr(self, name) for name in names} | {"speed": SPEEDS[self.speed]}
 
 

@@ -54,10 +54,10 @@ class Viewport:
         surface.blit(self._drawn[1], (0, 0))
 
     def _picture(self, moment: BenchFrame, size: tuple[int, int]) -> NDArray[np.uint8]:
-        kind = (moment.task, moment.cloth)
+        kind = (moment.robot, moment.cloth)
         if self._view is None or self._view[0] != kind:
             spec = cloth_spec(moment.cloth)
-            arm = arm_shape(spec) if moment.task == "hanger" else None
+            arm = arm_shape(spec) if moment.robot == "hanger" else None
             self._view = (kind, View3d(spec, arm))
         return self._view[1].draw(self._scene(moment), self.orbit, size)
 

@@ -240,7 +240,7 @@ class Window:
             return areas
         moment, (history, now_s) = mode.moment(), mode.history()
         curve = (history.episode, len(history.time_s), now_s)
-        shown = moment or preview(as_robot(self.shop.settings.task), self.shop.settings.cloth)
+        shown = moment or preview(as_robot(self.shop.settings.robot), self.shop.settings.cloth)
         view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
         areas += [
             ("view", place.view, view, lambda s: self._paint_view(s, shown)),

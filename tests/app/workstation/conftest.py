@@ -67,8 +67,8 @@ class DrawnTake:
         if not self.readings:
             return None
         n_steps = len(self.readings)
-        task, cloth = self._recorder.task, self._recorder.cloth
-        episode = self._draw(task, n_steps=n_steps, seed=self.seed, cloth=cloth, source="keyboard")
+        robot, cloth = self._recorder.robot, self._recorder.cloth
+        episode = self._draw(robot, n_steps=n_steps, seed=self.seed, cloth=cloth, source="keyboard")
         return self._recorder.keep(replace(episode, outcome=outcome, stopped_by=stopped_by))
 
     def discard(self) -> None:
@@ -80,8 +80,8 @@ class HandSource:
 
     name = "keyboard"
 
-    def __init__(self, task: RobotName = "hanger") -> None:
-        self.motion = np.zeros(action_size(task))
+    def __init__(self, robot: RobotName = "hanger") -> None:
+        self.motion = np.zeros(action_size(robot))
         self.controls: list[Command] = []
         self.connected = True
         self.rumbles: list[float] = []

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from layflat.app.workstation.session.bench_client import BenchClient
-from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.session.robots import make_task
 from layflat.app.workstation.teleop.teleop_input import zero_input
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.settings import Settings
@@ -35,12 +35,12 @@ def where(step_index: int) -> str:
     return "in the air" if step_index in AIR else "on the table" if step_index in TABLE else ""
 
 
-def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool = False) -> dict[str, list[float]]:
+def with_window(folder: Path, robot: str, seed: int, speed: str, *, redraw: bool = False) -> dict[str, list[float]]:
     """One placing watched in the window."""
     found: dict[str, list[float]] = defaultdict(list)
     window = Window(folder, make_task, start="Place", remember=False)
     try:
-        window.shop.settings = replace(window.shop.settings, task=task, model="scripted", speed=speed)
+        window.shop.settings = replace(window.shop.settings, robot=robot, model="scripted", speed=speed)
         mode = window.mode
         assert isinstance(mode, PlacePage)
         mode.seed = seed
@@ -69,18 +69,18 @@ def with_window(folder: Path, task: str, seed: int, speed: str, *, redraw: bool 
     return found
 
 
-def without_window(folder: Path, task: str, seed: int, *, record: bool) -> dict[str, list[float]]:
+def without_window(folder: Path, robot: str, seed: int, *, record: bool) -> dict[str, list[float]]:
     """One placing that nobody draws, as fast as it goes; recorded or not."""
     found: dict[str, list[float]] = defaultdict(list)
-    path = folder / f"{task}-{seed}-{os.getpid()}.h5"
-    settings = Settings(task=task, speed="as fast as it goes")
+    path = folder / f"{robot}-{seed}-{os.getpid()}.h5"
+    settings = Settings(robot=robot, speed="as fast as it goes")
     order = {"work": "place", **settings.bench(), "seed": seed, "policy": "scripted", "hurry": False}
     link, last = BenchClient(make_task), -1
-    link.start(order | ({"record": str(path)} if record else {}), task)
+    link.start(order | ({"record": str(path)} if record else {}), robot)
     link.ask("start")
     while link.alive and link.status.get("state") != "placed":
         link.hear()
-        link.put(zero_input(task))
+        link.put(zero_input(robot))
         if link.moment is not None and link.moment.step != last:
             last = link.moment.step
             found[f"step {where(last)}"].append(link.moment.work_s)
@@ -96,20 +96,20 @@ def main(folder: Path, seeds: int) -> None:
     headless()
     folder.mkdir(parents=True, exist_ok=True)
     print(f"load at the start {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores, {seeds} seeds each")
-    for task in ("hanger", "pickers"):
+    for robot in ("hanger", "pickers"):
         real, fast, bare, kept = ([] for _ in range(4))
         for seed in range(seeds):
-            real.append(with_window(folder, task, seed, "real time"))
-            fast.append(with_window(folder, task, seed, "as fast as it goes", redraw=True))
-            bare.append(without_window(folder, task, seed, record=False))
-            kept.append(without_window(folder, task, seed, record=True))
+            real.append(with_window(folder, robot, seed, "real time"))
+            fast.append(with_window(folder, robot, seed, "as fast as it goes", redraw=True))
+            bare.append(without_window(folder, robot, seed, record=False))
+            kept.append(without_window(folder, robot, seed, record=True))
         merged = [{key: [v for run in runs for v in run[key]] for key in runs[0]} for runs in (real, fast, bare, kept)]
-        report(task, *merged)
+        report(robot, *merged)
     print(f"load at the end {os.getloadavg()[0]:.1f}")
 
 
-def report(task: str, real: dict, fast: dict, bare: dict, kept: dict) -> None:
-    print(f"\n{task}, real time")
+def report(robot: str, real: dict, fast: dict, bare: dict, kept: dict) -> None:
+    print(f"\n{robot}, real time")
     print("  input waits for its step   ", told(real["input"]))
     print("  processor time of the window for a step", told(real["cpu"]))
     for phase in ("in the air", "on the table"):

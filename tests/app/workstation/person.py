@@ -218,9 +218,9 @@ class Person:
         self.look()
 
     def _teacher(self, moment: BenchFrame) -> ScriptedDemonstrator:
-        spec, task = cloth_spec(moment.cloth), as_robot(moment.task)
+        spec, robot = cloth_spec(moment.cloth), as_robot(moment.robot)
         return ScriptedDemonstrator(
-            task, length_m=spec.length_m, columns=spec.columns, held_width_m=HELD_STRETCH * spec.width_m,
+            robot, length_m=spec.length_m, columns=spec.columns, held_width_m=HELD_STRETCH * spec.width_m,
             look=lambda: truth_of(self.moment()),
         )  # fmt: skip
 
@@ -234,7 +234,7 @@ class Person:
         if decision.stop is not None:
             return True
         wanted = decision.action / ACTION_LIMIT_M
-        if moment.task == "hanger":
+        if moment.robot == "hanger":
             self._stick("left", wanted[0], wanted[1])
         else:
             # The window's left is picker 2.

@@ -16,7 +16,7 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.session.robots import make_task
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.record import RecordPage
@@ -65,10 +65,10 @@ def swatches(width: int) -> np.ndarray:
 
 def demonstrations(folder: Path) -> None:
     """Sessions to train from, by the scripted demonstrator, where they are not there yet."""
-    for task in ("hanger", "pickers"):
-        path = folder / f"{task}.h5"
+    for robot in ("hanger", "pickers"):
+        path = folder / f"{robot}.h5"
         if not path.exists():
-            job = SubprocessCommand(["record", str(path), "--task", task, "--episodes", "6", "--workers", "1"])
+            job = SubprocessCommand(["record", str(path), "--robot", robot, "--episodes", "6", "--workers", "1"])
             while job.status is None:
                 pygame.time.wait(200)
             print(*job.lines, sep="\n")
@@ -76,14 +76,14 @@ def demonstrations(folder: Path) -> None:
 
 def record(album: Album) -> None:
     person, window = album.person, album.window
-    album.settings(session="demonstrations.h5", speed="as fast as it goes", countdown_s=2.0, task="hanger")
+    album.settings(session="demonstrations.h5", speed="as fast as it goes", countdown_s=2.0, robot="hanger")
     album.shoot("record-menu")
     person.plug_in()
-    for task in ("hanger", "pickers"):
-        album.settings(task=task, session=f"by-hand-{task}.h5")
+    for robot in ("hanger", "pickers"):
+        album.settings(robot=robot, session=f"by-hand-{robot}.h5")
         person.menu("Begin")
         person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
-        if task == "hanger":
+        if robot == "hanger":
             person.pad.tap("cross")
             album.wait_for_state("countdown")
             person.watch(0.4)
@@ -92,8 +92,8 @@ def record(album: Album) -> None:
         else:
             person.begin()
         person.demonstrate(0, n_steps=34)
-        album.shoot(f"record-{task}")
-        if task == "hanger":
+        album.shoot(f"record-{robot}")
+        if robot == "hanger":
             person.pad.unplug()
             album.wait_for_state("paused")
             album.shoot("record-unplugged")
@@ -110,7 +110,7 @@ def record(album: Album) -> None:
 def lead_by_hand(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Record")
-    album.settings(source="kinesthetic", task="hanger", session="led.h5", speed="real time", countdown_s=0.0)
+    album.settings(source="kinesthetic", robot="hanger", session="led.h5", speed="real time", countdown_s=0.0)
     person.menu("Begin")
     person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
     person.key(pygame.K_RETURN)

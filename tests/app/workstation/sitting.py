@@ -18,7 +18,7 @@ import pygame
 
 from layflat.app.cli import main
 from layflat.app.support.errors import run_command
-from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.session.robots import make_task
 from layflat.app.workstation.window import window as window_module
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.replay import ReplayPage
@@ -65,7 +65,7 @@ def replay(person: Person) -> None:
 def sit(folder: Path, what: str, close: bool) -> int:
     window = Window(folder, make_task)
     try:
-        settings = replace(window.shop.settings, task="pickers", session="demos.h5", countdown_s=0.3, model="scripted")
+        settings = replace(window.shop.settings, robot="pickers", session="demos.h5", countdown_s=0.3, model="scripted")
         window.shop.change(settings)
         window.mode.relaid()
         person = Person(window)
@@ -110,7 +110,7 @@ def demonstrate_once() -> None:
 def once(folder: Path, more: list[str]) -> None:
     window_module.Window = Watched  # type: ignore[misc]
     threading.Thread(target=demonstrate_once, daemon=True).start()
-    arguments = ["record", str(folder / "one.h5"), "--source", "keyboard", "--episodes", "1", "--task", "pickers"]
+    arguments = ["record", str(folder / "one.h5"), "--source", "keyboard", "--episodes", "1", "--robot", "pickers"]
     main.main([*arguments, *more])
 
 

@@ -131,7 +131,7 @@ def _session(process: psutil.Process) -> int:
 
 
 def record(path: Path, *more: object) -> tuple[object, ...]:
-    return ("record", path, "--source", "keyboard", "--task", "pickers", "--cloth", "napkin", *more)
+    return ("record", path, "--source", "keyboard", "--robot", "pickers", "--cloth", "napkin", *more)
 
 
 def test_one_is_kept_another_discarded_and_the_terminal_is_as_before(terminal, tmp_path):
@@ -154,7 +154,7 @@ def test_one_is_kept_another_discarded_and_the_terminal_is_as_before(terminal, t
     with open_session(path) as session:
         (info,) = session.infos().values()
         episode = session[0]
-    assert (info.seed, info.source, info.outcome, info.task) == (3, "keyboard", "success", "pickers")
+    assert (info.seed, info.source, info.outcome, info.robot) == (3, "keyboard", "success", "pickers")
     assert f"{info.n_steps} steps" in kept
     heights = [step.action[[2, 5]] for step in episode.steps]
     assert heights[0][1] < 0 == heights[0][0]  # Time stood until the key: s lowers the left picker, which is at -y.
@@ -183,14 +183,14 @@ def test_a_signal_keeps_what_was_kept_and_what_runs_as_partial(terminal, tmp_pat
     assert [file.name for file in tmp_path.iterdir()] == ["s.h5"]
 
 
-def test_a_session_of_another_task_is_refused_and_the_terminal_is_as_before(terminal, tmp_path, make_episode):
+def test_a_session_of_another_robot_is_refused_and_the_terminal_is_as_before(terminal, tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, task="hanger", cloth="napkin") as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="napkin") as recorder:
         recorder.keep(make_episode(cloth="napkin", disturbed=False))
     one = terminal(*record(path))
     assert one.end() == 2
     assert one.as_before()
-    assert "holds episodes with task hanger, not pickers" in one.text
+    assert "holds episodes with robot hanger, not pickers" in one.text
     assert "Traceback" not in one.text
 
 

@@ -91,8 +91,8 @@ def test_a_pad_unplugged_in_a_correction_pauses_and_goes_on(desk):
 WRONG: list[tuple[tuple[str, ...], str]] = [
     (("--source", "scripted", "--correct", "m.npz"), "--correct needs a person"),
     (("--source", "keyboard", "--correct", "missing.npz"), "missing.npz"),
-    (("--source", "keyboard", "--correct", "m.npz", "--task", "hanger"), "give --task pickers"),
-    (("--source", "keyboard", "--correct", "m.npz", "--task", "pickers", "--descriptor", "how"), "give --descriptor"),
+    (("--source", "keyboard", "--correct", "m.npz", "--robot", "hanger"), "give --robot pickers"),
+    (("--source", "keyboard", "--correct", "m.npz", "--robot", "pickers", "--descriptor", "how"), "give --descriptor"),
 ]
 
 
@@ -126,7 +126,7 @@ def test_a_correction_at_the_keyboard_is_marked_and_runs_again(terminal, tmp_pat
     path, model = tmp_path / "s.h5", random_model("pickers", 20)
     model_files.save(replace(model, alpha=np.zeros_like(model.alpha)), tmp_path / "m.npz")
     one = terminal(
-        "record", path, "--source", "keyboard", "--task", "pickers", "--cloth", "napkin", "--correct",
+        "record", path, "--source", "keyboard", "--robot", "pickers", "--cloth", "napkin", "--correct",
         tmp_path / "m.npz", "--no-window",
     )  # fmt: skip
     one.until(" hangs]")

@@ -14,7 +14,7 @@ import pytest
 
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
-from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.session.robots import make_task
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.replay import ReplayPage
@@ -32,7 +32,7 @@ from layflat.tests.app.workstation.test_workstation import leftovers
 pytestmark = pytest.mark.timeout(300)
 
 HELP_LIST = 4
-"""Of the lists in the Place tab without a model: who decides, task, cloth, who may take over, what helps it."""
+"""Of the lists in the Place tab without a model: who decides, robot, cloth, who may take over, what helps it."""
 
 
 @pytest.fixture

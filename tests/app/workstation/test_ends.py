@@ -33,9 +33,9 @@ def folder(tmp_path: Path, make_episode: Callable, lying: Callable) -> Path:
 
 
 def add_demonstrations(folder: Path, seeds: range, make_episode: Callable, lying: Callable) -> None:
-    with SessionRecorder(folder / "demos.h5", task="pickers", cloth="towel", descriptor="word-axial") as recorder:
+    with SessionRecorder(folder / "demos.h5", robot="pickers", cloth="towel", descriptor="word-axial") as recorder:
         for seed in seeds:
-            made = make_episode(task="pickers", seed=seed, descriptor="word-axial", disturbed=False)
+            made = make_episode(robot="pickers", seed=seed, descriptor="word-axial", disturbed=False)
             recorder.keep(lying(made, 55))
 
 
@@ -103,7 +103,7 @@ def test_a_window_that_is_killed_leaves_no_process_and_no_loss(folder, what):
     process = sit_down(folder, what)
     assert end(process, signal.SIGKILL) == -signal.SIGKILL
     path = folder / ("placed.h5" if what == "place" else "demos.h5")
-    SessionRecorder(path, task="pickers", cloth="towel", descriptor="word-axial").close()
+    SessionRecorder(path, robot="pickers", cloth="towel", descriptor="word-axial").close()
     check_kept(folder, what)
 
 

@@ -62,8 +62,8 @@ def plug() -> Iterator[Callable[..., VirtualPad]]:
 def source() -> Iterator[Callable[..., Gamepad]]:
     made: list[Gamepad] = []
 
-    def make(task="hanger", **options) -> Gamepad:
-        made.append(Gamepad(task, **options))
+    def make(robot="hanger", **options) -> Gamepad:
+        made.append(Gamepad(robot, **options))
         return made[-1]
 
     yield make
@@ -340,11 +340,11 @@ def test_a_window_passes_events_on_and_keeps_the_others(plug, source):
     assert gamepad.poll().controls == ()
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_is_a_source(source, task):
-    gamepad = source(task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_is_a_source(source, robot):
+    gamepad = source(robot)
     assert isinstance(gamepad, Teleoperator)
-    assert gamepad.poll().motion.shape == (action_size(task),)
+    assert gamepad.poll().motion.shape == (action_size(robot),)
     assert {button.control for button in gamepad.help()} >= set(Command)
 
 

@@ -28,7 +28,7 @@ GENERAL = {"--json", "--force", "--debug", "--help"}
 @pytest.fixture
 def folder(tmp_path: Path, make_episode: Callable) -> Path:
     """With a session of three episodes, one of them a failure."""
-    with SessionRecorder(tmp_path / "demos.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(tmp_path / "demos.h5", robot="hanger", cloth="towel") as recorder:
         for seed, outcome in enumerate(["success", "failure", "success"]):
             recorder.keep(make_episode(seed=seed, outcome=outcome))
     return tmp_path
@@ -92,7 +92,7 @@ def test_an_existing_file_is_only_replaced_where_one_says_so(folder):
 
 def test_a_command_that_is_cancelled_ends_at_once(folder):
     job = SubprocessCommand(
-        ["record", str(folder / "more.h5"), "--task", "pickers", "--episodes", "50", "--workers", "1"]
+        ["record", str(folder / "more.h5"), "--robot", "pickers", "--episodes", "50", "--workers", "1"]
     )
     give_up = time.monotonic() + 30
     while not job.doing and time.monotonic() < give_up:
@@ -103,7 +103,7 @@ def test_a_command_that_is_cancelled_ends_at_once(folder):
 
 
 def test_settings_last(tmp_path):
-    wanted = Settings(task="pickers", cloth="napkin", source="keyboard", speed="double", images=True, countdown_s=1.0)
+    wanted = Settings(robot="pickers", cloth="napkin", source="keyboard", speed="double", images=True, countdown_s=1.0)
     settings.save(tmp_path, wanted)
     assert settings.load(tmp_path) == wanted
 
@@ -114,7 +114,7 @@ def test_settings_last(tmp_path):
         "",
         "no json",
         "[]",
-        json.dumps({"task": "juggling", "noise": "loud", "unknown": 3}),
+        json.dumps({"robot": "juggling", "noise": "loud", "unknown": 3}),
         json.dumps({"step_s": None}),
     ],
 )
@@ -125,6 +125,6 @@ def test_settings_of_another_world_are_the_usual_ones(tmp_path, text):
 
 def test_a_window_that_is_to_remember_nothing_writes_nothing(tmp_path):
     shop = replace(shop_of(tmp_path), remember=False)
-    shop.change(Settings(task="pickers"))
-    assert shop.settings.task == "pickers"
+    shop.change(Settings(robot="pickers"))
+    assert shop.settings.robot == "pickers"
     assert not list(tmp_path.iterdir())

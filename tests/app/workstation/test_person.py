@@ -20,17 +20,17 @@ SEEN = Observation(
 )
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_decides_what_the_newest_reading_says(task):
-    newest = [zero_input(task)]
-    person = TeleopPolicy(task, "gamepad", lambda: newest[0])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_decides_what_the_newest_reading_says(robot):
+    newest = [zero_input(robot)]
+    person = TeleopPolicy(robot, "gamepad", lambda: newest[0])
     assert isinstance(person, Policy)
-    assert (person.name, person.task) == ("gamepad", task)
+    assert (person.name, person.robot) == ("gamepad", robot)
     person.reset(3)
     assert not person.act(SEEN).action.any()
     rng = np.random.default_rng(0)
     for _ in range(20):
-        newest[0] = TeleopInput(motion=rng.uniform(-1, 1, action_size(task)), speed=rng.uniform())
+        newest[0] = TeleopInput(motion=rng.uniform(-1, 1, action_size(robot)), speed=rng.uniform())
         decision = person.act(SEEN)
         assert decision.action == pytest.approx(newest[0].motion * newest[0].speed * ACTION_LIMIT_M)
         assert (decision.stop, decision.hand) == (None, None)
@@ -39,8 +39,8 @@ def test_decides_what_the_newest_reading_says(task):
 
 
 def test_a_hand_that_leads_is_passed_on():
-    for task, hand in (("hanger", np.zeros(3)), ("pickers", np.ones((2, 3)))):
+    for robot, hand in (("hanger", np.zeros(3)), ("pickers", np.ones((2, 3)))):
         person = TeleopPolicy(
-            task, "kinesthetic", lambda t=task, h=hand: TeleopInput(motion=zero_input(t).motion, hand=h)
+            robot, "kinesthetic", lambda t=robot, h=hand: TeleopInput(motion=zero_input(t).motion, hand=h)
         )
         assert (person.act(SEEN).hand == hand).all()

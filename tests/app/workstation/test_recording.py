@@ -24,9 +24,9 @@ KEPT = re.compile(r"kept demo_\d+ (success|failure|partial) \d+ steps contact [0
 DISCARDED = re.compile(r"discarded seed \d+ \d+ steps contact [01]\.\d\d \S+")
 
 
-def draw(task: str, *, n_steps: int, seed: int, cloth: str, source: str) -> Episode:
+def draw(robot: str, *, n_steps: int, seed: int, cloth: str, source: str) -> Episode:
     """An episode of zeros."""
-    size = 2 if task == "hanger" else 6
+    size = 2 if robot == "hanger" else 6
     seen = Observation(
         time_s=0.0,
         corner_positions=np.zeros((2, 3)),
@@ -38,7 +38,7 @@ def draw(task: str, *, n_steps: int, seed: int, cloth: str, source: str) -> Epis
     truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.5, flat_area=0.5)
     steps = tuple(Step(observation=seen, truth=truth, action=np.zeros(size)) for _ in range(n_steps))
     return Episode(
-        task=task,
+        robot=robot,
         cloth=cloth,
         seed=seed,
         source=source,
@@ -57,7 +57,7 @@ class Desk:
         self.now = 0.0
         self.lines: list[str] = []
         self.takes: list[DrawnTake] = []
-        self.recorder = SessionRecorder(path, task="hanger", cloth="towel")
+        self.recorder = SessionRecorder(path, robot="hanger", cloth="towel")
         self.recording = RecordingSession(
             self.recorder, self._begin, tell=self.lines.append, clock=lambda: self.now, **options
         )
@@ -321,13 +321,13 @@ def test_who_records_on_begins_with_the_next_seed(desk, tmp_path):
     assert "4 demonstrations" in second.recording.message
 
 
-def test_a_session_of_another_task_is_refused(tmp_path, desk):
+def test_a_session_of_another_robot_is_refused(tmp_path, desk):
     one = desk()
     one.begin(n_steps=2)
     one.press(Command.KEEP_SUCCESS)
     one.close()
-    with pytest.raises(ValueError, match="task hanger, not pickers"):
-        SessionRecorder(tmp_path / "s.h5", task="pickers", cloth="towel")
+    with pytest.raises(ValueError, match="robot hanger, not pickers"):
+        SessionRecorder(tmp_path / "s.h5", robot="pickers", cloth="towel")
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

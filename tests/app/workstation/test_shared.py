@@ -54,19 +54,19 @@ def test_only_what_is_newer_is_read():
     assert value.read(number) is None
 
 
-@pytest.mark.parametrize("task", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ["hanger", "pickers"])
 @pytest.mark.parametrize("hand", [None, (3,), (2, 3)])
-def test_a_letter_says_what_was_put_in(task, hand):
+def test_a_letter_says_what_was_put_in(robot, hand):
     rng = np.random.default_rng(1)
     reading = TeleopInput(
-        motion=rng.uniform(-1, 1, 2 if task == "hanger" else 6),
+        motion=rng.uniform(-1, 1, 2 if robot == "hanger" else 6),
         speed=0.25,
         connected=False,
         device="Pad é",
         problem="it is gone",
         hand=None if hand is None else rng.normal(size=hand),
     )
-    mailbox = InputChannel(CONTEXT, task)
+    mailbox = InputChannel(CONTEXT, robot)
     assert mailbox.look() is None
     before = time.monotonic()
     stamp = mailbox.put(reading, DragTarget(node=7, target_m=[0.1, 0.2, 0.3]))

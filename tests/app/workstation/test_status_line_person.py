@@ -101,12 +101,15 @@ class Layer:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("task", ROBOTS)
-def test_a_towel_is_laid_flat_with_the_sticks(task, tmp_path):
-    settings, path = SimConfig(task=task), tmp_path / "s.h5"
-    sides = ("left",) if task == "hanger" else ("left", "right")
-    with plugged() as pad, SessionRecorder(path, task=task, cloth="towel", descriptor=settings.descriptor) as recorder:
-        gamepad = Gamepad(task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_towel_is_laid_flat_with_the_sticks(robot, tmp_path):
+    settings, path = SimConfig(robot=robot), tmp_path / "s.h5"
+    sides = ("left",) if robot == "hanger" else ("left", "right")
+    with (
+        plugged() as pad,
+        SessionRecorder(path, robot=robot, cloth="towel", descriptor=settings.descriptor) as recorder,
+    ):
+        gamepad = Gamepad(robot)
         recording = RecordingSession(
             recorder, make_handle_factory(recorder, settings, "gamepad"), episodes=2, countdown_s=0.5
         )

@@ -36,8 +36,8 @@ def begin(session) -> Iterator[Callable[..., EpisodeProcess]]:
     made: list[tuple[EpisodeProcess, SessionRecorder]] = []
 
     def start(*, images: bool = False, source: str = "gamepad", **options) -> EpisodeProcess:
-        settings = SimConfig(**({"task": "hanger", "cloth": "napkin"} | options))
-        recorder = SessionRecorder(session, task=settings.task, cloth="napkin", keep_images=images)
+        settings = SimConfig(**({"robot": "hanger", "cloth": "napkin"} | options))
+        recorder = SessionRecorder(session, robot=settings.robot, cloth="napkin", keep_images=images)
         take = make_handle_factory(recorder, settings, source)(3)
         made.append((take, recorder))
         give_up = time.monotonic() + PATIENCE_S

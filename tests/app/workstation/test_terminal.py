@@ -213,10 +213,10 @@ def test_signals_are_noted_and_a_second_ctrl_c_interrupts(number):
 class Typist:
     """A terminal's keyboard on a clock of its own."""
 
-    def __init__(self, task="hanger") -> None:
+    def __init__(self, robot="hanger") -> None:
         self.now = 0.0
         self._typed: list[str] = []
-        self.keyboard = TerminalKeyboard(task, pressed=self._take, clock=lambda: self.now)
+        self.keyboard = TerminalKeyboard(robot, pressed=self._take, clock=lambda: self.now)
 
     def _take(self) -> list[str]:
         typed, self._typed = self._typed, []
@@ -227,11 +227,11 @@ class Typist:
         return self.keyboard.poll()
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_the_terminal_s_keyboard_is_a_source(task):
-    keyboard = Typist(task).keyboard
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_terminal_s_keyboard_is_a_source(robot):
+    keyboard = Typist(robot).keyboard
     assert isinstance(keyboard, Teleoperator)
-    assert keyboard.poll().motion.shape == (action_size(task),)
+    assert keyboard.poll().motion.shape == (action_size(robot),)
     assert {button.control for button in keyboard.help()} >= set(Command)
 
 
@@ -274,9 +274,9 @@ def test_digits_set_the_speed_and_letters_the_controls():
     assert not one.type("%", "Q", "shift-up").controls
 
 
-@pytest.mark.parametrize("task", ROBOTS)
-def test_every_key_does_one_thing_and_every_axis_has_a_key_each_way(task):
-    moves = key_map.key_motions(task)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_key_does_one_thing_and_every_axis_has_a_key_each_way(robot):
+    moves = key_map.key_motions(robot)
     assert not set(moves) & (set(key_map.CONTROLS) | set(key_map.SPEEDS))
     reach = np.array(list(moves.values()))
     assert (reach.max(axis=0) == 1).all()

@@ -45,22 +45,22 @@ def mouse(kind: int, pos: tuple[int, int], button: int = 1) -> pygame.event.Even
     return pygame.event.Event(kind, pos=pos, button=button)
 
 
-@pytest.fixture(params=[(name, task) for name in TELEOPERATORS for task in ROBOTS], ids="-".join)
+@pytest.fixture(params=[(name, robot) for name in TELEOPERATORS for robot in ROBOTS], ids="-".join)
 def any_source(request):
-    name, task = request.param
-    made = window_source(name, task, ray=ray, corners=lambda: CORNERS)
-    yield made, name, task
+    name, robot = request.param
+    made = window_source(name, robot, ray=ray, corners=lambda: CORNERS)
+    yield made, name, robot
     made.close()
     made.close()
 
 
 def test_every_source_of_the_window_is_one(any_source):
-    source, name, task = any_source
+    source, name, robot = any_source
     assert isinstance(source, Teleoperator)
     assert isinstance(source, WindowTeleoperator)
     assert source.name == name
     reading = source.poll()
-    assert reading.motion.shape == (action_size(task),)
+    assert reading.motion.shape == (action_size(robot),)
     assert not reading.moving
     assert {button.control for button in source.help()} >= set(Command)
     assert any(button.control is None for button in source.help())
@@ -106,17 +106,17 @@ def test_shortcuts_of_the_window_are_not_the_keyboard_s():
 
 def test_every_key_of_the_help_is_known_in_the_window():
     codes = {"enter": pygame.K_RETURN, "space": pygame.K_SPACE}
-    for task in ROBOTS:
-        for name in (*key_map.key_motions(task), *key_map.CONTROLS):
+    for robot in ROBOTS:
+        for name in (*key_map.key_motions(robot), *key_map.CONTROLS):
             plain = name.removeprefix("shift-")
             shift = pygame.KMOD_LSHIFT if name != plain or name.isupper() else 0
-            one = WindowKeyboard(task)
+            one = WindowKeyboard(robot)
             assert one.on_event(key(pygame.KEYDOWN, codes.get(name) or pygame.key.key_code(plain.lower()), shift))
             reading = one.poll()
             if name in key_map.CONTROLS:
                 assert reading.controls == (key_map.CONTROLS[name],)
             else:
-                assert (reading.motion == key_map.key_motions(task)[name]).all()
+                assert (reading.motion == key_map.key_motions(robot)[name]).all()
 
 
 @given(st.integers(-400, 400), st.integers(-400, 400))
@@ -161,8 +161,8 @@ def test_other_buttons_of_the_mouse_are_the_view_s():
         assert not one.poll().moving
 
 
-def led(task: str, start, to) -> TeleopInput:
-    one = HandGuidingTeleoperator(task, ray, lambda: CORNERS)
+def led(robot: str, start, to) -> TeleopInput:
+    one = HandGuidingTeleoperator(robot, ray, lambda: CORNERS)
     assert one.on_event(mouse(pygame.MOUSEBUTTONDOWN, pixel_of(start)))
     one.on_event(mouse(pygame.MOUSEMOTION, pixel_of(to)))
     return one.poll()
@@ -201,9 +201,9 @@ def test_a_press_holds_without_a_jump_and_letting_go_ends_it():
 
 def test_nothing_is_held_beside_the_hanger_or_before_it_is_there():
     origin, direction = ray(pixel_of([0.1, 0.0, 0.4 + 3 * GRASP_M]))
-    for task in ROBOTS:
-        assert take_hold(task, CORNERS, origin, direction) is None
-        assert take_hold(task, np.full((2, 3), np.inf), origin, direction) is None
+    for robot in ROBOTS:
+        assert take_hold(robot, CORNERS, origin, direction) is None
+        assert take_hold(robot, np.full((2, 3), np.inf), origin, direction) is None
 
 
 def test_seen_edge_on_the_hanger_can_still_be_led():

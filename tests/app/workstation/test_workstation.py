@@ -13,7 +13,7 @@ import pygame
 import pytest
 from pygame_menu.widgets import ToggleSwitch
 
-from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.session.robots import make_task
 from layflat.app.workstation.window.layout import LEAST
 from layflat.app.workstation.window.pages.data import OPERATIONS, DataPage
 from layflat.app.workstation.window.pages.place import PlacePage
@@ -58,8 +58,8 @@ def leftovers() -> list[str]:
     return found
 
 
-def set_up(window: Window, task: RobotName) -> None:
-    window.shop.change(replace(window.shop.settings, task=task, session=f"{task}.h5"))
+def set_up(window: Window, robot: RobotName) -> None:
+    window.shop.change(replace(window.shop.settings, robot=robot, session=f"{robot}.h5"))
     window.mode.relaid()
 
 
@@ -105,18 +105,18 @@ def record_three(person: Person, n_steps: int | None) -> list[int]:
     return lengths
 
 
-def check_recorded(path: Path, task: RobotName, lengths: list[int]) -> None:
+def check_recorded(path: Path, robot: RobotName, lengths: list[int]) -> None:
     """The file holds exactly what was kept."""
     episodes = stored_episodes(path)
-    assert [(e.outcome, e.source, e.task, e.seed) for e in episodes] == [
-        ("success", "gamepad", task, 0),
-        ("success", "gamepad", task, 2),
+    assert [(e.outcome, e.source, e.robot, e.seed) for e in episodes] == [
+        ("success", "gamepad", robot, 0),
+        ("success", "gamepad", robot, 2),
     ]
     # Between the last look and the button a step or two went by.
     assert all(length <= len(e.steps) <= length + 4 for e, length in zip(episodes, lengths, strict=True))
     for episode in episodes:
         actions = np.array([step.action for step in episode.steps])
-        assert actions.shape[1] == action_size(task)
+        assert actions.shape[1] == action_size(robot)
         assert 0 < np.abs(actions).max() <= ACTION_LIMIT_M
         times = [seen.time_s for seen in episode.observations()]
         np.testing.assert_allclose(np.diff(times), episode.step_s, atol=1e-9)
@@ -199,15 +199,15 @@ def replay(person: Person, session: str) -> None:
     assert mode.at == last
 
 
-def use_it_all(window: Window, task: RobotName, n_steps: int | None) -> None:
+def use_it_all(window: Window, robot: RobotName, n_steps: int | None) -> None:
     person = Person(window)
-    set_up(window, task)
+    set_up(window, robot)
     folder = window.shop.folder
     lengths = record_three(person, n_steps)
-    check_recorded(folder / f"{task}.h5", task, lengths)
-    train(person, f"{task}.h5")
+    check_recorded(folder / f"{robot}.h5", robot, lengths)
+    train(person, f"{robot}.h5")
     node = place_and_pull(person, n_steps)
-    assert node == 45 or task == "pickers"
+    assert node == 45 or robot == "pickers"
     check_placed(folder / "placed.h5", node)
     replay(person, "placed.h5")
     pygame.event.post(pygame.event.Event(pygame.QUIT))
@@ -215,7 +215,7 @@ def use_it_all(window: Window, task: RobotName, n_steps: int | None) -> None:
     assert not window.open
     window.close()
     names = {path.name for path in folder.iterdir() if not path.name.endswith(".parts")}
-    assert names == {f"{task}.h5", "learned.npz", "placed.h5", "workstation.json"}
+    assert names == {f"{robot}.h5", "learned.npz", "placed.h5", "workstation.json"}
     assert not [path for path in folder.rglob("*") if path.suffix in (".journal", ".part")]
 
 
@@ -225,10 +225,10 @@ def test_a_short_afternoon_at_the_workstation(window):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("task", ["hanger", "pickers"])
-def test_an_afternoon_at_the_workstation(window, task):
-    use_it_all(window, task, n_steps=None)
-    episodes = stored_episodes(window.shop.folder / f"{task}.h5")
+@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+def test_an_afternoon_at_the_workstation(window, robot):
+    use_it_all(window, robot, n_steps=None)
+    episodes = stored_episodes(window.shop.folder / f"{robot}.h5")
     # The person laid it: the demonstrations are what their verdict says.
     assert all(episode.final_truth.flat_area > 0.9 for episode in episodes)
 
@@ -318,7 +318,7 @@ def test_what_is_chosen_with_the_mouse_is_chosen(window):
     person.choose(1, "pickers")
     person.choose(2, "napkin")
     now = window.shop.settings
-    assert (now.source, now.task, now.cloth) == ("keyboard", "pickers", "napkin")
+    assert (now.source, now.robot, now.cloth) == ("keyboard", "pickers", "napkin")
     person.write(1, "7")
     assert window.mode.seed in (7, 70)
     person.tab("Settings")
@@ -336,7 +336,7 @@ def test_what_is_chosen_with_the_mouse_is_chosen(window):
 
 
 def test_every_operation_on_data_has_its_menu(window, make_episode):
-    with SessionRecorder(window.shop.folder / "demos.h5", task="hanger", cloth="towel") as recorder:
+    with SessionRecorder(window.shop.folder / "demos.h5", robot="hanger", cloth="towel") as recorder:
         recorder.keep(make_episode())
     person = Person(window)
     person.tab("Data")

@@ -78,8 +78,8 @@ class PlacePage(BasePage):
         menu_style.button(menu, "Lay and disturb" if self.hurry else "Place", self.start, main=True)
 
     def _bench_choices(self, menu: Any, width: int) -> None:
-        """A model brings its task and cloth with it; a rule does not."""
-        for name, known in (("task", ["hanger", "pickers"]), ("cloth", list(CLOTHS))):
+        """A model brings its robot and cloth with it; a rule does not."""
+        for name, known in (("robot", ["hanger", "pickers"]), ("cloth", list(CLOTHS))):
             value = getattr(self.shop.settings, name)
             menu_style.choice(menu, name.capitalize(), known, value, self._setter(name), width=width)
 
@@ -117,7 +117,7 @@ class PlacePage(BasePage):
         self.menu, self.running, self.finished = None, True, False
         self.past.episode, self._told = -1, None
         self.shop.link.moment = None
-        self.shop.link.start(order, order["task"])
+        self.shop.link.start(order, order["robot"])
         self.shop.link.ask("start")
         self.shop.say(f"hanging up the cloth of seed {self.seed}")
 
@@ -126,7 +126,7 @@ class PlacePage(BasePage):
         if self.hands is None or self.source == NOBODY:
             return True
         order["source"] = self.source
-        if not self.hands.use(self.source, order["task"]):
+        if not self.hands.use(self.source, order["robot"]):
             self.shop.say(self.hands.problem, style.WARNING)
             return False
         return True
@@ -147,7 +147,7 @@ class PlacePage(BasePage):
             except (ValueError, OSError) as error:
                 self.shop.say(str(error), style.WARNING)
                 return None
-            order |= {"policy": str(path), "task": model.layout.task, "cloth": model.cloth}
+            order |= {"policy": str(path), "robot": model.layout.robot, "cloth": model.cloth}
         else:
             order["policy"] = policy or SCRIPTED
         if self.record:

@@ -51,7 +51,7 @@ class RecordPage(BasePage):
         menu_style.note(menu, "Demonstrations are added to a session; what is in it stays.", width)
         known = {
             "source": [source for source in SOURCES if source != "scripted"],
-            "task": ["hanger", "pickers"],
+            "robot": ["hanger", "pickers"],
             "cloth": list(CLOTHS),
         }
         for name, values in known.items():
@@ -89,7 +89,7 @@ class RecordPage(BasePage):
         try:
             with open_session(path) as session:
                 count = "one demonstration" if len(session) == 1 else f"{len(session)} demonstrations"
-                return f"{path.name} has {count}: {session.task}, {session.cloth}"
+                return f"{path.name} has {count}: {session.robot}, {session.cloth}"
         except (ValueError, OSError) as error:
             return str(error)
 
@@ -107,14 +107,14 @@ class RecordPage(BasePage):
             "disturbance": self.disturbance,
             "correct": self.correct,
         }
-        if self.hands is not None and not self.hands.use(settings.source, order["task"]):
+        if self.hands is not None and not self.hands.use(settings.source, order["robot"]):
             self.shop.say(self.hands.problem, style.WARNING)
             return
         self.menu, self.running = None, True
         self.past.episode = -1
         self.shop.link.moment = None
         self.shop.say("")
-        self.shop.link.start(order, order["task"])
+        self.shop.link.start(order, order["robot"])
 
     def stop(self) -> None:
         """Back to the menu, with everything kept."""
@@ -208,7 +208,7 @@ class RecordPage(BasePage):
             FormRow("kept", kept + (f", {partial} partial" if partial else ""), style.CONTACT),
             FormRow("discarded", str(counts.get("discarded", 0))),
             FormRow("in the session", f"{status.get('stored', 0)} in {self._session()}"),
-            FormRow("task", f"{settings.task}, {settings.cloth}, by {self._who()}"),
+            FormRow("robot", f"{settings.robot}, {settings.cloth}, by {self._who()}"),
             FormRow("", str(status.get("message", "")), style.QUIET),
         ]
 

@@ -14,7 +14,7 @@ from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
 
 ABOUT = (
-    ("Task", "hanger: a Panda arm holds the cloth by two clips and moves forth, back, up and down, as in chapter 4-3 of"
+    ("Robot", "hanger: a Panda arm holds the cloth by two clips and moves forth, back, up and down, as in chapter 4-3 of"
      " the thesis. pickers: two free hands, one at each corner, three axes each (chapter 4-2)."),
     ("Cloth", "towel: 35 by 35 cm. napkin: 27.5 by 21.5 cm, thinner. towel-fine: the towel with a finer mesh, slower."),
     ("Descriptor", "What says in which direction the wrinkles contract. A session has one, and so has a model."),
@@ -35,7 +35,7 @@ class SettingsPage(BasePage):
         self.menu = menu = menu_style.menu(shop.place.panel)
         menu_style.heading(menu, "Settings")
         known = {
-            "task": ["hanger", "pickers"], "cloth": list(CLOTHS), "descriptor": list(DESCRIPTORS),
+            "robot": ["hanger", "pickers"], "cloth": list(CLOTHS), "descriptor": list(DESCRIPTORS),
             "speed": list(SPEEDS),
         }  # fmt: skip
         for name, values in known.items():
