@@ -165,7 +165,7 @@ class Step:
     """One step: what was seen, what was done, in which phase."""
 
     observation: Observation
-    truth: GroundTruth
+    ground_truth: GroundTruth | None = None
     action: FloatArray
     """(A,) m per step, in the order of ACTION_NAMES."""
     action_std: FloatArray | None = None
@@ -217,7 +217,7 @@ class Episode:
     """Who chose the actions: gamepad, keyboard, mouse, kinesthetic, scripted, or a policy's name."""
     steps: tuple[Step, ...]
     final_observation: Observation
-    final_truth: GroundTruth
+    final_ground_truth: GroundTruth | None
     stopped_by: StoppedBy
     outcome: Outcome
     step_s: float = STEP_S
@@ -266,9 +266,13 @@ class Episode:
         """Observations at the start of each step and the one after the last: len(steps) + 1."""
         return (*(step.observation for step in self.steps), self.final_observation)
 
-    def truths(self) -> tuple[GroundTruth, ...]:
-        """As observations(), of the mesh."""
-        return (*(step.truth for step in self.steps), self.final_truth)
+    def ground_truths(self) -> tuple[GroundTruth, ...]:
+        """Ground truth at the times of `observations`; DataError for an episode of a real robot, which has none."""
+        found = [*(step.ground_truth for step in self.steps), self.final_ground_truth]
+        known = tuple(item for item in found if item is not None)
+        if len(known) != len(found):
+            raise DataError("the episode has no ground truth: it does not come from a simulator")
+        return known
 
     def contact(self) -> FloatArray:
         """(len(steps) + 1,) camera contact portion over time."""

@@ -144,8 +144,8 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         if unstable is not None:
             portion, area, success = 0.0, 0.0, False
         else:
-            truth = self.bench.truth()
-            portion, area, success = truth.contact_portion_true, truth.flat_area, self.bench.success()
+            ground_truth = self.bench.ground_truth()
+            portion, area, success = ground_truth.contact_portion_true, ground_truth.flat_area, self.bench.success()
         return {
             "contact_portion_true": portion,
             "flat_area": area,

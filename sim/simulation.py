@@ -117,7 +117,7 @@ class ClothSimulation:
             lowest_m=lowest,
         )
 
-    def truth(self) -> GroundTruth:
+    def ground_truth(self) -> GroundTruth:
         """The mesh, and what it says of contact and folds."""
         return GroundTruth(
             nodes=self._nodes,

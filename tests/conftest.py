@@ -55,14 +55,14 @@ def _build_episode(
     size = len(ACTION_NAMES[robot])
     portions = np.linspace(0.0, 0.97, n_steps + 1)
     observations = [_observation(rng, i * STEP_S, float(p), images) for i, p in enumerate(portions)]
-    truths = [
+    ground_truths = [
         GroundTruth(nodes=rng.normal(0, 0.2, (nodes, 3)), contact_portion_true=float(p), flat_area=float(p) - 0.01)
         for p in portions
     ]
     steps = [
         Step(
             observation=observations[i],
-            truth=truths[i],
+            ground_truth=ground_truths[i],
             action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, size),
             action_std=rng.uniform(0, 0.01, size) if with_std else None,
         )
@@ -75,7 +75,7 @@ def _build_episode(
         "source": "scripted",
         "steps": steps,
         "final_observation": observations[-1],
-        "final_truth": truths[-1],
+        "final_ground_truth": ground_truths[-1],
         "stopped_by": "converged",
         "outcome": "success",
         "wall_s": 1.25,

@@ -114,13 +114,13 @@ def fake_episode(group: WorkItem, case: DisturbanceCase) -> Episode:
         phases += ["disturb", "repair"] * item.repeats
     contact = rng.uniform(0, 1, len(phases) + 1)
     observations = [_observation(0.1 * step_index, float(value)) for step_index, value in enumerate(contact)]
-    truths = [
+    ground_truths = [
         GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=float(c), flat_area=0.5 + float(c)) for c in contact
     ]
     size = 2 if group.entrant.robot == "hanger" else 6
     steps = tuple(
-        Step(observation=seen, truth=truth, action=np.zeros(size), phase=phase)
-        for seen, truth, phase in zip(observations, truths, phases, strict=False)
+        Step(observation=seen, ground_truth=ground_truth, action=np.zeros(size), phase=phase)
+        for seen, ground_truth, phase in zip(observations, ground_truths, phases, strict=False)
     )
     return Episode(
         robot=group.entrant.robot,
@@ -129,7 +129,7 @@ def fake_episode(group: WorkItem, case: DisturbanceCase) -> Episode:
         source="fake",
         steps=steps,
         final_observation=observations[-1],
-        final_truth=truths[-1],
+        final_ground_truth=ground_truths[-1],
         stopped_by="converged",
         outcome="success",
         descriptor=group.entrant.descriptor,

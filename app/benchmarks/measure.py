@@ -158,7 +158,7 @@ def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
         height = float(bench.holder.position()[2])
         if height < spec.margin_m + 0.002:
             break
-        touches = bool(bench.truth().nodes[: spec.columns, 2].min() < 2 * spec.margin_m)
+        touches = bool(bench.ground_truth().nodes[: spec.columns, 2].min() < 2 * spec.margin_m)
         # Where the arm yields, its hanger stays a little above its set point: the steps never end before it is down.
         step = max(min(down, 0.3 * height), 0.0005)
         dx = forward * min(1.0, 0.3 + height / 0.05) if touches else 0.0

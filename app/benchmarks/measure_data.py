@@ -238,7 +238,7 @@ def _made_up(*, n_steps: int, nodes: int) -> Episode:
             contact_portion=step_index / n_steps,
         )
 
-    def truth(step_index: int) -> GroundTruth:
+    def ground_truth(step_index: int) -> GroundTruth:
         return GroundTruth(
             nodes=rng.normal(0, 0.2, (nodes, 3)),
             contact_portion_true=step_index / n_steps,
@@ -248,7 +248,7 @@ def _made_up(*, n_steps: int, nodes: int) -> Episode:
     steps = [
         Step(
             observation=observation(step_index),
-            truth=truth(step_index),
+            ground_truth=ground_truth(step_index),
             action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, action_size(ROBOT)),
         )
         for step_index in range(n_steps)
@@ -260,7 +260,7 @@ def _made_up(*, n_steps: int, nodes: int) -> Episode:
         source="scripted",
         steps=tuple(steps),
         final_observation=observation(n_steps),
-        final_truth=truth(n_steps),
+        final_ground_truth=ground_truth(n_steps),
         stopped_by="converged",
         outcome="success",
     )

@@ -151,7 +151,7 @@ def show(episodes: Sequence[Episode]) -> None:
         row = episode_metrics(episode)
         line = (
             row["contact_start"],
-            episode.truths()[0].contact_portion_true,
+            episode.ground_truths()[0].contact_portion_true,
             row["contact_final"],
             row["contact_final_true"],
             row["flat_area_final"],

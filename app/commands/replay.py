@@ -166,7 +166,7 @@ def compare(recorded: Episode, again: Episode) -> Divergence:
 
 def _tracks(episode: Episode, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nodes (count, N, 3) m, corners (count, 2, 3) m and contact (count,) of the first moments."""
-    nodes = np.array([truth.nodes for truth in episode.truths()[:count]])
+    nodes = np.array([ground_truth.nodes for ground_truth in episode.ground_truths()[:count]])
     corners = np.array([seen.corner_positions for seen in episode.observations()[:count]])
     return nodes, corners, episode.contact()[:count]
 
@@ -176,7 +176,7 @@ def _tracks(episode: Episode, count: int) -> tuple[FloatArray, FloatArray, Float
 
 def state_report(episode: Episode) -> dict[str, Any]:
     """The episode's row, what befell the cloth, and what was at each moment."""
-    observations, truths = episode.observations(), episode.truths()
+    observations, ground_truths = episode.observations(), episode.ground_truths()
     return {
         "row": episode_metrics(episode),
         "disturbances": [vars(record) for record in episode.disturbances],
@@ -187,8 +187,8 @@ def state_report(episode: Episode) -> dict[str, Any]:
             "corner_positions_m": [seen.corner_positions.tolist() for seen in observations],
             "word": [seen.word.tolist() for seen in observations],
             "contact_portion": episode.contact().tolist(),
-            "contact_portion_true": [truth.contact_portion_true for truth in truths],
-            "flat_area": [truth.flat_area for truth in truths],
+            "contact_portion_true": [ground_truth.contact_portion_true for ground_truth in ground_truths],
+            "flat_area": [ground_truth.flat_area for ground_truth in ground_truths],
         },
     }
 
@@ -223,7 +223,7 @@ def changed_versions(recorded: Episode) -> Mapping[str, list[str]]:
 def print_state(episode: Episode) -> None:
     """One line per phase: when, and how the cloth lay."""
     table = Table("phase", "steps", "time", "contact", "mesh contact", "flat area")
-    seen, truths = episode.observations(), episode.truths()
+    seen, ground_truths = episode.observations(), episode.ground_truths()
     for phase in PHASES:
         bounds = episode.phase_bounds(phase)
         if bounds is None:
@@ -234,8 +234,8 @@ def print_state(episode: Episode) -> None:
             str(last - first),
             f"{seen[first].time_s:.1f} to {seen[last].time_s:.1f} s",
             f"{100 * seen[first].contact_portion:.1f} to {100 * seen[last].contact_portion:.1f} %",
-            f"{100 * truths[first].contact_portion_true:.1f} to {100 * truths[last].contact_portion_true:.1f} %",
-            f"{truths[first].flat_area:.3f} to {truths[last].flat_area:.3f}",
+            f"{100 * ground_truths[first].contact_portion_true:.1f} to {100 * ground_truths[last].contact_portion_true:.1f} %",
+            f"{ground_truths[first].flat_area:.3f} to {ground_truths[last].flat_area:.3f}",
         )
     out = console()
     out.print(

@@ -58,8 +58,8 @@ def read_rows(path: Path) -> pd.DataFrame:
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
     # Numbers are read by Python: pandas' own way, before its version 3, may lose the last bit.
     numbers = {name: [float(cell) if cell else np.nan for cell in rows[name]] for name in _NUMBERS}
-    truths = {name: rows[name] == "True" for name in _TRUTHS}
-    return rows.assign(**numbers, **truths, **{name: rows[name].astype(int) for name in _COUNTS})
+    ground_truths = {name: rows[name] == "True" for name in _TRUTHS}
+    return rows.assign(**numbers, **ground_truths, **{name: rows[name].astype(int) for name in _COUNTS})
 
 
 def read_run(runs: Path, run: str) -> Episode:

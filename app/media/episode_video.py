@@ -29,7 +29,9 @@ def check_drawable(episode: Episode) -> None:
     """UsageError where the recorded cloth is none that can be drawn."""
     validators.one_of("cloth", episode.cloth, CLOTHS)
     spec = cloth_spec(episode.cloth)
-    wanted, shape = (spec.rows * spec.columns, 3), episode.final_truth.nodes.shape
+    if episode.final_ground_truth is None:
+        raise UsageError("the episode has no cloth nodes and cannot be drawn; it does not come from a simulator")
+    wanted, shape = (spec.rows * spec.columns, 3), episode.final_ground_truth.nodes.shape
     if shape != wanted:
         raise UsageError(
             f"the recorded cloth has nodes of shape {shape} and cannot be drawn; a {spec.name} has {wanted}"
@@ -53,8 +55,10 @@ def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     """What was, as a person in front of the robot saw it; drawn from the nodes, one frame for each observation."""
     with ReplayScene(episode.robot, episode.cloth) as stage:
-        for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
-            image = stage.render(truth.nodes, seen.holder_position, WIDTH, HEIGHT)
+        for step_index, (seen, ground_truth) in enumerate(
+            zip(episode.observations(), episode.ground_truths(), strict=True)
+        ):
+            image = stage.render(ground_truth.nodes, seen.holder_position, WIDTH, HEIGHT)
             contact = min(max(seen.contact_portion, 0.0), 1.0)
             yield video_frame(image, WIDTH, f"{caption(episode, step_index)}  contact {100 * contact:.0f} %")
 
@@ -67,9 +71,11 @@ def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     drawer = PerceptionOverlay()
     with ExitStack() as stack:
         stage: ReplayScene | None = None
-        for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+        for step_index, (seen, ground_truth) in enumerate(
+            zip(episode.observations(), episode.ground_truths(), strict=True)
+        ):
             if seen.rgb is None or seen.depth is None:
                 stage = stage or stack.enter_context(ReplayScene(episode.robot, episode.cloth))
-                rgb, depth = stage.capture(truth.nodes, seen.holder_position)
+                rgb, depth = stage.capture(ground_truth.nodes, seen.holder_position)
                 seen = replace(seen, rgb=rgb, depth=depth)
             yield video_frame(drawer(seen), WIDTH, caption(episode, step_index))

@@ -39,9 +39,9 @@ class EpisodeRenderer:
         """Frames at ``steps`` of ``observations()``, with contact and WORD drawn; none of a cloth that is unknown."""
         if not drawable(episode):
             return ()
-        seen, truths = list(episode.observations()), episode.truths()
+        seen, ground_truths = list(episode.observations()), episode.ground_truths()
         for step_index in set(step_indices):
-            seen[step_index] = self._pictured(episode, seen[step_index], truths[step_index])
+            seen[step_index] = self._pictured(episode, seen[step_index], ground_truths[step_index])
         steps = tuple(
             replace(step, observation=observation) for step, observation in zip(episode.steps, seen, strict=False)
         )
@@ -51,15 +51,17 @@ class EpisodeRenderer:
 
     def film(self, episode: Episode, width: int) -> Iterator[NDArray[np.uint8]]:
         """Every observation as in ``strip``, with what goes on written on it."""
-        for step_index, (seen, truth) in enumerate(zip(episode.observations(), episode.truths(), strict=True)):
+        for step_index, (seen, ground_truth) in enumerate(
+            zip(episode.observations(), episode.ground_truths(), strict=True)
+        ):
             yield video_frame(
-                self._drawer(self._pictured(episode, seen, truth)), width, frame_label(episode, step_index)
+                self._drawer(self._pictured(episode, seen, ground_truth)), width, frame_label(episode, step_index)
             )
 
-    def _pictured(self, episode: Episode, seen: Observation, truth: GroundTruth) -> Observation:
+    def _pictured(self, episode: Episode, seen: Observation, ground_truth: GroundTruth) -> Observation:
         if seen.rgb is not None and seen.depth is not None:
             return seen
-        rgb, depth = self._stage(episode).capture(truth.nodes, seen.holder_position)
+        rgb, depth = self._stage(episode).capture(ground_truth.nodes, seen.holder_position)
         return replace(seen, rgb=rgb, depth=depth)
 
     def _stage(self, episode: Episode) -> ReplayScene:

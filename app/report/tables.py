@@ -116,7 +116,7 @@ def gains(runs: Sequence[Episode]) -> FloatArray:
 
 def flat_count(episodes: Sequence[Episode]) -> int:
     """Episodes that end flat."""
-    return sum(episode.final_truth.flat_area > FLAT_AREA for episode in episodes)
+    return sum(truth is not None and truth.flat_area > FLAT_AREA for truth in (e.final_ground_truth for e in episodes))
 
 
 def seeds_text(episodes: Sequence[Episode]) -> str:
@@ -153,10 +153,10 @@ def interval(low: float, high: float, form: str) -> str:
 def _placing_cells(runs: Sequence[Episode]) -> tuple[str, ...]:
     ends = [(run, end) for run, end in ((run, placed_step(run)) for run in runs) if end is not None]
     contact = statistics(placed_contacts(runs))
-    truths = [run.truths()[end] for run, end in ends]
-    area = statistics(np.array([truth.flat_area for truth in truths]))
-    mesh = statistics(np.array([truth.contact_portion_true for truth in truths]))
-    flat = sum(truth.flat_area > FLAT_AREA for truth in truths)
+    ground_truths = [run.ground_truths()[end] for run, end in ends]
+    area = statistics(np.array([ground_truth.flat_area for ground_truth in ground_truths]))
+    mesh = statistics(np.array([ground_truth.contact_portion_true for ground_truth in ground_truths]))
+    flat = sum(ground_truth.flat_area > FLAT_AREA for ground_truth in ground_truths)
     return (
         str(len(ends)),
         percent(contact["max"]),

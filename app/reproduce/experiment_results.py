@@ -159,7 +159,7 @@ def digest_of(episode: Episode) -> EpisodeDigest:
     return EpisodeDigest(
         curve=curve_of(episode),
         disturbance_outcomes=disturbance_outcomes(episode),
-        mesh_start=episode.truths()[0].contact_portion_true,
+        mesh_start=episode.ground_truths()[0].contact_portion_true,
     )
 
 

@@ -92,6 +92,7 @@ def disturbed_contacts(episode: Episode) -> tuple[ContactDip, ...]:
 def episode_metrics(episode: Episode) -> dict[str, Any]:
     """One row in the order of COLUMNS; contact portions in 0..1 (noise above 1 is cut off), None for no moment."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
+    ground_truth = episode.final_ground_truth
 
     def at(step_index: int | None) -> float | None:
         return None if step_index is None else float(contact[step_index])
@@ -106,8 +107,8 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
         "contact_placed": at(placed_step(episode)),
         "contact_disturbed": at(disturbed_step(episode)),
         "contact_final": float(contact[-1]),
-        "contact_final_true": episode.final_truth.contact_portion_true,
-        "flat_area_final": episode.final_truth.flat_area,
+        "contact_final_true": None if ground_truth is None else ground_truth.contact_portion_true,
+        "flat_area_final": None if ground_truth is None else ground_truth.flat_area,
         "steps": len(episode.steps),
         "stopped_by": episode.stopped_by,
         "unstable": episode.unstable,

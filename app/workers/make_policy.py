@@ -48,5 +48,5 @@ def _scripted(bench: ClothSimulation) -> Policy:
         length_m=spec.length_m,
         columns=spec.columns,
         held_width_m=HELD_STRETCH * spec.width_m,
-        look=bench.truth,
+        look=bench.ground_truth,
     )

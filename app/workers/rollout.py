@@ -111,7 +111,7 @@ def replay_actions(bench: ClothSimulation, recorded: Episode) -> Episode:
         steps=again.steps,
         disturbances=again.disturbances,
         final_observation=again.final_observation,
-        final_truth=again.final_truth,
+        final_ground_truth=again.final_ground_truth,
         wall_s=time.monotonic() - began,
         provenance=capture_provenance(),
     )

@@ -75,7 +75,7 @@ class EpisodeRunner:
         policy.reset(seed)
         self.seen = bench.observe()
         """What the next step begins with."""
-        self.truth = bench.truth()
+        self.ground_truth = bench.ground_truth()
         self._beginning = self._describe_beginning(disturbance)
         if begin is not None:
             self._hooks = (*self._hooks, begin(self._beginning))
@@ -109,7 +109,7 @@ class EpisodeRunner:
             action = self.bench.guide(hand)
         step = Step(
             observation=self._kept(self.seen),
-            truth=self.truth,
+            ground_truth=self.ground_truth,
             action=action,
             action_std=std,
             phase=phase,
@@ -124,7 +124,7 @@ class EpisodeRunner:
             return "unstable"
         if not self.bench.disturbed:
             self._note_end()
-        self.seen, self.truth = self.bench.observe(), self.bench.truth()
+        self.seen, self.ground_truth = self.bench.observe(), self.bench.ground_truth()
         for hook in self._hooks:
             hook.on_step(step, len(self.steps))
         return None
@@ -164,7 +164,7 @@ class EpisodeRunner:
             steps=tuple(self.steps),
             disturbances=tuple(record for record in self.disturbances if record.first_step < len(self.steps)),
             final_observation=self._kept(self.seen),
-            final_truth=self.truth,
+            final_ground_truth=self.ground_truth,
             stopped_by=stopped_by,
             outcome=outcome,
             wall_s=time.monotonic() - self.began_s,
@@ -180,7 +180,7 @@ class EpisodeRunner:
             source=self.policy.name,
             steps=(),
             final_observation=self._kept(self.seen),
-            final_truth=self.truth,
+            final_ground_truth=self.ground_truth,
             stopped_by="interrupted",
             outcome="partial",
             step_s=settings.step_s,

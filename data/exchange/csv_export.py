@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -72,7 +73,7 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
 
 
 def _episode_row(name: str, episode: Episode) -> list[object]:
-    contact, end = episode.contact(), episode.final_truth
+    contact, end = episode.contact(), episode.final_ground_truth
     return [
         name,
         episode.robot,
@@ -86,16 +87,16 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
         float(episode.step_s),
         float(contact[0]),
         float(contact[-1]),
-        float(end.contact_portion_true),
-        float(end.flat_area),
+        math.nan if end is None else float(end.contact_portion_true),
+        math.nan if end is None else float(end.flat_area),
     ]
 
 
 def _step_rows(name: str, episode: Episode) -> Iterator[list[object]]:
     size = len(ACTION_NAMES[episode.robot])
-    truths = episode.truths()
+    ground_truths = episode.ground_truths()
     for step_index, seen in enumerate(episode.observations()):
-        true = [float(truths[step_index].contact_portion_true), float(truths[step_index].flat_area)]
+        true = [float(ground_truths[step_index].contact_portion_true), float(ground_truths[step_index].flat_area)]
         phase: str = ""
         done: list[object] = [""] * (2 * size + len(_BEFELL))
         if step_index < len(episode.steps):

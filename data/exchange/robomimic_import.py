@@ -65,9 +65,9 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
             f"{group.name}/{schema.ACTIONS} has shape {actions.shape}; robot {robot} has {action_size(robot)}"
         )
     observations = _observations(rows, len(actions))
-    truths = _truths(rows, len(actions))
+    ground_truths = _truths(rows, len(actions))
     joints = rows.take(schema.JOINTS, ndim=1) if rows.has(schema.JOINTS) else np.zeros(0)
-    unknown = _unknown(robot, observations, truths)
+    unknown = _unknown(robot, observations, ground_truths)
     attributes = attributes_of(unknown, "") | {schema.CLOTH: cloth or ""} | told
     if not attributes[schema.CLOTH]:
         raise DataError(f"{group.name} does not say of which cloth it is; name the cloth")
@@ -80,11 +80,11 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     phases = _phases(rows, len(actions))
     if schema.DISTURBANCES not in told:
         attributes[schema.DISTURBANCES] = disturbances_from_2({PLAN: _plan(group)} | attributes, phases)
-    known = without_steps(attributes, observations[-1], truths[-1])
-    return replace(known, steps=_steps(rows, actions, observations, truths, phases), initial_joints=joints)
+    known = without_steps(attributes, observations[-1], ground_truths[-1])
+    return replace(known, steps=_steps(rows, actions, observations, ground_truths, phases), initial_joints=joints)
 
 
-def _unknown(robot: RobotName, observations: list[Observation], truths: list[GroundTruth]) -> Episode:
+def _unknown(robot: RobotName, observations: list[Observation], ground_truths: list[GroundTruth]) -> Episode:
     """What an episode is of which nothing is told."""
     return Episode(
         robot=robot,
@@ -93,10 +93,10 @@ def _unknown(robot: RobotName, observations: list[Observation], truths: list[Gro
         source=UNKNOWN_SOURCE,
         steps=(),
         final_observation=observations[-1],
-        final_truth=truths[-1],
+        final_ground_truth=ground_truths[-1],
         stopped_by="step_limit",
         # By what the recorder goes by.
-        outcome="success" if truths[-1].flat_area > FLAT_AREA else "failure",
+        outcome="success" if ground_truths[-1].flat_area > FLAT_AREA else "failure",
         step_s=_step_s(observations),
     )
 
@@ -249,7 +249,7 @@ def _steps(
     rows: _Rows,
     actions: NDArray[np.float64],
     observations: list[Observation],
-    truths: list[GroundTruth],
+    ground_truths: list[GroundTruth],
     phases: NDArray[Any],
 ) -> tuple[Step, ...]:
     metres = _metres(rows, actions)
@@ -262,7 +262,7 @@ def _steps(
     return tuple(
         Step(
             observation=observations[i],
-            truth=truths[i],
+            ground_truth=ground_truths[i],
             action=metres[i],
             action_std=None if std is None or np.isnan(std[i]).all() else std[i],
             phase=cast(Phase, bytes(phases[i]).decode("ascii", "replace")),

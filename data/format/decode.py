@@ -39,14 +39,14 @@ def read_demo(group: h5py.Group, *, images: bool) -> Episode:
     """The episode of a group that check_demo has passed."""
     attributes = upgraded_demo(stored_attributes(group), group)
     observations = _observations(group, images=images)
-    truths = _truths(group)
-    _check_copies(attributes, observations, truths)
-    beginning = without_steps(attributes, observations[-1], truths[-1])
+    ground_truths = _truths(group)
+    _check_copies(attributes, observations, ground_truths)
+    beginning = without_steps(attributes, observations[-1], ground_truths[-1])
     joints = group[schema.JOINTS][()] if schema.JOINTS in group else np.zeros(0)
-    return replace(beginning, steps=_steps(group, observations, truths), initial_joints=joints)
+    return replace(beginning, steps=_steps(group, observations, ground_truths), initial_joints=joints)
 
 
-def without_steps(attributes: Mapping[str, Attribute], observation: Observation, truth: GroundTruth) -> Episode:
+def without_steps(attributes: Mapping[str, Attribute], observation: Observation, ground_truth: GroundTruth) -> Episode:
     """Everything of an episode that the attributes of its demo hold."""
     provenance = json_object(attributes, schema.PROVENANCE)
     return Episode(
@@ -56,7 +56,7 @@ def without_steps(attributes: Mapping[str, Attribute], observation: Observation,
         source=str(attributes[schema.SOURCE]),
         steps=(),
         final_observation=observation,
-        final_truth=truth,
+        final_ground_truth=ground_truth,
         stopped_by=cast(StoppedBy, attributes[schema.STOPPED_BY]),
         outcome=cast(Outcome, attributes[schema.OUTCOME]),
         step_s=float(attributes[schema.STEP_S]),
@@ -126,7 +126,7 @@ def _truths(group: h5py.Group) -> list[GroundTruth]:
     ]
 
 
-def _steps(group: h5py.Group, observations: list[Observation], truths: list[GroundTruth]) -> tuple[Step, ...]:
+def _steps(group: h5py.Group, observations: list[Observation], ground_truths: list[GroundTruth]) -> tuple[Step, ...]:
     action_m, std = _array(group, schema.ACTION_M), _array(group, schema.ACTION_STD)
     if not np.array_equal(action_m / ACTION_LIMIT_M, _array(group, schema.ACTIONS)):
         raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
@@ -135,7 +135,7 @@ def _steps(group: h5py.Group, observations: list[Observation], truths: list[Grou
     return tuple(
         Step(
             observation=observations[i],
-            truth=truths[i],
+            ground_truth=ground_truths[i],
             action=action_m[i],
             action_std=None if np.isnan(std[i]).all() else std[i],
             phase=cast(Phase, phase),
@@ -161,14 +161,14 @@ def hand_of(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
 
 
 def _check_copies(
-    attributes: Mapping[str, Attribute], observations: list[Observation], truths: list[GroundTruth]
+    attributes: Mapping[str, Attribute], observations: list[Observation], ground_truths: list[GroundTruth]
 ) -> None:
     """What a table of episodes shows must be what the episodes hold."""
     for key, value in (
         (schema.CONTACT_START, observations[0].contact_portion),
         (schema.CONTACT_FINAL, observations[-1].contact_portion),
-        (schema.CONTACT_TRUE_FINAL, truths[-1].contact_portion_true),
-        (schema.FLAT_AREA_FINAL, truths[-1].flat_area),
+        (schema.CONTACT_TRUE_FINAL, ground_truths[-1].contact_portion_true),
+        (schema.FLAT_AREA_FINAL, ground_truths[-1].flat_area),
     ):
         if attributes[key] != value:
             raise DataError(f"attribute {key} is {attributes[key]}; the arrays say {value}")

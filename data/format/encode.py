@@ -37,7 +37,7 @@ AGREED = (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
 def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
     """All attributes of the demo except the digest."""
     start = {str(key): float(value) for key, value in episode.start.items()}
-    observations, truth = episode.observations(), episode.final_truth
+    observations, ground_truth = episode.observations(), episode.final_ground_truth
     attributes: dict[str, Attribute] = {
         schema.UID: uid,
         schema.VERSION: schema.SCHEMA_VERSION,
@@ -60,8 +60,8 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.FIRST_STEP: int(episode.first_step),
         schema.CONTACT_START: float(observations[0].contact_portion),
         schema.CONTACT_FINAL: float(observations[-1].contact_portion),
-        schema.CONTACT_TRUE_FINAL: float(truth.contact_portion_true),
-        schema.FLAT_AREA_FINAL: float(truth.flat_area),
+        schema.CONTACT_TRUE_FINAL: math.nan if ground_truth is None else float(ground_truth.contact_portion_true),
+        schema.FLAT_AREA_FINAL: math.nan if ground_truth is None else float(ground_truth.flat_area),
         schema.PROVENANCE: _json(
             {**vars(episode.provenance), "versions": dict(episode.provenance.versions)}, schema.PROVENANCE
         ),
@@ -79,13 +79,13 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
     action_m = np.array([step.action for step in steps])
     _check_actions(action_m)
     unknown_std = np.full(action_m.shape[1], np.nan)
-    truths = episode.truths()
-    sizes = {truth.nodes.shape[0] for truth in truths}
+    ground_truths = episode.ground_truths()
+    sizes = {ground_truth.nodes.shape[0] for ground_truth in ground_truths}
     if len(sizes) != 1:
         raise DataError(
             f"the number of cloth nodes changes within the episode ({sorted(sizes)}); it must stay the same"
         )
-    nodes = np.array([truth.nodes.reshape(-1) for truth in truths])
+    nodes = np.array([ground_truth.nodes.reshape(-1) for ground_truth in ground_truths])
     observed = _observed(episode.observations(), keep_images=keep_images)
     return {
         schema.ACTIONS: action_m / ACTION_LIMIT_M,
@@ -96,8 +96,8 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
         schema.DONES: np.arange(1, len(steps) + 1) == len(steps),
         schema.STATES: nodes[:-1],
         schema.FINAL_STATE: nodes[-1],
-        schema.CONTACT_TRUE: np.array([[truth.contact_portion_true] for truth in truths]),
-        schema.FLAT_AREA: np.array([[truth.flat_area] for truth in truths]),
+        schema.CONTACT_TRUE: np.array([[ground_truth.contact_portion_true] for ground_truth in ground_truths]),
+        schema.FLAT_AREA: np.array([[ground_truth.flat_area] for ground_truth in ground_truths]),
         **({schema.JOINTS: episode.initial_joints} if episode.initial_joints.size else {}),
         **_told_by_few(steps),
         **{f"{schema.OBS}/{key}": rows[:-1] for key, rows in observed.items()},

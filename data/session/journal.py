@@ -73,7 +73,7 @@ class _Step(NamedTuple):
 
 class _Last(NamedTuple):
     observation: Observation
-    truth: GroundTruth
+    ground_truth: GroundTruth
     wall_s: float
     attributes: bytes
 
@@ -113,7 +113,7 @@ class JournalWriter:
             raise self._problem
         if step.action.shape != (self._size,) or np.abs(step.action).max() > ACTION_LIMIT_M:
             raise DataError(f"the action is {step.action}; it must be {self._size} numbers within +-{ACTION_LIMIT_M} m")
-        self._check_fits(step.observation, step.truth)
+        self._check_fits(step.observation, known(step.ground_truth))
         self._queue.put(_Step(step, time.monotonic() - self._began))
         self._n_steps += 1
 
@@ -133,9 +133,11 @@ class JournalWriter:
             # The loop's hooks do not hear of a step that ended in instability.
             for step in episode.steps[self._n_steps :]:
                 self.step(step)
-            self._check_fits(episode.final_observation, episode.final_truth)
+            self._check_fits(episode.final_observation, known(episode.final_ground_truth))
             attributes = json.dumps(attributes_of(episode, self.ticket.uid)).encode("ascii")
-            self._queue.put(_Last(episode.final_observation, episode.final_truth, episode.wall_s, attributes))
+            self._queue.put(
+                _Last(episode.final_observation, known(episode.final_ground_truth), episode.wall_s, attributes)
+            )
         self.close()
 
     def close(self) -> None:
@@ -164,8 +166,8 @@ class JournalWriter:
             path.unlink()
             raise self._failed(error) from error
 
-    def _check_fits(self, observation: Observation, truth: GroundTruth) -> None:
-        lengths = _lengths(observation, truth, self._size, keep_images=self.ticket.keep_images)
+    def _check_fits(self, observation: Observation, ground_truth: GroundTruth) -> None:
+        lengths = _lengths(observation, ground_truth, self._size, keep_images=self.ticket.keep_images)
         if lengths != self._lengths:
             raise DataError(f"the step has {lengths}; the episode began with {self._lengths}")
 
@@ -199,7 +201,7 @@ class JournalWriter:
         record = np.zeros((), self._dtype)
         record["wall_s"] = item.wall_s
         if isinstance(item, _Last):
-            _fill(record, item.observation, item.truth)
+            _fill(record, item.observation, item.ground_truth)
             return frame(END, record.tobytes() + item.attributes)
         step = item.step
         record["action_m"] = step.action
@@ -209,7 +211,7 @@ class JournalWriter:
         record[schema.PULL_NODE] = -1 if step.pull is None else step.pull.node
         record[schema.HAND] = hand_row(step.hand_m)
         record[schema.PULL_TARGET] = np.nan if step.pull is None else step.pull.target_m
-        _fill(record, step.observation, step.truth)
+        _fill(record, step.observation, known(step.ground_truth))
         return frame(STEP, record.tobytes())
 
     def _failed(self, error: Exception) -> DataError:
@@ -235,7 +237,7 @@ def write_all(descriptor: int, *pieces: bytes) -> None:
 def lengths_of(beginning: Episode, *, keep_images: bool) -> dict[str, int]:
     """The letters of the schema's shapes, and ``nodes``, in this episode."""
     size = action_size(beginning.robot)
-    return _lengths(beginning.final_observation, beginning.final_truth, size, keep_images=keep_images)
+    return _lengths(beginning.final_observation, known(beginning.final_ground_truth), size, keep_images=keep_images)
 
 
 def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSION) -> np.dtype[Any]:
@@ -254,8 +256,8 @@ def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSIO
     return np.dtype(columns)
 
 
-def _lengths(observation: Observation, truth: GroundTruth, actions: int, *, keep_images: bool) -> dict[str, int]:
-    lengths = {"A": actions, "nodes": len(truth.nodes)}
+def _lengths(observation: Observation, ground_truth: GroundTruth, actions: int, *, keep_images: bool) -> dict[str, int]:
+    lengths = {"A": actions, "nodes": len(ground_truth.nodes)}
     if keep_images and observation.rgb is not None:
         lengths["H"], lengths["W"] = observation.rgb.shape[:2]
     if keep_images and observation.depth is not None:
@@ -263,11 +265,18 @@ def _lengths(observation: Observation, truth: GroundTruth, actions: int, *, keep
     return lengths
 
 
-def _fill(record: NDArray[Any], observation: Observation, truth: GroundTruth) -> None:
+def _fill(record: NDArray[Any], observation: Observation, ground_truth: GroundTruth) -> None:
     for key in record.dtype.names or ():
         value = getattr(observation, key, None)
         if value is not None:
             record[key] = np.asarray(value).reshape(record[key].shape)
-    record["nodes"] = truth.nodes
-    record["contact_portion_true"] = truth.contact_portion_true
-    record["flat_area"] = truth.flat_area
+    record["nodes"] = ground_truth.nodes
+    record["contact_portion_true"] = ground_truth.contact_portion_true
+    record["flat_area"] = ground_truth.flat_area
+
+
+def known(ground_truth: GroundTruth | None) -> GroundTruth:
+    """Return the ground truth, or raise DataError where there is none."""
+    if ground_truth is None:
+        raise DataError("an episode without ground truth cannot be kept yet")
+    return ground_truth

@@ -131,19 +131,19 @@ def _recovered(frames: list[tuple[bytes, bytes]], stopped_by: StoppedBy) -> Reco
 
 def _episode(attributes: Mapping[str, Attribute], records: NDArray[Any], joints: list[float]) -> Episode:
     """The last record is the state after the last step."""
-    observations, truths = _observations(records), _truths(records)
-    episode = without_steps(attributes, observations[-1], truths[-1])
+    observations, ground_truths = _observations(records), _truths(records)
+    episode = without_steps(attributes, observations[-1], ground_truths[-1])
     told = set(records.dtype.names or ()) >= {*TOLD_BY_FEW}
     steps = tuple(
         Step(
             observation=observation,
-            truth=truth,
+            ground_truth=ground_truth,
             action=record["action_m"],
             action_std=None if np.isnan(record["action_std"]).all() else record["action_std"],
             phase=cast(Phase, bytes(record["phase"]).decode("ascii")),
             **(_told_by_few(record) if told else {}),
         )
-        for observation, truth, record in zip(observations[:-1], truths[:-1], records, strict=False)
+        for observation, ground_truth, record in zip(observations[:-1], ground_truths[:-1], records, strict=False)
     )
     return replace(
         episode,

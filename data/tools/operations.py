@@ -165,7 +165,7 @@ def trimmed(episode: Episode, start: int, stop: int) -> Episode:
     return replace(
         cut,
         final_observation=after.observation,
-        final_truth=after.truth,
+        final_ground_truth=after.ground_truth,
         outcome="partial",
         stopped_by="interrupted",
     )

@@ -68,7 +68,7 @@ def _fake_episode(
             rgb=_picture(contact, step_index) if images else None,
         )
 
-    def truth(step_index: int) -> GroundTruth:
+    def ground_truth(step_index: int) -> GroundTruth:
         contact = _contact(step_index, gain, noise)
         return GroundTruth(
             nodes=np.zeros((4, 3)), contact_portion_true=min(contact, 1.0), flat_area=min(contact + 0.01, 1.0)
@@ -79,7 +79,7 @@ def _fake_episode(
         move = np.vstack([after.corner_positions - here.corner_positions])
         action = move[0, [0, 2]] if robot == "hanger" else move.ravel()
         phase = "place" if step_index < PLACE else "disturb" if step_index < PLACE + DISTURB else "repair"
-        return Step(observation=here, truth=truth(step_index), action=action, phase=phase)
+        return Step(observation=here, ground_truth=ground_truth(step_index), action=action, phase=phase)
 
     values: dict[str, Any] = {
         "robot": robot,
@@ -88,7 +88,7 @@ def _fake_episode(
         "source": source,
         "steps": tuple(step(step_index) for step_index in range(n_steps)),
         "final_observation": observation(n_steps),
-        "final_truth": truth(n_steps),
+        "final_ground_truth": ground_truth(n_steps),
         "stopped_by": "threshold",
         "outcome": "success",
         "disturbance": "push" if disturbed else "none",
@@ -130,11 +130,14 @@ def lying() -> Callable[..., Episode]:
     def made(episode: Episode, n_steps: int = 6) -> Episode:
         spec = cloth_spec(episode.cloth)
 
-        def truth(step_index: int) -> GroundTruth:
+        def ground_truth(step_index: int) -> GroundTruth:
             return GroundTruth(nodes=spec.flat_nodes(x_m=0.02 * step_index), contact_portion_true=1.0, flat_area=1.0)
 
-        steps = tuple(replace(step, truth=truth(step_index)) for step_index, step in enumerate(episode.steps[:n_steps]))
+        steps = tuple(
+            replace(step, ground_truth=ground_truth(step_index))
+            for step_index, step in enumerate(episode.steps[:n_steps])
+        )
         after = episode.steps[n_steps].observation
-        return replace(episode, steps=steps, final_observation=after, final_truth=truth(n_steps))
+        return replace(episode, steps=steps, final_observation=after, final_ground_truth=ground_truth(n_steps))
 
     return made

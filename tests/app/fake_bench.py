@@ -66,7 +66,7 @@ class FakeBench:
     def _contact(self) -> float:
         return float(np.clip(self._holder_m[0] / 0.4 - self._wrinkles, 0.0, 1.0))
 
-    def truth(self) -> GroundTruth:
+    def ground_truth(self) -> GroundTruth:
         return GroundTruth(nodes=self._nodes, contact_portion_true=self._contact(), flat_area=self._contact())
 
     def success(self) -> bool:

@@ -21,7 +21,7 @@ def test_the_camera_agrees_with_the_mesh_over_whole_placements() -> None:
     """Mean absolute error at most 0.02 in each, of the steps in which any of the cloth lies: air would dilute it."""
     for job, episode in zip(JOBS, run_episodes(JOBS, workers=1), strict=True):
         assert isinstance(episode, Episode), episode
-        true = np.array([truth.contact_portion_true for truth in episode.truths()])
+        true = np.array([ground_truth.contact_portion_true for ground_truth in episode.ground_truths()])
         lying = true > 0
         errors = (episode.contact() - true)[lying]
         assert np.abs(errors).mean() <= 0.02, job

@@ -53,16 +53,17 @@ def laid(episode, *, lift_m=0.15):
     flat = spec.flat_nodes(x_m=0.25)
     along = (flat[:, 0] - flat[:, 0].min()) / np.ptp(flat[:, 0])
 
-    def truth(old, contact):
+    def ground_truth(old, contact):
         nodes = flat.copy()
         nodes[:, 2] += lift_m * np.clip(along - contact, 0, None)
         return GroundTruth(nodes=nodes, contact_portion_true=old.contact_portion_true, flat_area=old.flat_area)
 
     contact = episode.contact()
     steps = tuple(
-        replace(step, truth=truth(step.truth, contact[step_index])) for step_index, step in enumerate(episode.steps)
+        replace(step, ground_truth=ground_truth(step.ground_truth, contact[step_index]))
+        for step_index, step in enumerate(episode.steps)
     )
-    return replace(episode, steps=steps, final_truth=truth(episode.final_truth, contact[-1]))
+    return replace(episode, steps=steps, final_ground_truth=ground_truth(episode.final_ground_truth, contact[-1]))
 
 
 @pytest.fixture(scope="module")

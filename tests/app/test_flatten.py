@@ -126,7 +126,7 @@ def test_word_flattens_what_stretching_and_chance_do_not(tmp_path: Path) -> None
         runs = [run for run in run_episodes(jobs, workers=2) if isinstance(run, Episode)]
         assert len(runs) == len(jobs)
         final[name] = float(np.mean([run.contact()[-1] for run in runs]))
-        true[name] = float(np.mean([run.final_truth.contact_portion_true for run in runs]))
+        true[name] = float(np.mean([run.final_ground_truth.contact_portion_true for run in runs]))
     assert true["word"] >= 0.98
     assert max(final["stretch-right"], true["stretch-right"]) < 0.95
     assert max(final["random"], true["random"]) < 0.85

@@ -21,7 +21,7 @@ from layflat.policy import model_io as model_files
 def _beginning(episode):
     first = episode.steps[0]
     return replace(
-        episode, steps=(), final_observation=first.observation, final_truth=first.truth, stopped_by="interrupted",
+        episode, steps=(), final_observation=first.observation, final_ground_truth=first.ground_truth, stopped_by="interrupted",
         outcome="partial",
     )  # fmt: skip
 

@@ -40,7 +40,7 @@ def ahead_at_touch(robot: RobotName, around: Callable[[Policy], Policy]) -> floa
         policy.reset(2)
         down = False
         for _ in range(60):
-            edge = bench.truth().nodes[:columns]
+            edge = bench.ground_truth().nodes[:columns]
             down, before = bool(edge[:, 2].min() < 0.008), down
             if down and before:
                 return float(edge[:, 0].mean() - bench.holder.position()[0])
@@ -60,7 +60,7 @@ def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: RobotName) -
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_folded_corner_is_lifted_and_laid_again(robot: RobotName) -> None:
-    assert episode(robot, "folded-corner", 5).final_truth.flat_area < FLAT_AREA
+    assert episode(robot, "folded-corner", 5).final_ground_truth.flat_area < FLAT_AREA
     lifted = episode(robot, "folded-corner", 5, "recovery")
-    assert lifted.final_truth.flat_area > FLAT_AREA
+    assert lifted.final_ground_truth.flat_area > FLAT_AREA
     assert max(step.observation.holder_position[2] for step in lifted.steps) > 0.4

@@ -197,8 +197,8 @@ def test_the_divergence_is_the_largest_distance_of_its_step(make_episode):
     shift = np.zeros((4, 3))
     shift[2] = [0.003, 0.0, -0.004]
     steps = list(episode.steps)
-    far = GroundTruth(nodes=steps[7].truth.nodes + shift, contact_portion_true=0.5, flat_area=0.5)
-    steps[7] = replace(steps[7], truth=far)
+    far = GroundTruth(nodes=steps[7].ground_truth.nodes + shift, contact_portion_true=0.5, flat_area=0.5)
+    steps[7] = replace(steps[7], ground_truth=far)
     seen = steps[9].observation
     corners = seen.corner_positions + np.array([[0, 0, 0], [0, 0.002, 0]])
     steps[9] = replace(
@@ -227,7 +227,9 @@ def test_one_bit_is_a_difference(make_episode):
 def test_a_shorter_run_is_not_identical_even_where_it_agrees(make_episode):
     episode = make_episode()
     last = episode.steps[-1]
-    short = replace(episode, steps=episode.steps[:-1], final_observation=last.observation, final_truth=last.truth)
+    short = replace(
+        episode, steps=episode.steps[:-1], final_observation=last.observation, final_ground_truth=last.ground_truth
+    )
     divergence = compare(episode, short)
     assert not divergence.identical
     assert divergence.first_step is None
@@ -279,7 +281,7 @@ def test_state_replay_tells_each_moment(make_episode):
     assert len(columns["phase"]) == len(episode.steps)
     assert all(len(column) == len(episode.steps) + 1 for key, column in columns.items() if key != "phase")
     assert columns["contact_portion"] == [o.contact_portion for o in episode.observations()]
-    assert columns["flat_area"][-1] == episode.final_truth.flat_area
+    assert columns["flat_area"][-1] == episode.final_ground_truth.flat_area
     json.dumps(report, allow_nan=False)
 
 

@@ -18,7 +18,7 @@ def _beginning(episode: Episode) -> Episode:
         episode,
         steps=(),
         final_observation=first.observation,
-        final_truth=first.truth,
+        final_ground_truth=first.ground_truth,
         outcome="partial",
         stopped_by="interrupted",
     )
@@ -33,9 +33,15 @@ def beginning_of() -> Callable[[Episode], Episode]:
 def _prefix(episode: Episode, n_steps: int, **changes: object) -> Episode:
     """By hand, so that it is an independent truth for trimming and recovery."""
     after = [*episode.steps, None][n_steps]
-    final = (episode.final_observation, episode.final_truth) if after is None else (after.observation, after.truth)
+    final = (
+        (episode.final_observation, episode.final_ground_truth)
+        if after is None
+        else (after.observation, after.ground_truth)
+    )
     values = {"outcome": "partial", "stopped_by": "crashed"} | changes
-    return replace(episode, steps=episode.steps[:n_steps], final_observation=final[0], final_truth=final[1], **values)
+    return replace(
+        episode, steps=episode.steps[:n_steps], final_observation=final[0], final_ground_truth=final[1], **values
+    )
 
 
 @pytest.fixture(scope="session")

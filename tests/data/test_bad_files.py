@@ -68,7 +68,7 @@ def test_cut_short_anywhere(session_path, tmp_path):
 
 def test_one_wrong_bit_is_never_read_as_something_else(session_path, tmp_path, differences):
     with open_session(session_path) as session:
-        truth = list(session)
+        ground_truth = list(session)
     whole, path = session_path.read_bytes(), tmp_path / "flipped.h5"
     rng, noticed = random.Random(1), 0
     for _ in range(60):
@@ -81,7 +81,7 @@ def test_one_wrong_bit_is_never_read_as_something_else(session_path, tmp_path, d
         except DataError:
             noticed += 1
         else:
-            assert [differences(a, b) for a, b in zip(found, truth, strict=True)] == [[], []]
+            assert [differences(a, b) for a, b in zip(found, ground_truth, strict=True)] == [[], []]
     assert noticed > 20
 
 

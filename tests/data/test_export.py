@@ -176,7 +176,7 @@ def test_a_file_that_kept_only_the_layout_comes_back(robot, session_of, make_epi
         for original, episode in zip(made, session, strict=True):
             told = {"seed": UNKNOWN_SEED, "source": UNKNOWN_SOURCE, "stopped_by": "step_limit", "wall_s": 0.0}
             changed = {"outcome": "failure", "start": {}, "provenance": episode.provenance}
-            assert original.final_truth.flat_area <= FLAT_AREA
+            assert original.final_ground_truth.flat_area <= FLAT_AREA
             assert differences(episode, replace(original, **told, **changed)) == []
             assert "foreign.hdf5" in episode.provenance.command
 
@@ -192,7 +192,7 @@ def test_what_a_file_tells_is_believed_and_rounding_is_all_that_float32_costs(se
         assert getattr(episode, key) == getattr(made, key)
     for got, meant in zip(episode.steps, made.steps, strict=True):
         np.testing.assert_allclose(got.action, meant.action, rtol=1e-6)
-        np.testing.assert_allclose(got.truth.nodes, meant.truth.nodes, rtol=1e-6)
+        np.testing.assert_allclose(got.ground_truth.nodes, meant.ground_truth.nodes, rtol=1e-6)
         assert (got.phase, got.action_std) == ("place", None)
 
 
@@ -336,11 +336,11 @@ def test_csv_reads_back_to_the_same_bits(robot, session_of, make_episode, tmp_pa
         own = [row for row in rows if row["episode"] == f"demo_{number}"]
         assert [int(row["step"]) for row in own] == list(range(len(episode.steps) + 1))
         assert float(about[number]["contact_end"]) == episode.contact()[-1]
-        for row, seen, truth in zip(own, episode.observations(), episode.truths(), strict=True):
+        for row, seen, ground_truth in zip(own, episode.observations(), episode.ground_truths(), strict=True):
             corners = [float(row[f"corner{c}_{axis}_m"]) for c in (1, 2) for axis in "xyz"]
             assert corners == seen.corner_positions.ravel().tolist()
             assert [float(row["word_x"]), float(row["word_y"])] == seen.word.tolist()
-            assert float(row["flat_area"]) == truth.flat_area
+            assert float(row["flat_area"]) == ground_truth.flat_area
         columns = [key for key in own[0] if key.startswith("d")]
         for row, step in zip(own, episode.steps, strict=False):
             assert [float(row[key]) for key in columns] == step.action.tolist()

@@ -71,7 +71,7 @@ def episodes(draw):
     nodes, three = draw(st.integers(0, 4)), arrays(np.float64, 3, elements=finite)
     shape = st.none() | st.tuples(st.integers(0, 3), st.integers(0, 3))
     observation = observations(draw(shape), draw(shape))
-    truth = st.builds(
+    ground_truth = st.builds(
         GroundTruth,
         nodes=arrays(np.float64, (nodes, 3), elements=finite),
         contact_portion_true=finite,
@@ -81,7 +81,7 @@ def episodes(draw):
     step = st.builds(
         Step,
         observation=observation,
-        truth=truth,
+        ground_truth=ground_truth,
         action=arrays(np.float64, size, elements=st.floats(-ACTION_LIMIT_M, ACTION_LIMIT_M)),
         action_std=st.none() | arrays(np.float64, size, elements=finite),
         phase=st.sampled_from(PHASES),
@@ -98,7 +98,7 @@ def episodes(draw):
         source=draw(text),
         steps=tuple(draw(step) for _ in range(n_steps)),
         final_observation=draw(observation),
-        final_truth=draw(truth),
+        final_ground_truth=draw(ground_truth),
         stopped_by=draw(st.sampled_from(STOP_REASONS)),
         outcome=draw(st.sampled_from(OUTCOMES)),
         step_s=draw(st.floats(1e-9, 1e9)),
@@ -246,7 +246,7 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
     no_images = make_episode().steps[1].observation
     refused = [
         (make_episode(images=True, **_changed(good, action=[0.0, too_far])), r"step 1.*0\.02"),
-        (make_episode(images=True, **_changed(good, truth=fewer_nodes)), "nodes"),
+        (make_episode(images=True, **_changed(good, ground_truth=fewer_nodes)), "nodes"),
         (make_episode(images=True, **_changed(good, observation=no_images)), "rgb is missing at step 1"),
         (make_episode(steps=()), "no steps"),
         (make_episode(seed=2**64), "seed"),

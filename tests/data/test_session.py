@@ -64,7 +64,7 @@ def test_arrays_are_the_steps_one_after_another(path, made):
     steps = [step for episode in chosen for step in episode.steps]
     np.testing.assert_array_equal(found["obs/word"], [step.observation.word for step in steps])
     np.testing.assert_array_equal(found["action_m"], [step.action for step in steps])
-    np.testing.assert_array_equal(found["states"], [step.truth.nodes.ravel() for step in steps])
+    np.testing.assert_array_equal(found["states"], [step.ground_truth.nodes.ravel() for step in steps])
     np.testing.assert_array_equal(
         found["next_obs/contact_portion"][:, 0], [c for episode in chosen for c in episode.contact()[1:]]
     )
@@ -91,8 +91,8 @@ def test_infos_say_what_the_episodes_hold(path):
             episode = session.episode(name)
             assert (info.n_steps, info.seed, info.source) == (len(episode.steps), episode.seed, episode.source)
             assert (info.contact_start, info.contact_final) == tuple(episode.contact()[[0, -1]])
-            assert info.contact_true_final == episode.final_truth.contact_portion_true
-            assert info.flat_area_final == episode.final_truth.flat_area
+            assert info.contact_true_final == episode.final_ground_truth.contact_portion_true
+            assert info.flat_area_final == episode.final_ground_truth.flat_area
             assert info.images == (episode.steps[0].observation.rgb is not None)
             assert info.created_utc == episode.provenance.created_utc
             assert info.duration_s == pytest.approx(len(episode.steps) * 0.1)

@@ -52,7 +52,7 @@ def test_a_sound_session_has_no_violation(path):
 def test_cut_short_at_every_page(path, tmp_path, differences):
     """What comes back, if anything does, is as it was."""
     whole, cut, mended = path.read_bytes(), tmp_path / "cut.h5", tmp_path / "mended.h5"
-    truth = {episode.seed: episode for episode in _read(path)}
+    ground_truth = {episode.seed: episode for episode in _read(path)}
     for length in range(0, len(whole), 4096):
         cut.write_bytes(whole[:length])
         found = isolated(lambda: _everything(cut, mended), limit_s=60, memory_bytes=1 << 30)
@@ -60,13 +60,13 @@ def test_cut_short_at_every_page(path, tmp_path, differences):
         assert isinstance(found["read"], str)
         if not isinstance(found["repair"], str):
             assert validate(mended) == ()
-            assert all(differences(episode, truth[episode.seed]) == [] for episode in _read(mended))
+            assert all(differences(episode, ground_truth[episode.seed]) == [] for episode in _read(mended))
 
 
 @pytest.mark.parametrize(("missing", "least"), [(1, 6), (64, 6), (600, 1)])
 def test_a_file_without_its_last_bytes_is_repaired(make_session, make_episode, differences, missing, least):
-    truth = [make_episode(n_steps=4, seed=seed) for seed in range(6)]
-    path = make_session("long.h5", truth)
+    ground_truth = [make_episode(n_steps=4, seed=seed) for seed in range(6)]
+    path = make_session("long.h5", ground_truth)
     path.write_bytes(path.read_bytes()[:-missing])
     with pytest.raises(DataError):
         open_session(path)
@@ -74,7 +74,7 @@ def test_a_file_without_its_last_bytes_is_repaired(make_session, make_episode, d
     assert len(report.kept) >= least
     assert (len(report.kept) < 6) == bool(report.lost)
     assert validate(path) == ()
-    assert all(differences(episode, truth[episode.seed]) == [] for episode in _read(path))
+    assert all(differences(episode, ground_truth[episode.seed]) == [] for episode in _read(path))
 
 
 def _flip(rng, whole):
@@ -88,8 +88,8 @@ def _flip(rng, whole):
 )
 def test_wrong_bits(make_session, make_episode, tmp_path, differences, batches, per_batch):
     """In batches that share a process, for speed; one that crashes or hangs would fail its whole batch."""
-    truth = make_episode(n_steps=2, nodes=4, images=True)
-    whole, flipped = make_session("one.h5", [truth]).read_bytes(), tmp_path / "flipped.h5"
+    ground_truth = make_episode(n_steps=2, nodes=4, images=True)
+    whole, flipped = make_session("one.h5", [ground_truth]).read_bytes(), tmp_path / "flipped.h5"
 
     def batch(rng):
         results = []
@@ -100,7 +100,7 @@ def test_wrong_bits(make_session, make_episode, tmp_path, differences, batches, 
 
     def read(file):
         try:
-            return [differences(episode, truth) for episode in _read(file)]
+            return [differences(episode, ground_truth) for episode in _read(file)]
         except DataError as error:
             return str(error)
 

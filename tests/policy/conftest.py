@@ -54,9 +54,9 @@ def _episode(
     step_s: float = 0.1,
     phases: Sequence[str] | None = None,
 ) -> Episode:
-    truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.0, flat_area=0.0)
+    ground_truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.0, flat_area=0.0)
     steps = tuple(
-        Step(observation=o, truth=truth, action=a, phase="place" if phases is None else phases[k])
+        Step(observation=o, ground_truth=ground_truth, action=a, phase="place" if phases is None else phases[k])
         for k, (o, a) in enumerate(zip(observations, actions, strict=True))
     )
     return Episode(
@@ -66,7 +66,7 @@ def _episode(
         source="scripted",
         steps=steps,
         final_observation=observations[-1],
-        final_truth=truth,
+        final_ground_truth=ground_truth,
         stopped_by="converged",
         outcome="success",
         step_s=step_s,

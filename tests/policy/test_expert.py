@@ -36,7 +36,7 @@ class RodCloth:
     def holder(self):
         return self.corners.mean(axis=0)
 
-    def truth(self):
+    def ground_truth(self):
         x, _, z = self.holder
         lowest = max(0.004, z - LENGTH_M)
         nodes = np.array([[self.edge_x, y, lowest] for y in (WIDTH_M / 2, 0, -WIDTH_M / 2)] + [[x, 0.0, z]] * 6)
@@ -69,7 +69,9 @@ class RodCloth:
 
 
 def expert_for(cloth):
-    return ScriptedDemonstrator(cloth.robot, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.truth)
+    return ScriptedDemonstrator(
+        cloth.robot, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.ground_truth
+    )
 
 
 def demonstrate(cloth, expert, limit=200):

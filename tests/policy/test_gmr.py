@@ -101,9 +101,12 @@ def test_far_from_all_components_the_answer_is_finite_and_goes_on_along_a_plane(
 def test_the_mixture_finds_clusters_that_are_known():
     """Expectation maximisation against the truth: means, weights and covariances of two far clusters."""
     rng = np.random.default_rng(4)
-    truth = [random_covariance(rng, 3) for _ in range(2)]
+    ground_truth = [random_covariance(rng, 3) for _ in range(2)]
     joint = np.vstack(
-        [rng.multivariate_normal([0, 0, 0], truth[0], 6000), rng.multivariate_normal([40, 0, 0], truth[1], 2000)]
+        [
+            rng.multivariate_normal([0, 0, 0], ground_truth[0], 6000),
+            rng.multivariate_normal([40, 0, 0], ground_truth[1], 2000),
+        ]
     )
     mixture = fit.mixture_of(joint, 2, seed=0)
     order = np.argsort(mixture.means_[:, 0])

@@ -18,11 +18,13 @@ NOISE_STD = 0.05
 def problem(points: int = 120, seed: int = 0) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
     rng = np.random.default_rng(seed)
     inputs = rng.uniform(-2, 2, (points, 2))
-    truth = np.column_stack([np.sin(inputs[:, 0]) * np.cos(inputs[:, 1]), inputs[:, 0] * np.exp(-(inputs[:, 1] ** 2))])
+    ground_truth = np.column_stack(
+        [np.sin(inputs[:, 0]) * np.cos(inputs[:, 1]), inputs[:, 0] * np.exp(-(inputs[:, 1] ** 2))]
+    )
     hyper = Hyperparameters(
         kernel="se", length_scales=[[0.9, 0.9], [0.7, 0.7]], variance=[1.0, 0.8], noise=[NOISE_STD**2, 0.01]
     )
-    return inputs, truth + rng.normal(0, NOISE_STD, truth.shape), hyper
+    return inputs, ground_truth + rng.normal(0, NOISE_STD, ground_truth.shape), hyper
 
 
 def made(points: np.ndarray, alpha: np.ndarray, hyper: Hyperparameters, inner: np.ndarray | None = None) -> GpModel:

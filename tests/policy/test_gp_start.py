@@ -11,8 +11,8 @@ from layflat.policy.gp import init
 def problem(seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     inputs = rng.uniform(-2, 2, (60, 2))
-    truth = np.column_stack([np.sin(2 * inputs[:, 0]), 0.2 * inputs[:, 1], np.zeros(60)])
-    return inputs, truth + rng.normal(0, [0.1, 0.02, 0.3], (60, 3))
+    ground_truth = np.column_stack([np.sin(2 * inputs[:, 0]), 0.2 * inputs[:, 1], np.zeros(60)])
+    return inputs, ground_truth + rng.normal(0, [0.1, 0.02, 0.3], (60, 3))
 
 
 def log_likelihood(inputs, target, length, variance, noise) -> float:

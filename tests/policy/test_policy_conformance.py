@@ -46,8 +46,8 @@ def policy(request, model_of, learned_of, make_episode) -> Policy:
         return Takeover(ModelPolicy(model_of(robot, "position")), registry.make("random", robot), lambda: "lead")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
-        truth = GroundTruth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
-        return ScriptedDemonstrator(robot, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: truth)
+        ground_truth = GroundTruth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
+        return ScriptedDemonstrator(robot, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: ground_truth)
     if name in registry.TRAINABLE_POLICIES:
         return registry.from_model(learned_of(name, robot))
     return registry.make(name, robot)

@@ -30,17 +30,17 @@ def crumpled() -> ClothSimulation:
 
 
 def test_about_three_quarters_lie_and_the_rest_is_wrinkles(crumpled: ClothSimulation) -> None:
-    truth, spec = crumpled.truth(), crumpled.settings.spec
-    assert 0.68 <= truth.contact_portion_true <= 0.82
-    assert truth.flat_area > truth.contact_portion_true - 0.05  # a fold would take twice its area away
-    assert truth.nodes[:, 2].max() > 4 * spec.margin_m
+    ground_truth, spec = crumpled.ground_truth(), crumpled.settings.spec
+    assert 0.68 <= ground_truth.contact_portion_true <= 0.82
+    assert ground_truth.flat_area > ground_truth.contact_portion_true - 0.05  # a fold would take twice its area away
+    assert ground_truth.nodes[:, 2].max() > 4 * spec.margin_m
     assert crumpled.instability() is None
-    assert np.percentile(crumpled.cloth.stretch(truth.nodes), 95) < 1.12
+    assert np.percentile(crumpled.cloth.stretch(ground_truth.nodes), 95) < 1.12
 
 
 def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wide(crumpled: ClothSimulation) -> None:
     seen, spec = crumpled.observe(images=False), crumpled.settings.spec
-    np.testing.assert_allclose(crumpled.truth().nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
+    np.testing.assert_allclose(crumpled.ground_truth().nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
     assert np.abs(seen.corner_positions[:, 2] - spec.margin_m).max() < 0.002
     assert np.linalg.norm(np.diff(seen.corner_positions, axis=0)) < 0.9 * spec.width_m
     assert crumpled.time_s == 0.0
@@ -49,7 +49,7 @@ def test_the_pickers_hold_their_corners_on_the_table_nearer_than_the_cloth_is_wi
 
 def test_what_was_drawn_is_in_the_record(crumpled: ClothSimulation) -> None:
     assert {"push_back_1_m", "push_inward_2_m", "push_steps"} <= set(crumpled.start)
-    assert crumpled.start["contact_portion_true"] == crumpled.truth().contact_portion_true
+    assert crumpled.start["contact_portion_true"] == crumpled.ground_truth().contact_portion_true
 
 
 @pytest.mark.slow

@@ -40,9 +40,9 @@ def test_the_curve_is_nearer_to_a_wave_than_straight_edges() -> None:
     fine = MeshMaker(SPEC).mesh(_surface(0.03 + 0.01 * np.sin(2 * np.pi * x / wave_m))).vertices
     profile = fine.reshape(2 * SPEC.rows - 1, -1, 3)[2:-2, 0]
     nodes, between = profile[::2], profile[1::2]
-    truth = 0.03 + 0.01 * np.sin(2 * np.pi * between[:, 0] / wave_m)
+    ground_truth = 0.03 + 0.01 * np.sin(2 * np.pi * between[:, 0] / wave_m)
     straight = 0.5 * (nodes[:-1, 2] + nodes[1:, 2])
-    assert np.abs(between[:, 2] - truth).max() < 0.4 * np.abs(straight - truth).max()
+    assert np.abs(between[:, 2] - ground_truth).max() < 0.4 * np.abs(straight - ground_truth).max()
 
 
 def test_triangles_face_the_way_the_normals_point_and_have_the_clothes_area() -> None:

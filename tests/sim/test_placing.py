@@ -54,17 +54,17 @@ def started(request: pytest.FixtureRequest) -> ClothSimulation:
 
 def test_a_start_hangs_free_of_the_table_near_home(started: ClothSimulation) -> None:
     spec, home = started.settings.spec, home_corners(started.settings.spec)
-    truth, seen = started.truth(), started.observe()
+    ground_truth, seen = started.ground_truth(), started.observe()
     assert started.time_s == 0.0
-    assert truth.contact_portion_true == 0.0
-    assert truth.flat_area == 0.0
-    assert truth.nodes[:, 2].min() > 0.03
+    assert ground_truth.contact_portion_true == 0.0
+    assert ground_truth.flat_area == 0.0
+    assert ground_truth.nodes[:, 2].min() > 0.03
     assert np.abs(seen.corner_positions - home).max() < START_MOVES * START_STEP_M[started.settings.robot]
     held = np.linalg.norm(np.diff(seen.corner_positions, axis=0))
     assert held == pytest.approx(
         HELD_STRETCH * spec.width_m, rel=0.05 if started.settings.robot == "pickers" else 0.005
     )
-    np.testing.assert_allclose(truth.nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
+    np.testing.assert_allclose(ground_truth.nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
     assert seen.contact_portion == pytest.approx(0.0, abs=0.02)
     assert started.instability() is None
 
@@ -95,7 +95,7 @@ def test_starts_differ_by_seed_and_repeat_in_one_process() -> None:
     nodes = []
     for seed in (1, 2, 1):
         bench.reset(seed)
-        nodes.append(bench.truth().nodes)
+        nodes.append(bench.ground_truth().nodes)
     bench.close()
     assert nodes[0].tobytes() == nodes[2].tobytes()
     assert np.abs(nodes[0] - nodes[1]).max() > 0.001
@@ -121,7 +121,7 @@ def test_the_fine_mesh_survives_a_whole_demonstration(robot: RobotName, seed: in
     script = (
         "import sys; from layflat.app.workers.episode_pool import EpisodeJob, run_job\n"
         "episode = run_job(EpisodeJob(robot=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
-        "print(episode.stopped_by, episode.final_truth.flat_area)"
+        "print(episode.stopped_by, episode.final_ground_truth.flat_area)"
     )
     done = subprocess.run(
         [sys.executable, "-c", script, robot, str(seed)], capture_output=True, text=True, check=True, timeout=600

@@ -149,7 +149,7 @@ class TestOnTheBench:
         try:
             bench.reset(0)
             bodies = bullet.getNumBodies(physicsClientId=bench._running().client)
-            place = bench.truth().nodes[60]
+            place = bench.ground_truth().nodes[60]
             bench.pull(30, place)
             bench.pull(60, place + np.array([0.1, 0.0, 0.0]))
             assert bullet.getNumBodies(physicsClientId=bench._running().client) == bodies + 1

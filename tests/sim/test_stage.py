@@ -22,11 +22,11 @@ def test_the_stage_shows_what_the_camera_saw(robot: RobotName) -> None:
     down = np.array([0.006, -0.011] if robot == "hanger" else [0.006, 0.0, -0.011] * 2)
     for _ in range(12):
         bench.step(down)
-    seen, truth = bench.observe(), bench.truth()
+    seen, ground_truth = bench.observe(), bench.ground_truth()
     bench.close()
     with ReplayScene(robot, "towel") as stage:
-        before = stage.capture(truth.nodes + 0.1, seen.holder_position + 0.1)[0]
-        rgb, depth = stage.capture(truth.nodes, seen.holder_position)
+        before = stage.capture(ground_truth.nodes + 0.1, seen.holder_position + 0.1)[0]
+        rgb, depth = stage.capture(ground_truth.nodes, seen.holder_position)
     assert (rgb != before).any(axis=2).mean() > 2 * ARM_SHARE
     other = (rgb != seen.rgb).any(axis=2)
     if robot == "pickers":

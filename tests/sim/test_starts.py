@@ -26,7 +26,7 @@ def _start(seed: int) -> dict[str, float]:
         bench.reset(seed)
         assert not bench.disturbed
         corner = 0 if bench.start["fold_side"] > 0 else TOWEL.columns - 1
-        nodes, other = bench.truth().nodes, TOWEL.columns - 1 - corner
+        nodes, other = bench.ground_truth().nodes, TOWEL.columns - 1 - corner
         # Of the free edge one end lies on the cloth, nearer to the middle and to the holder.
         assert abs(nodes[corner, 1]) < abs(nodes[other, 1]) - 0.05
         assert nodes[corner, 0] > nodes[other, 0] + 0.05
@@ -44,13 +44,13 @@ def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
     bench = ClothSimulation(SimConfig(robot="hanger", cloth="towel", start="folded-corner", camera=False))
     try:
         bench.reset(0)
-        assert bench.cloth.layered(bench.truth().nodes)
+        assert bench.cloth.layered(bench.ground_truth().nodes)
         while bench.holder.position()[2] < 0.46:
             bench.step(np.array([-0.008 if bench.holder.position()[0] > 0 else 0.0, 0.010]))
             assert bench.instability() is None
         for _ in range(10):
             bench.step(np.zeros(2))
-        nodes = bench.truth().nodes
+        nodes = bench.ground_truth().nodes
         assert not bench.cloth.layered(nodes)
         assert bench.cloth.stretch(nodes).min() > 0.9
     finally:
@@ -62,18 +62,18 @@ def test_a_folded_corner_lies_still_with_the_hem_held(robot: RobotName) -> None:
     bench = ClothSimulation(SimConfig(robot=robot, cloth="towel", start="folded-corner"))
     try:
         bench.reset(3)
-        truth, seen = bench.truth(), bench.observe(images=False)
+        ground_truth, seen = bench.ground_truth(), bench.observe(images=False)
         assert 0.6 < seen.contact_portion < 0.92
-        assert 0.6 < truth.flat_area < 0.9
-        held = truth.nodes[list(TOWEL.corners)]
+        assert 0.6 < ground_truth.flat_area < 0.9
+        held = ground_truth.nodes[list(TOWEL.corners)]
         np.testing.assert_allclose(held, seen.corner_positions, atol=0.002)
         assert held[:, 2].max() < 0.012
         for _ in range(5):
             bench.step(np.zeros(2 if robot == "hanger" else 6))
         assert bench.instability() is None
         # The fold may still give by some millimetres.
-        assert np.linalg.norm(bench.truth().nodes - truth.nodes, axis=1).mean() < 0.001
-        assert bench.truth().flat_area == pytest.approx(truth.flat_area, abs=0.02)
+        assert np.linalg.norm(bench.ground_truth().nodes - ground_truth.nodes, axis=1).mean() < 0.001
+        assert bench.ground_truth().flat_area == pytest.approx(ground_truth.flat_area, abs=0.02)
     finally:
         bench.close()
 
@@ -88,10 +88,10 @@ def test_a_swinging_cloth_touches_ahead_of_its_holder(robot: RobotName) -> None:
         assert bench.time_s == 0.0
         assert bench.start["swing_m"] > 0.07
         assert bench.instability() is None
-        assert bench.truth().contact_portion_true < 0.05
+        assert bench.ground_truth().contact_portion_true < 0.05
         for _ in range(5):
             bench.step(down)
-            edge = bench.truth().nodes[: TOWEL.columns]
+            edge = bench.ground_truth().nodes[: TOWEL.columns]
             if edge[:, 2].min() < 0.008:
                 break
         assert edge[:, 2].min() < 0.008

@@ -203,7 +203,7 @@ class EpisodeWorker:
             contact_portion=seen.contact_portion,
             word=(float(seen.word[0]), float(seen.word[1])),
             holder_m=(float(seen.holder_position[0]), float(seen.holder_position[1]), float(seen.holder_position[2])),
-            flat_area=run.truth.flat_area,
+            flat_area=run.ground_truth.flat_area,
             stopped_by=stopped_by,
             disturbed=run.disturbed,
             led=isinstance(run.policy, Takeover) and run.policy.led,

@@ -91,7 +91,7 @@ class FrameChannel:
         self,
         bench: ClothSimulation,
         seen: Observation,
-        truth: GroundTruth,
+        ground_truth: GroundTruth,
         *,
         episode: int,
         step: int,
@@ -103,7 +103,7 @@ class FrameChannel:
         """Called by the bench after each step."""
         fields = _holding(bench) | _seeing(bench, seen)
         nodes = np.zeros((NODES_MAX, 3), np.float32)
-        nodes[: len(truth.nodes)] = truth.nodes
+        nodes[: len(ground_truth.nodes)] = ground_truth.nodes
         self._value.write(
             episode=episode,
             step=step,
@@ -114,7 +114,7 @@ class FrameChannel:
             work_s=work_s,
             cloth=bench.settings.cloth,
             robot=bench.settings.robot,
-            node_count=len(truth.nodes),
+            node_count=len(ground_truth.nodes),
             nodes=nodes,
             corners=seen.corner_positions,
             holder=seen.holder_position,
@@ -122,8 +122,8 @@ class FrameChannel:
             word=seen.word,
             strength=seen.word_strength,
             contact=seen.contact_portion,
-            contact_true=truth.contact_portion_true,
-            flat_area=truth.flat_area,
+            contact_true=ground_truth.contact_portion_true,
+            flat_area=ground_truth.flat_area,
             led=led,
             **fields,
         )

@@ -21,7 +21,7 @@ class FramePublisher:
         self._moments.tell(
             run.bench,
             run.seen,
-            run.truth,
+            run.ground_truth,
             # Every take has a process of its own.
             episode=os.getpid(),
             step=run.n_steps,

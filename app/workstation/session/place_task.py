@@ -269,7 +269,7 @@ class PlaceTask:
         self._desk.channels.moments.tell(
             self.bench,
             self.run.seen,
-            self.run.truth,
+            self.run.ground_truth,
             episode=1,
             step=self.run.n_steps,
             phase=PHASES.get(self.state, "place"),
@@ -295,7 +295,7 @@ class PlaceTask:
             "disturbances": [record.name for record in self.run.disturbances],
             "rhythm": rhythm.told(),
             "factor": rhythm.factor(float(self._order["step_s"])),
-            "flat_area": self.run.truth.flat_area,
+            "flat_area": self.run.ground_truth.flat_area,
         }
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ class Playback:
         self.last = len(episode.steps)
         self.number = hash((name, episode.seed, self.last, episode.provenance.created_utc)) % 2**31
         self.history = TimeSeries.of(episode, self.number)
-        self._seen, self._truths = episode.observations(), episode.truths()
+        self._seen, self._truths = episode.observations(), episode.ground_truths()
         self._meshes = MeshMaker(cloth_spec(episode.cloth))
         pinhole = default_pinhole()
         self._perceiver = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=descriptor(episode.descriptor)))
@@ -62,10 +62,10 @@ class Playback:
         return ", ".join([*names, *by_hand, *(["a person leads"] if step.intervention else [])])
 
     def _make(self, number: int) -> BenchFrame:
-        seen, truth = self._seen[number], self._truths[number]
+        seen, ground_truth = self._seen[number], self._truths[number]
         # What acted in the step that led here.
         step = self.episode.steps[number - 1] if number else None
-        rgb, percept = self._sight(seen, truth.nodes)
+        rgb, percept = self._sight(seen, ground_truth.nodes)
         return BenchFrame(
             episode=self.number,
             step=number,
@@ -76,7 +76,7 @@ class Playback:
             work_s=0.0,
             robot=self.episode.robot,
             cloth=self.episode.cloth,
-            nodes=truth.nodes,
+            nodes=ground_truth.nodes,
             corners=seen.corner_positions,
             holder=seen.holder_position,
             joints=self._joints(seen),
@@ -86,8 +86,8 @@ class Playback:
             word=seen.word,
             strength=seen.word_strength,
             contact=seen.contact_portion,
-            contact_true=truth.contact_portion_true,
-            flat_area=truth.flat_area,
+            contact_true=ground_truth.contact_portion_true,
+            flat_area=ground_truth.flat_area,
             rgb=rgb,
             percept=percept,
             led=self.history.led[number],

@@ -35,8 +35,8 @@ def draw(robot: str, *, n_steps: int, seed: int, cloth: str, source: str) -> Epi
         word_strength=0.0,
         contact_portion=0.5,
     )
-    truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.5, flat_area=0.5)
-    steps = tuple(Step(observation=seen, truth=truth, action=np.zeros(size)) for _ in range(n_steps))
+    ground_truth = GroundTruth(nodes=np.zeros((4, 3)), contact_portion_true=0.5, flat_area=0.5)
+    steps = tuple(Step(observation=seen, ground_truth=ground_truth, action=np.zeros(size)) for _ in range(n_steps))
     return Episode(
         robot=robot,
         cloth=cloth,
@@ -44,7 +44,7 @@ def draw(robot: str, *, n_steps: int, seed: int, cloth: str, source: str) -> Epi
         source=source,
         steps=steps,
         final_observation=seen,
-        final_truth=truth,
+        final_ground_truth=ground_truth,
         stopped_by="converged",
         outcome="success",
     )

@@ -194,7 +194,7 @@ def replay(person: Person, session: str) -> None:
     bar = mode.bar()
     person.click((bar.left + 16 + (bar.width - 32) // 2, bar.centery))
     assert mode.at == pytest.approx(last / 2, abs=1)
-    np.testing.assert_array_equal(mode.moment().nodes, mode.playback.episode.truths()[mode.at].nodes)
+    np.testing.assert_array_equal(mode.moment().nodes, mode.playback.episode.ground_truths()[mode.at].nodes)
     person.key(pygame.K_END)
     assert mode.at == last
 
@@ -230,7 +230,7 @@ def test_an_afternoon_at_the_workstation(window, robot):
     use_it_all(window, robot, n_steps=None)
     episodes = stored_episodes(window.shop.folder / f"{robot}.h5")
     # The person laid it: the demonstrations are what their verdict says.
-    assert all(episode.final_truth.flat_area > 0.9 for episode in episodes)
+    assert all(episode.final_ground_truth.flat_area > 0.9 for episode in episodes)
 
 
 def test_a_simulation_that_dies_costs_one_demonstration_and_not_the_window(window):
