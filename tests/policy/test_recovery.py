@@ -181,7 +181,7 @@ def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undo
     assert bool(policy.tried) is undone
 
 
-@pytest.mark.parametrize(("strength", "steps"), [(0.0, SMOOTH_STEPS), (0.01, SMOOTH_STEPS), (0.05, PLATEAU_STEPS)])
+@pytest.mark.parametrize(("strength", "n_steps"), [(0.0, SMOOTH_STEPS), (0.01, SMOOTH_STEPS), (0.05, PLATEAU_STEPS)])
 def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, n_steps: int, observe) -> None:
     policy = RecoveryWrapper(Forward("hanger"))
     policy.reset(0)

@@ -17,7 +17,7 @@ from layflat.data.types import DragTarget, RobotName
 
 END_S = 20.0
 """Time for a bench process to put what it has on disk when it is told to end; assembling a large session takes some."""
-PRELOAD = ["layflat.app.workstation.session.robots"]
+PRELOAD = ["layflat.app.workstation.session.tasks"]
 
 
 def bench_context() -> Any:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from layflat.app.workers.episode_pool import EpisodeConfig
-from layflat.app.workstation.session import place_robot
+from layflat.app.workstation.session import place_task
 from layflat.app.workstation.session.bench_process import Endpoint, Request
-from layflat.app.workstation.session.place_robot import PlaceTask
+from layflat.app.workstation.session.place_task import PlaceTask
 from layflat.data.types import GroundTruth
 from layflat.policy.base import Policy
 from layflat.policy.registry import wrap
@@ -30,5 +30,5 @@ def make_fake(order: Request, desk: Endpoint) -> PlaceTask:
     """The order's work with ``forward`` as the policy, whatever it says."""
     replaced: dict[str, Any] = {"Placing": LyingBench, "policy_of": _forward}
     for name, value in replaced.items():
-        setattr(place_robot, name, value)
+        setattr(place_task, name, value)
     return PlaceTask(order, desk)

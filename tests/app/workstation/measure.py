@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from layflat.app.workstation.session.bench_client import BenchClient
-from layflat.app.workstation.session.robots import make_task
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.teleop.teleop_input import zero_input
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.settings import Settings

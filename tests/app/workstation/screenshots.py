@@ -16,7 +16,7 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from layflat.app.workstation.session.robots import make_task
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.record import RecordPage

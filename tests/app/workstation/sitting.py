@@ -18,7 +18,7 @@ import pygame
 
 from layflat.app.cli import main
 from layflat.app.support.errors import run_command
-from layflat.app.workstation.session.robots import make_task
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window import window as window_module
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.replay import ReplayPage

@@ -14,7 +14,7 @@ import pytest
 
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
-from layflat.app.workstation.session.robots import make_task
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.replay import ReplayPage

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from layflat.app.workstation.session import place_robot
+from layflat.app.workstation.session import place_task
 from layflat.app.workstation.session.bench_process import Channels, Endpoint, receive
-from layflat.app.workstation.session.place_robot import PlaceTask
+from layflat.app.workstation.session.place_task import PlaceTask
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.playback import Playback
@@ -85,8 +85,8 @@ def table(monkeypatch) -> Iterator[Callable[..., Table]]:
         record: Path | None = None, *, source: str = "gamepad", enough: float = 2.0, around: tuple[str, ...] = ()
     ) -> Table:
         policy = Forward(enough)
-        monkeypatch.setattr(place_robot, "Placing", FakeBench)
-        monkeypatch.setattr(place_robot, "policy_of", lambda job, bench: wrap(policy, job.decorators))
+        monkeypatch.setattr(place_task, "Placing", FakeBench)
+        monkeypatch.setattr(place_task, "policy_of", lambda job, bench: wrap(policy, job.decorators))
         made.append(Table(record, source, policy, around))
         return made[-1]
 
@@ -201,7 +201,7 @@ def test_after_a_disturbance_what_the_person_leads_is_the_repair(table):
 
 def test_what_recovers_has_the_steps_that_recovering_takes(table, monkeypatch):
     """The limit of a placing is longer by what the decorator says that it may need."""
-    monkeypatch.setitem(place_robot.LIMIT_STEPS, "placing", 4)
+    monkeypatch.setitem(place_task.LIMIT_STEPS, "placing", 4)
     bare, around = table(source=""), table(source="", around=("recovery", "steady"))
     for each in (bare, around):
         each.go(REST, 30)
@@ -212,7 +212,7 @@ def test_what_recovers_has_the_steps_that_recovering_takes(table, monkeypatch):
 
 
 def test_who_leads_is_not_cut_off_by_the_limit_of_the_policy(table, monkeypatch):
-    monkeypatch.setitem(place_robot.LIMIT_STEPS, "placing", 5)
+    monkeypatch.setitem(place_task.LIMIT_STEPS, "placing", 5)
     one = table()
     one.go(REST, 3)
     assert one.go(PUSH, 10) == 10

@@ -13,7 +13,7 @@ import pygame
 import pytest
 from pygame_menu.widgets import ToggleSwitch
 
-from layflat.app.workstation.session.robots import make_task
+from layflat.app.workstation.session.tasks import make_task
 from layflat.app.workstation.window.layout import LEAST
 from layflat.app.workstation.window.pages.data import OPERATIONS, DataPage
 from layflat.app.workstation.window.pages.place import PlacePage
