@@ -1,5 +1,6 @@
 """What an episode is, and keeping it safe: numpy and h5py only. docs/data.md shows it in use."""
 
+from layflat.data.errors import DataError
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.journal import JournalHandle, JournalWriter
@@ -9,16 +10,7 @@ from layflat.data.tools.operations import filter_session, merge, split, trim
 from layflat.data.tools.repair import RepairReport, repair
 from layflat.data.tools.stats import ColumnStats, SessionStats, session_stats
 from layflat.data.tools.validate import Violation, validate
-from layflat.data.types import (
-    DataError,
-    DisturbanceRecord,
-    DragTarget,
-    Episode,
-    GroundTruth,
-    Observation,
-    Provenance,
-    Step,
-)
+from layflat.data.types import DisturbanceRecord, DragTarget, Episode, GroundTruth, Observation, Provenance, Step
 
 __all__ = [
     "ColumnStats",

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
 
 PART_SUFFIX = ".part"
 """Of a file that is being written; what a killed writer left behind under such a name holds nothing that was kept."""

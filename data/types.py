@@ -11,24 +11,19 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
-FloatArray: TypeAlias = NDArray[np.float64]
-RobotName: TypeAlias = Literal["hanger", "pickers"]
+from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.errors import DataError
+from layflat.data.robot import RobotSpec
+
 Phase: TypeAlias = Literal["place", "disturb", "repair"]
 StoppedBy: TypeAlias = Literal["converged", "threshold", "step_limit", "unstable", "interrupted", "crashed"]
 Outcome: TypeAlias = Literal["success", "failure", "partial"]
 
-ROBOTS: tuple[RobotName, ...] = ("hanger", "pickers")
 PHASES: tuple[Phase, ...] = ("place", "disturb", "repair")
 STOP_REASONS: tuple[StoppedBy, ...] = ("converged", "threshold", "step_limit", "unstable", "interrupted", "crashed")
 OUTCOMES: tuple[Outcome, ...] = ("success", "failure", "partial")
-
-ACTION_NAMES: Mapping[RobotName, tuple[str, ...]] = {
-    "hanger": ("dx", "dz"),
-    "pickers": ("dx1", "dy1", "dz1", "dx2", "dy2", "dz2"),
-}
-"""Displacement per step along each axis; picker 1 holds the corner at +y, picker 2 the one at -y."""
 
 ACTION_LIMIT_M = 0.02
 """Largest displacement along one axis in one step; files and gymnasium store action / ACTION_LIMIT_M in [-1, 1]."""
@@ -43,30 +38,8 @@ STEP_S = 0.1
 """Simulated time of one control step."""
 
 
-class DataError(ValueError):
-    """Base of what the data package raises: says what is wrong, with which value, and what would be right."""
-
-
-class WriteError(DataError):
-    """The disk or its system did not take what was to be written."""
-
-    exit_status = 1
-    """Of a program that ends with it: the work failed, the call was right."""
-
-
-def frozen_array(value: ArrayLike, shape: tuple[int | None, ...], name: str, dtype: DTypeLike = np.float64) -> NDArray:
-    """A read-only copy of ``value`` with the given shape (None: any length) or a DataError that names it."""
-    array = np.array(value, dtype=dtype)
-    if array.ndim != len(shape) or any(w is not None and w != g for w, g in zip(shape, array.shape, strict=True)):
-        raise DataError(f"{name} has shape {array.shape}; it must be {shape}")
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        raise DataError(f"{name} holds a value that is not finite")
-    array.setflags(write=False)
-    return array
-
-
 def frozen_hand(value: ArrayLike) -> FloatArray:
-    """A place for the one holder, (3,) m, or for each of two pickers, (2, 3) m."""
+    """Return the place of a guiding hand, (3,) m, or of one for each point, (2, 3) m, read-only."""
     return frozen_array(value, (3,) if np.ndim(value) == 1 else (2, 3), "hand")
 
 
@@ -167,7 +140,7 @@ class Step:
     observation: Observation
     ground_truth: GroundTruth | None = None
     action: FloatArray
-    """(A,) m per step, in the order of ACTION_NAMES."""
+    """(A,) m per step, in the order of the robot's axes."""
     action_std: FloatArray | None = None
     """(A,) m, the policy's confidence where it has one."""
     phase: Phase = "place"
@@ -210,7 +183,7 @@ class Provenance:
 class Episode:
     """One attempt from hanging in the air to the stop."""
 
-    robot: RobotName
+    robot: RobotSpec
     cloth: str
     seed: int
     source: str
@@ -227,10 +200,14 @@ class Episode:
     start: Mapping[str, float] = field(default_factory=dict)
     """What was random about the start, by name (friction, mass, hem side, ...)."""
     provenance: Provenance = field(default_factory=Provenance)
+    task: str = "place"
+    """Name of what was to be done: place, smooth, ..."""
+    physics: str = "bullet"
+    """Name of the simulator; "real" for a real robot."""
     descriptor: str = "word"
     """What Observation.word was computed by: one of DESCRIPTORS."""
-    bench: Mapping[str, str | float | bool] = field(default_factory=dict)
-    """Settings of the bench, by name: with robot, cloth, seed and step_s they make the same start again."""
+    sim_config: Mapping[str, str | float | bool] = field(default_factory=dict)
+    """Settings of the simulation, by name: with robot, cloth, seed and step_s they make the same start again."""
     initial_joints: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(J,) rad: joints of the arm before the first step; none where no arm holds the cloth."""
     disturbances: tuple[DisturbanceRecord, ...] = ()
@@ -241,8 +218,8 @@ class Episode:
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
         _set(self, "disturbances", tuple(self.disturbances))
-        if self.robot not in ROBOTS:
-            raise DataError(f"robot is {self.robot!r}; it must be one of {', '.join(ROBOTS)}")
+        if not isinstance(self.robot, RobotSpec):
+            raise DataError(f"robot is {self.robot!r}; it must be a RobotSpec")
         if self.stopped_by not in STOP_REASONS:
             raise DataError(f"stopped_by is {self.stopped_by!r}; it must be one of {', '.join(STOP_REASONS)}")
         if self.outcome not in OUTCOMES:
@@ -255,7 +232,7 @@ class Episode:
         for record in self.disturbances if self.steps else ():
             if max(record.first_step, record.last_step or 0) >= len(self.steps):
                 raise DataError(f"disturbance {record.name} is not within the episode's {len(self.steps)} steps")
-        size = len(ACTION_NAMES[self.robot])
+        size = self.robot.size
         for step_index, step in enumerate(self.steps):
             if step.action.shape != (size,):
                 raise DataError(
@@ -299,18 +276,6 @@ def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: 
         for record in records
         if record.first_step < stop and (record.last_step is None or record.last_step >= start)
     )
-
-
-def as_robot(name: str) -> RobotName:
-    """A robot by its name; DataError where there is none of it."""
-    for robot in ROBOTS:
-        if robot == name:
-            return robot
-    raise DataError(f"robot is {name!r}; it must be one of {', '.join(ROBOTS)}")
-
-
-def action_size(robot: RobotName) -> int:
-    return len(ACTION_NAMES[robot])
 
 
 def actions_of(steps: Sequence[Step]) -> FloatArray:

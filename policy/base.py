@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from layflat.data.types import FloatArray, Observation, RobotName, StoppedBy, frozen_array, frozen_hand
+from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Observation, StoppedBy, frozen_hand
 
 
 class PolicyError(ValueError):
@@ -17,7 +19,7 @@ class Decision:
     """What to do in one step."""
 
     action: FloatArray
-    """(A,) m per step, world axes, in the order of layflat.data.types.ACTION_NAMES."""
+    """(A,) m per step, world axes, in the order of the robot's axes."""
     std: FloatArray | None = None
     """(A,) m, standard deviation of the action where the policy knows one."""
     stop: StoppedBy | None = None
@@ -44,7 +46,7 @@ class Policy(Protocol):
 
     name: str
     """As in tables and files: scripted, gp-word, gp-baseline, drag-rule, ..."""
-    robot: RobotName
+    robot: RobotSpec
 
     def reset(self, seed: int) -> None:
         """Forget the last episode."""

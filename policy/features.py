@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layflat.data.types import ROBOTS, FloatArray, Observation, RobotName, Step
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Observation, Step
 from layflat.policy.base import PolicyError
 
 Column = Callable[[Observation], float]
@@ -26,27 +28,6 @@ _CLOTH_COLUMNS: dict[str, Column] = {
 }
 
 
-def _corner(row: int, axis: int) -> Column:
-    return lambda o: float(o.corner_positions[row, axis])
-
-
-COLUMNS: Mapping[RobotName, Mapping[str, Column]] = {
-    "hanger": {
-        "x": lambda o: float(o.holder_position[0]),
-        "z": lambda o: float(o.holder_position[2]),
-        **_CLOTH_COLUMNS,
-    },
-    "pickers": {
-        **{f"{axis}{row + 1}": _corner(row, k) for row in range(2) for k, axis in enumerate("xyz")},
-        **_CLOTH_COLUMNS,
-    },
-}
-"""Every column a layout may use, by robot; picker 1 holds the corner at +y."""
-
-POSITION_COLUMNS: Mapping[RobotName, tuple[str, ...]] = {
-    "hanger": ("x", "z"),
-    "pickers": ("x1", "y1", "z1", "x2", "y2", "z2"),
-}
 WORD_COLUMNS = ("word_x", "word_y")
 CONTACT_COLUMNS = ("contact",)
 
@@ -74,14 +55,12 @@ through the air does not hide the last tenth that counts. On a planar toy with a
 class FeatureLayout:
     """Which columns a model sees, in which order."""
 
-    robot: RobotName
+    robot: RobotSpec
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        if self.robot not in ROBOTS:
-            raise PolicyError(f"robot is {self.robot!r}; it must be one of {', '.join(ROBOTS)}")
-        known = COLUMNS[self.robot]
+        known = columns_of(self.robot)
         unknown = [name for name in self.names if name not in known]
         if unknown:
             raise PolicyError(f"feature {unknown[0]!r} is unknown; robot {self.robot} has {', '.join(known)}")
@@ -94,7 +73,7 @@ class FeatureLayout:
 
     def vector(self, observation: Observation) -> FloatArray:
         """(D,) columns of one observation, in natural units."""
-        known = COLUMNS[self.robot]
+        known = columns_of(self.robot)
         return np.array([known[name](observation) for name in self.names])
 
     def matrix(self, steps: Sequence[Step]) -> FloatArray:
@@ -106,13 +85,21 @@ class FeatureLayout:
         return np.array([_scale(name) for name in self.names])
 
 
-def input_set(robot: RobotName, name: str) -> FeatureLayout:
+def columns_of(robot: RobotSpec) -> Mapping[str, Column]:
+    """Return every column that a layout may use: the coordinates that an action displaces, and what is seen of the cloth."""
+    return {name: _coordinate(robot, k) for k, name in enumerate(robot.coordinates)} | _CLOTH_COLUMNS
+
+
+def _coordinate(robot: RobotSpec, k: int) -> Column:
+    axis = robot.axes[k]
+    return lambda o: float(robot.points(o)[axis.point, axis.axis])
+
+
+def input_set(robot: RobotSpec, name: str) -> FeatureLayout:
     """The layout of a named input set: position, position+contact, position+word or all."""
-    if robot not in ROBOTS:
-        raise PolicyError(f"robot is {robot!r}; it must be one of {', '.join(ROBOTS)}")
     if name not in INPUT_SETS:
         raise PolicyError(f"input set {name!r} is unknown; it must be one of {', '.join(INPUT_SETS)}")
-    return FeatureLayout(robot=robot, names=POSITION_COLUMNS[robot] + INPUT_SETS[name])
+    return FeatureLayout(robot=robot, names=robot.coordinates + INPUT_SETS[name])
 
 
 def _scale(name: str) -> float:

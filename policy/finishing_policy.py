@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from layflat.data.types import FloatArray, Observation, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Observation
 from layflat.policy.base import Decision
-from layflat.policy.features import POSITION_COLUMNS
 from layflat.policy.gp.model import GpModel
-from layflat.policy.scripted.baselines import X_LIMIT_M, along_x
+from layflat.policy.scripted.baselines import X_LIMIT_M
 from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, Stuck, XLimit
 
 NAME = "gp-finish"
@@ -64,11 +64,11 @@ class FinishingPolicy:
     def __init__(self, model: GpModel, *, stop: StopRule | None = None) -> None:
         self.model = model
         self.name = model.policy
-        self.robot: RobotName = model.layout.robot
+        self.robot = model.layout.robot
         self._stop = finished() if stop is None else stop
         self._points = model.inputs / model.input_scale
-        self._places = [model.layout.names.index(name) for name in POSITION_COLUMNS[self.robot]]
-        self._is_height = np.array([name.startswith("z") for name in POSITION_COLUMNS[self.robot]])
+        self._places = [model.layout.names.index(name) for name in self.robot.coordinates]
+        self._is_height = np.array([axis.axis == 2 for axis in self.robot.axes])
         self._rest = resting_place(model)[self._places]
 
     def reset(self, seed: int) -> None:
@@ -104,7 +104,7 @@ class FinishingPolicy:
 
     def _useful(self, wanted: FloatArray, place: FloatArray, observation: Observation) -> tuple[FloatArray, str]:
         """``wanted``, or the smallest move that helps the holder at ``place`` (A,); and a clause that says which."""
-        least, norm = along_x(self.robot, USEFUL_M), float(np.linalg.norm(wanted))
+        least, norm = self.robot.pack([USEFUL_M, 0.0, 0.0]), float(np.linalg.norm(wanted))
         if norm >= np.linalg.norm(least):
             return wanted, f"output {1000 * norm:.1f} mm"
         if observation.contact_portion >= FLAT_CONTACT:

@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from layflat.data.types import FloatArray, Provenance
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
 from layflat.policy.dmp.model import DmpModel
 from layflat.policy.features import FeatureLayout
@@ -115,7 +117,8 @@ def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[st
     return {
         "format": model.FORMAT,
         "schema": SCHEMA,
-        "robot": model.layout.robot,
+        "robot": model.layout.robot.name,
+        "action_axes": model.layout.robot.axes_json(),
         "features": list(model.layout.names),
         "outputs": list(model.outputs),
         "shapes": {name: list(array.shape) for name, array in arrays.items()},
@@ -135,7 +138,9 @@ def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Tr
     """A model from a checked header; the model itself checks what the numbers mean."""
     told, kind = header["heldout_rmse_m"], FORMATS[header["format"]]
     shared = {
-        "layout": FeatureLayout(robot=header["robot"], names=tuple(header["features"])),
+        "layout": FeatureLayout(
+            robot=RobotSpec.from_json(header["robot"], header["action_axes"]), names=tuple(header["features"])
+        ),
         "heldout_rmse_m": None if told is None else tuple(told),
         "provenance": Provenance(**header["provenance"]),
         **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any, Protocol
 
-from layflat.data.types import Episode, Provenance, RobotName
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Episode, Provenance
 from layflat.policy import finishing_policy
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.dmp.model import DmpModel
@@ -34,7 +35,7 @@ class Trainer(Protocol):
     ) -> TrainedModel: ...
 
 
-BUILTIN_POLICIES: Mapping[str, Callable[[RobotName], Policy]] = {
+BUILTIN_POLICIES: Mapping[str, Callable[[RobotSpec], Policy]] = {
     "hold": ZeroPolicy,
     "random": RandomPolicy,
     "stretch-right": stretch_right,
@@ -92,7 +93,7 @@ methods (section 5-3). Each is a module with a ``fit`` and what it may see."""
 TRAINABLE_POLICIES = tuple(TRAINERS)
 
 
-def make(name: str, robot: RobotName) -> Policy:
+def make(name: str, robot: RobotSpec) -> Policy:
     """A policy that needs no training."""
     if name in TRAINERS:
         raise PolicyError(f"policy {name!r} is learned; train it and give the model's file")

@@ -12,7 +12,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from layflat.data.types import FloatArray, Observation, StoppedBy
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Observation, StoppedBy
 from layflat.policy.base import PolicyError
 
 

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, STEP_S, FloatArray, Provenance, action_size, frozen_array
+from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.types import ACTION_LIMIT_M, STEP_S, Provenance
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
@@ -65,7 +66,7 @@ class TrainedModel:
         if self.descriptor not in DESCRIPTORS:
             raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
         if self.heldout_rmse_m is not None:
-            outputs = action_size(self.layout.robot)
+            outputs = self.layout.robot.size
             object.__setattr__(self, "heldout_rmse_m", tuple(float(v) for v in self.heldout_rmse_m))
             if len(self.heldout_rmse_m) != outputs:
                 raise PolicyError(f"heldout_rmse_m has {len(self.heldout_rmse_m)} values; it must have {outputs}")
@@ -73,7 +74,7 @@ class TrainedModel:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the A outputs."""
-        return ACTION_NAMES[self.layout.robot]
+        return self.layout.robot.action_names
 
     @property
     def points(self) -> int:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from layflat.data.types import Episode, FloatArray, Provenance, action_size, actions_of, frozen_array
+from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.types import Episode, Provenance, actions_of
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
 
@@ -65,7 +66,7 @@ def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> Tr
     count = sum(len(steps) for steps in kept)
     if count < MIN_POINTS:
         raise PolicyError(f"the demonstrations hold {count} steps; at least {MIN_POINTS} are needed")
-    size = action_size(layout.robot)
+    size = layout.robot.size
     return TrainingSet(
         layout=layout,
         episodes=tuple(episodes),

@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from layflat.data.types import ROBOTS, STEP_S, RobotName
+from layflat.data.robot import RobotSpec
+from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.sim.cloth.cloth import ClothSpec, cloth_spec
 from layflat.sim.cloth.starts import STARTS, Start
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import robot_spec
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimConfig:
     """What a bench is made of; with a seed it determines a start."""
 
-    robot: RobotName
+    robot: str
     start: Start = "hanging"
     """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
     flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
@@ -34,12 +36,11 @@ class SimConfig:
     spec: ClothSpec = field(init=False)
 
     def __post_init__(self) -> None:
-        if self.robot not in ROBOTS:
-            raise SimError(f"unknown robot {self.robot!r}; the known ones are {', '.join(ROBOTS)}")
+        robot = robot_spec(self.robot)
         if self.start not in STARTS:
             raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
-        if self.start == "crumpled" and self.robot != "pickers":
-            raise SimError(f"a crumpled start needs the pickers robot, and this is {self.robot!r}")
+        if self.start == "crumpled" and robot.n_points < 2:
+            raise SimError(f"a crumpled start needs a robot that moves both corners, such as pickers, not {robot.name}")
         if self.descriptor not in DESCRIPTORS:
             raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
         if not 0.01 <= self.step_s <= 1.0:
@@ -50,6 +51,11 @@ class SimConfig:
         """All but robot, cloth and step_s, by name: ``SimConfig(robot=..., cloth=..., step_s=..., **described)``."""
         names = [item.name for item in fields(self) if item.init]
         return {name: getattr(self, name) for name in names if name not in ("robot", "cloth", "step_s")}
+
+    @property
+    def robot_spec(self) -> RobotSpec:
+        """Name and action axes of the robot."""
+        return robot_spec(self.robot)
 
     @property
     def substeps(self) -> int:

@@ -14,11 +14,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, RobotName, action_size
+from layflat.data.arrays import FloatArray
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import disturbance_spec
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 RENDER_SIZE = (640, 480)
@@ -34,7 +35,7 @@ ObsDict = dict[str, NDArray[Any]]
 class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     """Lay the cloth flat on the table.
 
-    Action: Box(-1, 1, (2,) or (6,)), displacement of this step / ACTION_LIMIT_M in the order of ACTION_NAMES; cut off
+    Action: Box(-1, 1, (2,) or (6,)), displacement of this step / ACTION_LIMIT_M in the order of the robot's axes; cut off
     at the limits. SimError for a wrong shape or a value that is not finite.
 
     Observation: what a policy may see (``layflat.data.types.Observation``), float64; with ``images`` also rgb and depth.
@@ -53,7 +54,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
 
     def __init__(
         self,
-        robot: RobotName,
+        robot: str,
         *,
         cloth: str = "towel",
         table_friction: float = 1.0,
@@ -78,7 +79,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self._disturb_step = disturb_step
         self._step_index = 0
         self._seed = 0
-        self._size = action_size(robot)
+        self._size = self.bench.settings.robot_spec.size
         self._spaces = self._make_spaces()
         self.action_space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
         self.observation_space = spaces.Dict({**self._spaces})  # type: ignore[assignment]  # gymnasium types it Dict[Any]

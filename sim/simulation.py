@@ -6,7 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from layflat.data.types import FLAT_AREA, FloatArray, GroundTruth, Observation
+from layflat.data.arrays import FloatArray
+from layflat.data.types import FLAT_AREA, GroundTruth, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import descriptor
 from layflat.sim.camera.camera import D435_NOISE, Camera, default_pinhole
@@ -16,11 +17,11 @@ from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.mouse_drag import MouseDrag, pick_node
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
+from layflat.sim.errors import SimError
 from layflat.sim.physics.bullet.air_drag import AirDrag
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
 from layflat.sim.robots.base import Robot
-from layflat.sim.robots.hanger import PandaHanger
-from layflat.sim.robots.pickers import FreePickers
+from layflat.sim.robots.registry import robot_type
 
 DISTURBANCE_STREAM = 0xD157
 """Tells the chance of a disturbance from that of the start of the same seed."""
@@ -50,11 +51,7 @@ class ClothSimulation:
         self.cloth = Cloth(self.world, spec, first.nodes)
         self.air = AirDrag(self.cloth)
         starts.attach(self.cloth, first.corners, self.air)
-        self.holder: Robot = (
-            PandaHanger(self.cloth, first.corners, control=settings.control)
-            if settings.robot == "hanger"
-            else FreePickers(self.cloth, first.corners)
-        )
+        self.robot: Robot = robot_type(settings.robot)(self.cloth, first.corners, control=settings.control)
         self.disturbance: DisturbanceController | None = None
         self._pull: MouseDrag | None = None
         self._pull_target: FloatArray | None = None
@@ -62,9 +59,9 @@ class ClothSimulation:
         self._nodes = self.cloth.nodes()
         if settings.camera:
             self._start_camera(seed)
-        self.holder.grip()
+        self.robot.grip()
         drawn = starts.run_start_motion(
-            settings.start, self.cloth, self.holder, self.step, partial(self._befall, rng=rng), rng
+            settings.start, self.cloth, self.robot, self.step, partial(self._befall, rng=rng), rng
         )
         self._halves_before = self.world.halves_done
         self.start = self._describe_start() | dict(first.about) | dict(drawn)
@@ -84,7 +81,7 @@ class ClothSimulation:
     def _describe_start(self) -> dict[str, float]:
         """What the random moves left behind, for the record: nothing of it is hidden from the reader of a file."""
         spec, nodes = self.settings.spec, self._nodes.reshape(self.settings.spec.rows, self.settings.spec.columns, 3)
-        centre = self.holder.position()
+        centre = self.robot.position()
         hem = nodes[-1]
         return {
             "holder_x_m": float(centre[0]),
@@ -107,8 +104,8 @@ class ClothSimulation:
             lowest = percept.lowest_m
         return Observation(
             time_s=self.time_s,
-            corner_positions=self.holder.corner_positions(),
-            holder_position=self.holder.position(),
+            corner_positions=self.robot.corner_positions(),
+            holder_position=self.robot.position(),
             word=word,
             word_strength=strength,
             contact_portion=contact,
@@ -126,9 +123,9 @@ class ClothSimulation:
         )
 
     def step(self, action: FloatArray) -> None:
-        """One step: ``action`` (A,) m in the order of ACTION_NAMES."""
+        """One step: ``action`` (A,) m in the order of the robot's axes."""
         substeps = self._substeps()
-        self.holder.start_step(np.asarray(action, dtype=float), substeps)
+        self.robot.start_step(np.asarray(action, dtype=float), substeps)
         self._advance(substeps)
 
     def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
@@ -139,7 +136,7 @@ class ClothSimulation:
         holds on, and a hanger stays where it was left.
         """
         self._running()
-        shape = (3,) if self.settings.robot == "hanger" else (2, 3)
+        shape = self.robot.spec.hand_shape
         hand = None if hand_target_m is None else np.array(hand_target_m, dtype=float)
         if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
             raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
@@ -148,15 +145,14 @@ class ClothSimulation:
         # A cloth that leaves the table along it is held up by its holder alone.
         load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
         substeps = self._substeps()
-        self.holder.start_guided_step(hand, substeps, load)
+        self.robot.start_guided_step(hand, substeps, load)
         self._advance(substeps)
         return self._held_at() - before
 
     def _held_at(self) -> FloatArray:
         """(A,) m: what the actions displace."""
-        if self.settings.robot == "hanger":
-            return self.holder.position()[[0, 2]]
-        return self.holder.corner_positions().ravel()
+        robot = self.robot
+        return robot.spec.pack(robot.position() if robot.spec.n_points == 1 else robot.corner_positions())
 
     def _substeps(self) -> int:
         """Of the step to come: twice as many where cloth lies on cloth; at the usual step it diverges when lifted."""
@@ -174,7 +170,7 @@ class ClothSimulation:
                 self.disturbance.before_substep()
             if self._pull is not None:
                 self._pull.before_substep()
-            self.holder.before_substep()
+            self.robot.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
         self._force_n = (self._impulse_n_s() - impulse) / (substeps * world.substep_s)

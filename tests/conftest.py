@@ -10,17 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from layflat.data.types import (
-    ACTION_LIMIT_M,
-    ACTION_NAMES,
-    STEP_S,
-    Episode,
-    GroundTruth,
-    Observation,
-    Provenance,
-    RobotName,
-    Step,
-)
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, STEP_S, Episode, GroundTruth, Observation, Provenance, Step
+from layflat.sim.robots.registry import robot_spec
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell that starts the tests in its background has them ignore Ctrl-C, and with them what they start.
@@ -43,7 +35,7 @@ def _observation(rng: np.random.Generator, time_s: float, portion: float, images
 
 
 def _build_episode(
-    robot: RobotName = "hanger",
+    robot: str | RobotSpec = "hanger",
     n_steps: int = 5,
     seed: int = 0,
     images: bool = False,
@@ -52,7 +44,8 @@ def _build_episode(
     **overrides: Any,
 ) -> Episode:
     rng = np.random.default_rng(seed)
-    size = len(ACTION_NAMES[robot])
+    spec = robot if isinstance(robot, RobotSpec) else robot_spec(robot)
+    size = spec.size
     portions = np.linspace(0.0, 0.97, n_steps + 1)
     observations = [_observation(rng, i * STEP_S, float(p), images) for i, p in enumerate(portions)]
     ground_truths = [
@@ -69,7 +62,7 @@ def _build_episode(
         for i in range(n_steps)
     ]
     values: dict[str, Any] = {
-        "robot": robot,
+        "robot": spec,
         "cloth": "towel",
         "seed": seed,
         "source": "scripted",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from layflat.data.types import Observation, RobotName
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Observation
 from layflat.policy.base import Decision
 from layflat.policy.scripted.baselines import along_z
 
@@ -12,7 +13,7 @@ class Down:
 
     name = "down"
 
-    def __init__(self, robot: RobotName) -> None:
+    def __init__(self, robot: RobotSpec) -> None:
         self.robot = robot
 
     def reset(self, seed: int) -> None:

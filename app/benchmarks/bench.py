@@ -16,7 +16,9 @@ from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
 from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
-from layflat.data.types import ROBOTS, STEP_S, FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.types import STEP_S
+from layflat.sim.robots.registry import ROBOTS
 
 CLOTH, FINE_CLOTH = "towel", "towel-fine"
 AIR_GOAL, TABLE_GOAL = 1.5, 1.0
@@ -65,7 +67,7 @@ class BenchmarkResult:
     """One fresh process."""
 
     kind: str
-    robot: RobotName
+    robot: str
     cloth: str
     work: Callable[..., dict[str, FloatArray]]
     arguments: tuple[object, ...]
@@ -120,20 +122,22 @@ def measurements(folder: Path | None) -> Iterator[BenchmarkResult]:
                 yield BenchmarkResult(
                     kind=kind, robot=robot, cloth=cloth, work=measure.physics, arguments=(robot, cloth, blocks)
                 )
-    yield BenchmarkResult(kind="sight", robot=ROBOTS[0], cloth=CLOTH, work=measure_perception.sight, arguments=())
+    yield BenchmarkResult(
+        kind="sight", robot=next(iter(ROBOTS)), cloth=CLOTH, work=measure_perception.sight, arguments=()
+    )
     for robot in ROBOTS:
         yield BenchmarkResult(kind="predicting", robot=robot, cloth=CLOTH, work=measure.predicting, arguments=(robot,))
     for across in measure_solver_settings.ACROSS:
         yield BenchmarkResult(
             kind="recipes",
-            robot=ROBOTS[0],
+            robot=next(iter(ROBOTS)),
             cloth=f"{across} x {across}",
             work=measure_solver_settings.recipes,
             arguments=(across, CLOTH),
         )
     for kind, work in (("recording", measure_data.recording), ("opening", measure_data.opening)):
         yield BenchmarkResult(kind=kind, robot=measure_data.ROBOT, cloth=CLOTH, work=work, arguments=(folder,))
-    robot = ROBOTS[0]
+    robot = next(iter(ROBOTS))
     yield BenchmarkResult(
         kind="batch", robot=robot, cloth=CLOTH, work=measure_batch.scaling, arguments=(robot, CLOTH, folder), forks=True
     )

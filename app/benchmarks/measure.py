@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from layflat.app.workers.rollout import rollout
+from layflat.data.arrays import FloatArray
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, FloatArray, RobotName, action_size
+from layflat.data.types import Episode
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.policy.base import Policy
 from layflat.policy.features import input_set
@@ -27,6 +28,7 @@ from layflat.policy.gp.model import GpModel
 from layflat.policy.scripted.baselines import DragPolicy, ZeroPolicy
 from layflat.policy.stopping import AnyOf
 from layflat.sim.config import SimConfig
+from layflat.sim.robots.registry import robot_spec
 from layflat.sim.simulation import ClothSimulation
 
 SEED = 0
@@ -46,7 +48,7 @@ EPISODE_STEPS = 100
 """Of the episode whose keeping is timed: about what a demonstration has."""
 
 
-def physics(robot: RobotName, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_STEPS) -> dict[str, FloatArray]:
+def physics(robot: str, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_STEPS) -> dict[str, FloatArray]:
     """Without a camera. Wall s per step: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
     bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))
     try:
@@ -61,9 +63,7 @@ def physics(robot: RobotName, cloth: str, blocks: int = BLOCKS, n_steps: int = B
         bench.close()
 
 
-def seeing(
-    robot: RobotName, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS
-) -> dict[str, FloatArray]:
+def seeing(robot: str, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS) -> dict[str, FloatArray]:
     """With camera, perception and recording, on the table.
 
     Wall s per step of ``rollout``, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
@@ -75,7 +75,7 @@ def seeing(
         lay_down(bench)
         with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
             path = Path(place) / "session.h5"
-            with SessionRecorder(path, robot=robot, cloth=cloth) as recorder:
+            with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth) as recorder:
                 return _seeing(bench, recorder, n_steps)
     finally:
         bench.close()
@@ -84,11 +84,11 @@ def seeing(
 def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
     robot = bench.settings.robot
     policies: dict[str, Policy] = {
-        "drag": DragPolicy(robot, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
-        "flat": ZeroPolicy(robot),
+        "drag": DragPolicy(robot_spec(robot), name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
+        "flat": ZeroPolicy(robot_spec(robot)),
     }
     walls: dict[str, list[float]] = {}
-    episode = rollout(bench, ZeroPolicy(robot), seed=SEED, max_steps=2)
+    episode = rollout(bench, ZeroPolicy(robot_spec(robot)), seed=SEED, max_steps=2)
     for name, policy in policies.items():
         for _ in range(SEEING_BLOCKS):
             began = time.perf_counter()
@@ -105,7 +105,7 @@ def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> 
     }
 
 
-def predicting(robot: RobotName) -> dict[str, FloatArray]:
+def predicting(robot: str) -> dict[str, FloatArray]:
     """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs: ours and GPy's."""
     model = random_model(robot)
     here, there = np.zeros((1, model.layout.size)), np.zeros((1, model.layout.size))
@@ -129,9 +129,9 @@ def as_gpy(model: GpModel) -> list[Any]:
     return processes
 
 
-def random_model(robot: RobotName, points: int = GP_POINTS) -> GpModel:
+def random_model(robot: str, points: int = GP_POINTS) -> GpModel:
     """As large as a trained one, and as good as chance."""
-    layout, outputs = input_set(robot, "all"), action_size(robot)
+    layout, outputs = input_set(robot_spec(robot), "all"), robot_spec(robot).size
     rng = np.random.default_rng(SEED)
     return GpModel(
         policy="gp-word",
@@ -155,7 +155,7 @@ def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
     robot, spec = bench.settings.robot, bench.settings.spec
     forward, down = LAY_STEP_M
     for _ in range(most_steps):
-        height = float(bench.holder.position()[2])
+        height = float(bench.robot.position()[2])
         if height < spec.margin_m + 0.002:
             break
         touches = bool(bench.ground_truth().nodes[: spec.columns, 2].min() < 2 * spec.margin_m)
@@ -188,7 +188,7 @@ def _ours(bench: ClothSimulation, action: FloatArray, n_steps: int) -> float:
 def _bare(bench: ClothSimulation, n_steps: int) -> float:
     """Wall s per step of stepping alone."""
     world, substeps = bench.cloth.world, bench.settings.substeps
-    bench.holder.rest()
+    bench.robot.rest()
     for _ in range(SETTLE_STEPS * substeps):
         world.step()
     began = time.perf_counter()
@@ -221,9 +221,9 @@ def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[s
     return {name: np.array(wall) for name, wall in walls.items()}
 
 
-def _moves(robot: RobotName, dx: float, dz: float) -> FloatArray:
+def _moves(robot: str, dx: float, dz: float) -> FloatArray:
     """(A,) m: the whole holder moves."""
-    return np.array([dx, dz] if robot == "hanger" else [dx, 0.0, dz] * 2)
+    return robot_spec(robot).pack([dx, 0.0, dz])
 
 
 def lengthened(episode: Episode) -> Episode:

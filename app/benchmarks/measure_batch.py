@@ -14,7 +14,7 @@ from layflat.app.evaluation.simulated_episode import SimulatedEpisode
 from layflat.app.evaluation.work_item import EpisodeFactory
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.make_policy import SCRIPTED
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
 
 WORKERS = (1, 2)
 EPISODES = 4
@@ -22,7 +22,7 @@ EPISODES = 4
 
 
 def scaling(
-    robot: RobotName,
+    robot: str,
     cloth: str,
     folder: Path | None = None,
     play: EpisodeFactory = SimulatedEpisode,

@@ -22,28 +22,21 @@ from numpy.typing import NDArray
 
 from layflat.app.benchmarks.measure import DRAG_STEP_M, SEED, lay_down, lengthened
 from layflat.app.workers.rollout import rollout
+from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import fsync_path
 from layflat.data.format.encode import LIBVER, arrays_of, attributes_of
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.session_writer import SessionFile
-from layflat.data.types import (
-    ACTION_LIMIT_M,
-    Episode,
-    FloatArray,
-    GroundTruth,
-    Observation,
-    RobotName,
-    Step,
-    action_size,
-)
+from layflat.data.types import ACTION_LIMIT_M, Episode, GroundTruth, Observation, Step
 from layflat.policy.scripted.baselines import DragPolicy
 from layflat.policy.stopping import AnyOf
 from layflat.sim.config import SimConfig
+from layflat.sim.robots.registry import robot_spec
 from layflat.sim.simulation import ClothSimulation
 
-ROBOT: RobotName = "pickers"
+ROBOT: str = "pickers"
 CLOTH = "towel"
 STEPS = 24
 REPEATS = 5
@@ -88,7 +81,7 @@ def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, Flo
     ``size``, and by packing ``size none|lzf|gzip 1|gzip 4``; processor s of packing ``pack none|...``.
     """
     with _place(folder) as place:
-        with SessionRecorder(place / "s.h5", robot=ROBOT, cloth=CLOTH, keep_images=True) as recorder:
+        with SessionRecorder(place / "s.h5", robot=robot_spec(ROBOT), cloth=CLOTH, keep_images=True) as recorder:
             samples, episode = _record(recorder, n_steps)
             samples["journal"] = np.array([_journal_alone(recorder, episode) for _ in range(REPEATS)])
             episode = lengthened(episode)
@@ -183,7 +176,7 @@ def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArr
     try:
         bench.reset(SEED)
         lay_down(bench)
-        policy = DragPolicy(ROBOT, name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
+        policy = DragPolicy(robot_spec(ROBOT), name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
         began = time.perf_counter()
         episode = rollout(bench, policy, seed=SEED, images=True, max_steps=n_steps, begin=begin)
         wall_s = time.perf_counter() - began
@@ -249,12 +242,12 @@ def _made_up(*, n_steps: int, nodes: int) -> Episode:
         Step(
             observation=observation(step_index),
             ground_truth=ground_truth(step_index),
-            action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, action_size(ROBOT)),
+            action=rng.uniform(-ACTION_LIMIT_M, ACTION_LIMIT_M, robot_spec(ROBOT).size),
         )
         for step_index in range(n_steps)
     ]
     return Episode(
-        robot=ROBOT,
+        robot=robot_spec(ROBOT),
         cloth=CLOTH,
         seed=SEED,
         source="scripted",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.benchmarks.measure import alternating
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.cloth.contact import contact_mask, smooth_height
 from layflat.perception.cloth.pipeline import PerceptionConfig, PerceptionPipeline

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS, BareLayflat, BareSimulation
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import cloth_spec
 
 OURS = "ours"

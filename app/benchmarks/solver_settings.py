@@ -20,7 +20,7 @@ import numpy as np
 import pybullet as bullet
 import pybullet_data
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth, ClothSpec, mesh_file
 from layflat.sim.physics.bullet.world import World
 

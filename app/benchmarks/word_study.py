@@ -20,7 +20,7 @@ import typer
 from layflat.app.support import validators
 from layflat.app.support.atomic_write import atomic_write, write_text
 from layflat.app.support.progress import Progress
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.base import Descriptor

@@ -16,11 +16,12 @@ from layflat.app.support.console import console
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
 from layflat.data.format import schema
+from layflat.data.robot import RobotSpec
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.reader import Session, open_session
 from layflat.data.tools.stats import ColumnStats, session_stats
 from layflat.data.tools.validate import validate as violations_of
-from layflat.data.types import OUTCOMES, DisturbanceRecord, RobotName
+from layflat.data.types import OUTCOMES, DisturbanceRecord
 
 ROWS_MAX = 20
 """Episodes that a page lists one by one; of more, the first and the last."""
@@ -148,7 +149,7 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
 
     return {
         "file": str(session.path),
-        "robot": session.robot,
+        "robot": session.robot.name,
         "cloth": session.cloth,
         "step_s": session.step_s,
         "descriptor": session.descriptor,
@@ -170,7 +171,7 @@ def _number(what: str, value: float) -> str:
 # Statistics
 
 
-def column_names(robot: RobotName) -> dict[str, tuple[str, ...]]:
+def column_names(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
     """Names of the columns of each data set; empty where they have none."""
     return {field.key: schema.columns_of(field, robot) for field in schema.FIELDS}
 

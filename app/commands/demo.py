@@ -31,12 +31,13 @@ from layflat.app.support.statistics import summary
 from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, process_pool, run_episodes
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, RobotName
+from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
 from layflat.policy.trained_model import RegressionModel, TrainedModel
 from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.robots.registry import robot_spec
 
 DEMONSTRATIONS = 10
 """As many as the thesis gave its robot (chapter 4-3-2)."""
@@ -50,13 +51,13 @@ FINISHER = "+".join((FINISH, *registry.RECOMMENDED_WRAPPERS))
 """The policy that goes past the thesis's."""
 DEMONSTRATION_S = 12.0
 RUN_S = 16.0
-TRAINING_S: Mapping[RobotName, float] = {"hanger": 15.0, "pickers": 60.0}
+TRAINING_S: Mapping[str, float] = {"hanger": 15.0, "pickers": 60.0}
 REPORT_S = 25.0
 """Core-seconds of one item, for the first estimate of the time left."""
 
 
 def run_demo(
-    out: Path, *, episodes: int, seed: int, robots: tuple[RobotName, ...], cloth: str, workers: int, force: bool
+    out: Path, *, episodes: int, seed: int, robots: tuple[str, ...], cloth: str, workers: int, force: bool
 ) -> Path:
     """Run the story into ``out`` and print where the report is; returns the report's path."""
     validators.one_of("cloth", cloth, CLOTHS)
@@ -100,7 +101,7 @@ def run_demo(
     return report
 
 
-def _phases(robots: Sequence[RobotName], episodes: int, workers: int) -> dict[str, float]:
+def _phases(robots: Sequence[str], episodes: int, workers: int) -> dict[str, float]:
     phases: dict[str, float] = {}
     for robot in robots:
         phases[f"{robot}: demonstrations"] = DEMONSTRATION_S * DEMONSTRATIONS / workers
@@ -110,7 +111,7 @@ def _phases(robots: Sequence[RobotName], episodes: int, workers: int) -> dict[st
     return phases
 
 
-def _clear(out: Path, robots: Sequence[RobotName]) -> None:
+def _clear(out: Path, robots: Sequence[str]) -> None:
     """Remove what an earlier demo wrote there, and nothing else."""
     names = [f"demonstrations-{robot}.h5" for robot in robots] + [
         "episodes.csv",
@@ -124,9 +125,7 @@ def _clear(out: Path, robots: Sequence[RobotName]) -> None:
         shutil.rmtree(out / f"{name}.parts", ignore_errors=True)
 
 
-def _demonstrate(
-    out: Path, robot: RobotName, cloth: str, seed: int, workers: int, progress: Progress
-) -> tuple[Episode, ...]:
+def _demonstrate(out: Path, robot: str, cloth: str, seed: int, workers: int, progress: Progress) -> tuple[Episode, ...]:
     """Record what is missing of the demonstrations; all of them, in the order of their seeds."""
     path = out / f"demonstrations-{robot}.h5"
     wanted = [DEMONSTRATION_SEED + seed + k for k in range(DEMONSTRATIONS)]
@@ -137,7 +136,7 @@ def _demonstrate(
     missing = [s for s in wanted if s not in there]
     progress.phase(f"{robot}: demonstrations", items=DEMONSTRATIONS)
     progress.advance(len(wanted) - len(missing))
-    with SessionRecorder(path, robot=robot, cloth=cloth, descriptor=DEFAULT) as recorder:
+    with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT) as recorder:
         jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=s) for s in missing]
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
     if lost:
@@ -148,7 +147,7 @@ def _demonstrate(
         return tuple(sorted(session.episodes(images=False), key=lambda episode: episode.seed))
 
 
-def _learn(out: Path, robot: RobotName, seed: int, workers: int, progress: Progress) -> dict[str, TrainedModel]:
+def _learn(out: Path, robot: str, seed: int, workers: int, progress: Progress) -> dict[str, TrainedModel]:
     """Train the policies, each in a process of its own, or load what an earlier run trained."""
     path = out / f"demonstrations-{robot}.h5"
     progress.phase(f"{robot}: training", items=len(POLICIES))
@@ -172,7 +171,7 @@ def _train(path: Path, policy: str, seed: int) -> TrainedModel:
 
 
 def _place(
-    robot: RobotName,
+    robot: str,
     cloth: str,
     models: dict[str, TrainedModel],
     episodes: int,

@@ -23,11 +23,11 @@ from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.make_policy import SCRIPTED
-from layflat.data.types import ROBOTS
 from layflat.policy import model_io as model_files
 from layflat.policy.registry import BUILTIN_POLICIES, WRAPPERS
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.starts import Start
+from layflat.sim.robots.registry import ROBOTS
 
 EPISODE_S = 12.0
 CASE_S = 6.0
@@ -113,14 +113,16 @@ class ParsedPolicy:
 def entrants_of(policies: Sequence[str], robots: Sequence[str]) -> tuple[PolicySpec, ...]:
     """One entrant for each policy and robot; those whose usual names are the same are told apart by their files."""
     given = [_given(text) for text in policies]
-    taught = dict.fromkeys(one.model.layout.robot for one in given if one.model is not None)
+    taught = dict.fromkeys(one.model.layout.robot.name for one in given if one.model is not None)
     wanted = tuple(
         robot for robot in ROBOTS if robot in [validators.one_of("robot", name, ROBOTS) for name in robots or taught]
     )
     if not wanted:
         raise UsageError("a policy without a model can do any robot; give --robot hanger or --robot pickers")
-    found = [(robot, one) for robot in wanted for one in given if one.model is None or one.model.layout.robot == robot]
-    left_out = [one for one in given if one.model is not None and one.model.layout.robot not in wanted]
+    found = [
+        (robot, one) for robot in wanted for one in given if one.model is None or one.model.layout.robot.name == robot
+    ]
+    left_out = [one for one in given if one.model is not None and one.model.layout.robot.name not in wanted]
     if left_out:
         raise UsageError(f"{left_out[0].stem} was taught another robot than {', '.join(wanted)}; leave it out")
     usual = [(robot, one.name or one.usual_name) for robot, one in found]

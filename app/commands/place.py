@@ -63,7 +63,7 @@ def place(
         raise UsageError(f"{video} is not a .webm file; films are written as .webm")
     jobs = [
         EpisodeConfig(
-            robot=learned.layout.robot,
+            robot=learned.layout.robot.name,
             cloth=cloth,
             seed=seed + k,
             model=learned,

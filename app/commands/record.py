@@ -16,6 +16,7 @@ from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.robots.registry import robot_spec
 
 EPISODE_S = 15.0
 """Expected wall time of a demonstration, for the first estimate of the time left."""
@@ -44,7 +45,7 @@ def record(wish: RecordConfig, *, force: bool, workers: int) -> None:
     ]
     with (
         SessionRecorder(
-            path, robot=wish.robot, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
+            path, robot=robot_spec(wish.robot), cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
         ) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from layflat.data.types import RobotName
-
 
 @dataclass(frozen=True, kw_only=True)
 class RecordConfig:
     """Demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
 
     path: Path
-    robot: RobotName
+    robot: str
     cloth: str
     source: str
     """Who demonstrates: scripted, or a device of layflat.app.workstation.teleop.registry.SOURCES."""

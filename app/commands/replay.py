@@ -20,13 +20,14 @@ from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
 from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
+from layflat.data.arrays import FloatArray
 from layflat.data.format import schema
 from layflat.data.session.reader import open_session
-from layflat.data.types import PHASES, Episode, FloatArray
+from layflat.data.types import PHASES, Episode
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 Mode: TypeAlias = Literal["state", "action"]
@@ -138,14 +139,14 @@ def _rerun_here(recorded: Episode) -> Episode:
 
 def settings_of(recorded: Episode) -> SimConfig:
     """The bench that the episode was recorded on, as far as its file says so; UsageError where that is none."""
-    usual = SimConfig(robot=recorded.robot, cloth=recorded.cloth)
+    usual = SimConfig(robot=recorded.robot.name, cloth=recorded.cloth)
     known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
-    told: dict[str, Any] = dict(recorded.bench) or {"table_friction": recorded.start.get("table_friction", 1.0)}
+    told: dict[str, Any] = dict(recorded.sim_config) or {"table_friction": recorded.start.get("table_friction", 1.0)}
     for name, value in told.items():
         if known.get(name) is not type(value):
             raise UsageError(f"the episode's bench has {name} {value!r}, which this version does not know")
     try:
-        return SimConfig(**(told | {"robot": recorded.robot, "cloth": recorded.cloth, "step_s": recorded.step_s}))
+        return SimConfig(**(told | {"robot": recorded.robot.name, "cloth": recorded.cloth, "step_s": recorded.step_s}))
     except SimError as error:
         raise UsageError(f"the episode's bench is none of this version: {error}") from None
 

@@ -15,7 +15,6 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.validators import one_of
 from layflat.app.workers.make_policy import SCRIPTED
 from layflat.app.workers.schedule import ScheduledDisturbance
-from layflat.data.types import ROBOTS, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy.registry import BUILTIN_POLICIES, WRAPPERS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
@@ -23,7 +22,8 @@ from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.cloth.starts import STARTS, Start
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import ROBOTS
 
 LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
@@ -39,7 +39,7 @@ class PolicySpec:
 
     name: str
     """As in the column ``policy``."""
-    robot: RobotName
+    robot: str
     model: TrainedModel | None = None
     made: str | None = None
     """A name of layflat.policy.registry.BUILTIN_POLICIES, or "scripted"; with a model: who takes over after a disturbance."""
@@ -58,7 +58,7 @@ class PolicySpec:
             one_of("controller", self.controller, CONTROLLERS)
         for name in self.decorators:
             one_of("decorator", name, WRAPPERS)
-        if self.model is not None and self.model.layout.robot != self.robot:
+        if self.model is not None and self.model.layout.robot.name != self.robot:
             raise UsageError(f"{self.name} was taught the {self.model.layout.robot} robot, not {self.robot}")
         if (self.controller is not None) == (self.model is not None or self.made is not None):
             raise UsageError(f"{self.name} must be a model, a policy by name, or a controller")
@@ -146,7 +146,7 @@ class EvaluationPlan:
             raise UsageError(f"--limit-s is {self.limit_s}; it must be above 0")
 
     @property
-    def robots(self) -> tuple[RobotName, ...]:
+    def robots(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(entrant.robot for entrant in self.entrants))
 
     @property
@@ -174,7 +174,7 @@ class EvaluationPlan:
                             )
 
 
-def _possible(robot: RobotName, start: Start) -> None:
+def _possible(robot: str, start: Start) -> None:
     try:
         SimConfig(robot=robot, start=start)
     except SimError as error:

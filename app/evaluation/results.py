@@ -13,8 +13,9 @@ import pandas as pd
 from layflat.app.evaluation.results_csv import ALL_COLUMNS
 from layflat.app.evaluation.work_item import run_file
 from layflat.app.support.metrics import COLUMNS
+from layflat.data.errors import DataError
 from layflat.data.session.reader import open_session
-from layflat.data.types import DataError, Episode
+from layflat.data.types import Episode
 
 BATCH, EPISODES, SUMMARY, RUNS = "batch.json", "episodes.csv", "summary.json", "runs"
 _WORDS = ("policy", "robot", "cloth", "disturbance", "stopped_by", "run", "start", "reason")

@@ -35,7 +35,7 @@ from layflat.app.support.metrics import crashed_metrics, episode_metrics, write_
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance, git_revision
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, os_reason
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
 
 ATTEMPTS = 2
 """A crash may have been the machine's: what is lost is tried once more."""

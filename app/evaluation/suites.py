@@ -27,7 +27,7 @@ from layflat.app.evaluation.plan import DisturbanceCase
 from layflat.app.support.errors import UsageError
 from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 from layflat.app.report.figures import DPI, MUTED, STYLE
 from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.metrics import disturbed_spans
-from layflat.data.types import ACTION_NAMES, OUTCOMES, Episode, FloatArray, Outcome, RobotName, actions_of
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
+from layflat.data.types import OUTCOMES, Episode, Outcome, actions_of
 
 COLOURS: Mapping[Outcome, str] = {"success": "#0f766e", "failure": "#c2571a", "partial": "#6d5bd0"}
 AXIS_COLOURS: Mapping[str, str] = {"x": "#0369a1", "y": "#4d7c0f", "z": "#b8336a"}
@@ -31,7 +33,7 @@ class Curves:
     """What is drawn of one episode."""
 
     name: str
-    robot: RobotName
+    robot: RobotSpec
     outcome: Outcome
     time_s: FloatArray
     """(T + 1,) s, 0 at the first step."""
@@ -158,7 +160,7 @@ def _alpha(count: int) -> float:
 def _draw_paths(axis: Axes, episodes: Sequence[Curves]) -> None:
     """Of the hanger, or of both pickers, in the plane that the cloth is laid in."""
     for curves in episodes:
-        tracks = [curves.holder_m] if curves.robot == "hanger" else [curves.corners_m[:, 0], curves.corners_m[:, 1]]
+        tracks = [curves.holder_m] if curves.robot.n_points == 1 else [curves.corners_m[:, 0], curves.corners_m[:, 1]]
         for track, style in zip(tracks, LINE_STYLES, strict=False):
             colour = COLOURS[curves.outcome]
             axis.plot(track[:, 0], track[:, 2], style, color=colour, linewidth=THIN + 0.3, alpha=_alpha(len(episodes)))
@@ -168,7 +170,7 @@ def _draw_paths(axis: Axes, episodes: Sequence[Curves]) -> None:
     counts = {name: sum(curves.outcome == name for curves in episodes) for name in names}
     for name in names:
         axis.plot([], [], color=COLOURS[name], label=f"{name} ({counts[name]})")
-    if any(curves.robot == "pickers" for curves in episodes):
+    if any(curves.robot.n_points > 1 for curves in episodes):
         axis.plot([], [], "--", color=MUTED, label="picker 2")
     axis.plot([], [], "o", color=MUTED, markersize=4, label="start")
     axis.plot([], [], "s", color=MUTED, markersize=4, label="end")
@@ -195,7 +197,7 @@ def _draw_starts(axis: Axes, episodes: Sequence[Curves]) -> None:
 
 def _draw_actions(axis: Axes, episodes: Sequence[Curves]) -> None:
     """Every component of the displacement, each step; bold where it is the mean over the episodes."""
-    for column, name in enumerate(ACTION_NAMES[episodes[0].robot]):
+    for column, name in enumerate(episodes[0].robot.action_names):
         colour = AXIS_COLOURS[name[1]]
         style = LINE_STYLES[name.endswith("2")]
         tracks = [(curves.time_s[:-1], 1000 * curves.actions_m[:, column]) for curves in episodes]

@@ -54,7 +54,7 @@ def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode
 
 def scene_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
     """What was, as a person in front of the robot saw it; drawn from the nodes, one frame for each observation."""
-    with ReplayScene(episode.robot, episode.cloth) as stage:
+    with ReplayScene(episode.robot.name, episode.cloth) as stage:
         for step_index, (seen, ground_truth) in enumerate(
             zip(episode.observations(), episode.ground_truths(), strict=True)
         ):
@@ -75,7 +75,7 @@ def camera_frames(episode: Episode) -> Iterator[NDArray[np.uint8]]:
             zip(episode.observations(), episode.ground_truths(), strict=True)
         ):
             if seen.rgb is None or seen.depth is None:
-                stage = stage or stack.enter_context(ReplayScene(episode.robot, episode.cloth))
+                stage = stage or stack.enter_context(ReplayScene(episode.robot.name, episode.cloth))
                 rgb, depth = stage.capture(ground_truth.nodes, seen.holder_position)
                 seen = replace(seen, rgb=rgb, depth=depth)
             yield video_frame(drawer(seen), WIDTH, caption(episode, step_index))

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from layflat.app.evaluation.phases import phase_spans
 from layflat.app.report.figures import DPI, STYLE, colour_of
 from layflat.app.support.statistics import confidence_interval
-from layflat.data.types import Episode, FloatArray
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode
 
 QUARTILES = (25.0, 50.0, 75.0)
 JITTER = 0.12

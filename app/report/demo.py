@@ -17,16 +17,17 @@ from layflat.app.report.html_assets import film_uri, png_uri, strip_view, templa
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.support.atomic_write import write_text
 from layflat.app.support.metrics import disturbed_step
-from layflat.data.types import FLAT_AREA, Episode, Provenance, RobotName
+from layflat.data.types import FLAT_AREA, Episode, Provenance
+from layflat.sim.robots.registry import robot_spec
 
 FRAME_WIDTH = 300
 FILM_WIDTH = 480
 
-ROBOT_TITLES: Mapping[RobotName, str] = {
+ROBOT_TITLES: Mapping[str, str] = {
     "hanger": "Hanger robot: one arm, two clips",
     "pickers": "Pickers robot: two free pickers",
 }
-ROBOT_TEXTS: Mapping[RobotName, str] = {
+ROBOT_TEXTS: Mapping[str, str] = {
     "hanger": "A Panda arm holds the cloth by two corners in a clip hanger and moves it in x and z.",
     "pickers": "Two pickers hold one corner each and move it along three axes.",
 }
@@ -43,7 +44,7 @@ OnProgress = Callable[[str], None]
 class RobotResults:
     """What there is to show of one robot."""
 
-    robot: RobotName
+    robot: str
     cloth: str
     demonstrations: tuple[Episode, ...]
     """Every attempt, failures too; models were trained on those of outcome "success"."""
@@ -168,7 +169,7 @@ def _field(results: RobotResults, runs: Mapping[str, Sequence[Episode]]) -> dict
             title = f"{name}, contact held at {100 * held:.0f} %"
             panels.append(SubplotSpec(model=model, title=title, held={"contact": held}))
     return {
-        "image": png_uri(figures.attractor_field(results.robot, panels, learned)),
+        "image": png_uri(figures.attractor_field(robot_spec(results.robot), panels, learned)),
         "held": any(panel.held for panel in panels),
         "bandwidth_mm": f"{1000 * figures.BANDWIDTH_M:.0f}",
         "who": "picker 1" if results.robot == "pickers" else "the hanger",

@@ -15,7 +15,7 @@ from layflat.app.media.episode_video import check_drawable
 from layflat.app.media.frames import Frame, frame_label, frame_strip, video_frame
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.support.errors import UsageError
-from layflat.data.types import Episode, GroundTruth, Observation, RobotName
+from layflat.data.types import Episode, GroundTruth, Observation
 from layflat.sim.camera.replay_scene import ReplayScene
 
 
@@ -24,7 +24,7 @@ class EpisodeRenderer:
 
     def __init__(self) -> None:
         self._drawer = PerceptionOverlay()
-        self._stages: dict[tuple[RobotName, str], ReplayScene] = {}
+        self._stages: dict[tuple[str, str], ReplayScene] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> EpisodeRenderer:
@@ -65,7 +65,7 @@ class EpisodeRenderer:
         return replace(seen, rgb=rgb, depth=depth)
 
     def _stage(self, episode: Episode) -> ReplayScene:
-        key = episode.robot, episode.cloth
+        key = episode.robot.name, episode.cloth
         if key not in self._stages:
             self._stages[key] = self._stack.enter_context(ReplayScene(*key))
         return self._stages[key]

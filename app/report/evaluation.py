@@ -19,7 +19,8 @@ from layflat.app.report.page import OnProgress, write_page
 from layflat.app.report.result_tables import GROUP_NOTE, every_table, failed_table, group_table, policies_of
 from layflat.app.report.tables import percent, points
 from layflat.app.report.thesis_numbers import BASELINE
-from layflat.data.types import Episode, FloatArray
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode
 
 CONDITION = ("robot", "cloth", "disturbance")
 """What has a section of its own."""

@@ -13,7 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import softmax
 
-from layflat.data.types import Episode, FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Episode
 from layflat.policy.features import FeatureLayout
 
 matplotlib.use("Agg")
@@ -56,7 +58,6 @@ BANDWIDTH_M = 0.02
 MARGIN_M = 0.06
 GRID = (27, 17)
 
-PLANE: Mapping[RobotName, tuple[str, str, int, int]] = {"hanger": ("x", "z", 0, 1), "pickers": ("x1", "z1", 0, 2)}
 """Input columns of the plane that is drawn, and the outputs along them."""
 
 
@@ -159,7 +160,7 @@ class SubplotSpec:
     held: Mapping[str, float]
 
 
-def attractor_field(robot: RobotName, panels: Sequence[SubplotSpec], demonstrations: Sequence[Episode]) -> bytes:
+def attractor_field(robot: RobotSpec, panels: Sequence[SubplotSpec], demonstrations: Sequence[Episode]) -> bytes:
     """Mean displacement (arrows) over its standard deviation (shade) in the xz plane, with the demonstrations.
 
     Thesis, Figure 4-1; in the pickers robot of picker 1. The inputs that are not in the plane are, at each point, the
@@ -181,7 +182,7 @@ def attractor_field(robot: RobotName, panels: Sequence[SubplotSpec], demonstrati
                 x, z, dx, dz, angles="xy", scale_units="xy", scale=scale, color=INK, width=0.0028, zorder=3,
                 headwidth=3.6, headlength=4, minlength=0.3,
             )  # fmt: skip
-            _draw_demonstrations(axis, robot, panel.model.layout.robot, demonstrations)
+            _draw_demonstrations(axis, robot, demonstrations)
             axis.set_title(panel.title)
             axis.set_xlabel("x (m)")
             axis.set_aspect("equal")
@@ -197,10 +198,10 @@ def attractor_field(robot: RobotName, panels: Sequence[SubplotSpec], demonstrati
 
 
 def field_of(
-    robot: RobotName, panel: SubplotSpec, demonstrations: Sequence[Episode]
+    robot: RobotSpec, panel: SubplotSpec, demonstrations: Sequence[Episode]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """x, z, dx, dz (m) and standard deviation (m, root mean square of both outputs), each (rows, columns)."""
-    column_x, column_z, out_x, out_z = PLANE[robot]
+    column_x, column_z, out_x, out_z = plane_of(robot)
     layout = panel.model.layout
     known = np.concatenate([layout.matrix(episode.steps) for episode in demonstrations])
     plane = [layout.names.index(column_x), layout.names.index(column_z)]
@@ -222,11 +223,9 @@ def nearby_average(values: FloatArray, places: FloatArray, points: FloatArray) -
     return np.asarray(softmax(-0.5 * squared / BANDWIDTH_M**2, axis=1) @ values)
 
 
-def _draw_demonstrations(
-    axis: Axes, robot: RobotName, model_robot: RobotName, demonstrations: Sequence[Episode]
-) -> None:
-    column_x, column_z, _, _ = PLANE[robot]
-    layout = FeatureLayout(robot=model_robot, names=(column_x, column_z))
+def _draw_demonstrations(axis: Axes, robot: RobotSpec, demonstrations: Sequence[Episode]) -> None:
+    column_x, column_z, _, _ = plane_of(robot)
+    layout = FeatureLayout(robot=robot, names=(column_x, column_z))
     for number, episode in enumerate(demonstrations):
         path = np.array([layout.vector(observation) for observation in episode.observations()])
         label = f"{len(demonstrations)} demonstrations" if number == 0 else None
@@ -244,3 +243,9 @@ def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def plane_of(robot: RobotSpec) -> tuple[str, str, int, int]:
+    """Return the x and z columns of the robot's first point, and the components of the action that move them."""
+    x, z = (next(k for k, axis in enumerate(robot.axes) if (axis.point, axis.axis) == (0, way)) for way in (0, 2))
+    return robot.coordinates[x], robot.coordinates[z], x, z

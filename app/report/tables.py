@@ -12,7 +12,8 @@ from layflat.app.report import thesis_numbers
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.support.metrics import disturbed_step, episode_metrics, placed_step
 from layflat.app.support.statistics import statistics
-from layflat.data.types import FLAT_AREA, Episode, FloatArray
+from layflat.data.arrays import FloatArray
+from layflat.data.types import FLAT_AREA, Episode
 
 THESIS_PLACING, THESIS_DISTURBANCE = thesis_numbers.PLACING, thesis_numbers.DISTURBANCE
 

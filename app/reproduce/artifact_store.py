@@ -15,11 +15,12 @@ from layflat.app.support.provenance import capture_provenance
 from layflat.app.workers.episode_pool import EpisodeConfig, process_pool
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import Episode, RobotName
+from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
 from layflat.policy.trained_model import TrainedModel
+from layflat.sim.robots.registry import robot_spec
 
 ATTEMPTS_EACH = 3
 """Times the wanted number of demonstrations that are tried before too many have failed."""
@@ -32,7 +33,7 @@ class ArtifactStore:
         self._out = out
         self._seed = seed
 
-    def session_path(self, robot: RobotName, cloth: str) -> Path:
+    def session_path(self, robot: str, cloth: str) -> Path:
         return self._out / "demonstrations" / f"{robot}-{cloth}.h5"
 
     def model_path(self, taught: ModelSpec) -> Path:
@@ -41,7 +42,7 @@ class ArtifactStore:
     def prepare(self, wanted: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
         """Make what is missing of the models and their demonstrations; ``progress`` is in a phase of its own."""
         missing = [taught for taught in dict.fromkeys(wanted) if not self.model_path(taught).exists()]
-        most: dict[tuple[RobotName, str], int] = {}
+        most: dict[tuple[str, str], int] = {}
         for taught in missing:
             key = taught.robot, taught.cloth
             most[key] = max(most.get(key, 0), taught.demonstrations)
@@ -52,7 +53,7 @@ class ArtifactStore:
     def model(self, taught: ModelSpec) -> TrainedModel:
         return model_files.load(self.model_path(taught))
 
-    def attempts(self, robot: RobotName, cloth: str) -> list[Episode]:
+    def attempts(self, robot: str, cloth: str) -> list[Episode]:
         """Every recorded demonstration by seed, failures too; without images."""
         path = self.session_path(robot, cloth)
         if not (path.exists() or path.with_name(path.name + ".parts").exists()):
@@ -60,11 +61,11 @@ class ArtifactStore:
         with open_session(path) as session:
             return sorted(session.episodes(images=False), key=lambda episode: episode.seed)
 
-    def demonstrations(self, robot: RobotName, cloth: str, count: int) -> list[Episode]:
+    def demonstrations(self, robot: str, cloth: str, count: int) -> list[Episode]:
         """The first ``count`` successful demonstrations by seed, or as many as there are."""
         return [episode for episode in self.attempts(robot, cloth) if episode.outcome == "success"][:count]
 
-    def _demonstrate(self, robot: RobotName, cloth: str, count: int, progress: Progress, workers: int) -> None:
+    def _demonstrate(self, robot: str, cloth: str, count: int, progress: Progress, workers: int) -> None:
         """Record until ``count`` demonstrations have succeeded; failed ones stay on record and are not learned from."""
         path = self.session_path(robot, cloth)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -78,7 +79,7 @@ class ArtifactStore:
             seeds = {episode.seed for episode in there}
             first = DEMONSTRATION_SEED + self._seed
             missing = [seed for seed in range(first, first + len(there) + short) if seed not in seeds]
-            with SessionRecorder(path, robot=robot, cloth=cloth, descriptor=DEFAULT) as recorder:
+            with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT) as recorder:
                 jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=seed) for seed in missing]
                 progress.status(f"{len(jobs)} demonstrations, {robot}, {cloth}")
                 lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)

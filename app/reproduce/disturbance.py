@@ -31,7 +31,7 @@ from layflat.app.reproduce.table_cells import (
     values,
 )
 from layflat.app.support.statistics import confidence_interval
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 HEADER = (
     "",

@@ -11,8 +11,9 @@ from layflat.app.report.blocks import Block, Figure, Text
 from layflat.app.reproduce.experiment_results import MISSING, Claim, ExperimentOutput, ExperimentResults
 from layflat.app.reproduce.studies import placing
 from layflat.app.reproduce.table_cells import NO, UNKNOWN, YES
-from layflat.data.types import Episode, RobotName
+from layflat.data.types import Episode
 from layflat.policy.trained_model import RegressionModel
+from layflat.sim.robots.registry import robot_spec
 
 
 def show(material: ExperimentResults) -> ExperimentOutput:
@@ -27,7 +28,7 @@ def show(material: ExperimentResults) -> ExperimentOutput:
             blocks.append(Text(lines=(f"{trial.robot}: {MISSING}",)))
             continue
         panels = [figures.SubplotSpec(model=model, title=name, held={}) for name, model in models.items()]
-        png = figures.attractor_field(trial.robot, panels, learned)
+        png = figures.attractor_field(robot_spec(trial.robot), panels, learned)
         who = "picker 1" if trial.robot == "pickers" else "the hanger"
         caption = (
             f"{trial.robot} robot: the displacement that a model predicts for {who} in the xz plane (arrows, length "
@@ -54,12 +55,12 @@ def show(material: ExperimentResults) -> ExperimentOutput:
 
 
 def _near_and_far(
-    robot: RobotName, panel: figures.SubplotSpec, learned: Sequence[Episode]
+    robot: str, panel: figures.SubplotSpec, learned: Sequence[Episode]
 ) -> tuple[float, float, float, float]:
     """Mean length (m) of the prediction on the tenth of the grid nearest to the demonstrations and on the farthest,
     and the standard deviations (m) there."""
-    x, z, dx, dz, std = figures.field_of(robot, panel, learned)
-    column_x, column_z, _, _ = figures.PLANE[robot]
+    x, z, dx, dz, std = figures.field_of(robot_spec(robot), panel, learned)
+    column_x, column_z, _, _ = figures.plane_of(robot_spec(robot))
     layout = panel.model.layout
     known = np.concatenate([layout.matrix(episode.steps) for episode in learned])
     places = known[:, [layout.names.index(column_x), layout.names.index(column_z)]]

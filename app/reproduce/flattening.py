@@ -31,7 +31,7 @@ from layflat.app.reproduce.table_cells import (
     range_cell,
     values,
 )
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, FLAT_CONTACT
 
 HEADER = (

@@ -26,7 +26,7 @@ from layflat.app.reproduce.table_cells import (
     mean_cell,
     values,
 )
-from layflat.data.types import ROBOTS, RobotName
+from layflat.sim.robots.registry import ROBOTS
 
 NONE = "none"
 SEES = {
@@ -79,7 +79,7 @@ NOTE = (
 def show(material: ExperimentResults) -> ExperimentOutput:
     """For each robot a table of policies, one of differences; then, in sentences, what WORD adds."""
     blocks: list[Block] = []
-    found: dict[RobotName, pd.DataFrame] = {}
+    found: dict[str, pd.DataFrame] = {}
     for robot in ROBOTS:
         trials = [t for t in (*placing(material.size), *inputs(material.size)) if t.robot == robot]
         rows = material.rows(*trials)
@@ -109,7 +109,7 @@ def show(material: ExperimentResults) -> ExperimentOutput:
     return ExperimentOutput(blocks=tuple(blocks))
 
 
-def what_word_adds(found: dict[RobotName, pd.DataFrame]) -> Iterator[str]:
+def what_word_adds(found: dict[str, pd.DataFrame]) -> Iterator[str]:
     """Where WORD makes a difference that the numbers show, where they show none, and the rule beside it."""
     clear: list[tuple[str, PairedComparison]] = []
     none = 0

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.data.types import ROBOTS, RobotName
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
+from layflat.sim.robots.registry import ROBOTS
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"
 RULE = "drag-rule"
@@ -55,7 +55,7 @@ class ModelSpec:
     """A model: what learns, from how many demonstrations of which cloth."""
 
     policy: str
-    robot: RobotName
+    robot: str
     cloth: str
     demonstrations: int
 
@@ -80,7 +80,7 @@ class Trial:
     """One batch: every player from the same starts, undisturbed and, from the same placing, disturbed."""
 
     name: str
-    robot: RobotName
+    robot: str
     players: tuple[TrialPolicy, ...]
     cloth: str = TOWEL
     seeds: int
@@ -105,14 +105,14 @@ class Trial:
 
 
 def learner(
-    policy: str, robot: RobotName, size: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
+    policy: str, robot: str, size: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
 ) -> TrialPolicy:
     """A model that plays under its policy's name, or another."""
     taught = ModelSpec(policy=policy, robot=robot, cloth=cloth, demonstrations=count or size.demonstrations)
     return TrialPolicy(name=name or policy, taught=taught)
 
 
-def both(robot: RobotName, size: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
+def both(robot: str, size: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
     """The thesis's baseline and its proposed method, taught on a cloth."""
     return learner(BASELINE, robot, size, cloth=cloth), learner(PROPOSED, robot, size, cloth=cloth)
 

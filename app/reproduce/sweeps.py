@@ -34,7 +34,8 @@ from layflat.app.reproduce.table_cells import (
     undisturbed,
     values,
 )
-from layflat.data.types import ROBOTS, FloatArray
+from layflat.data.arrays import FloatArray
+from layflat.sim.robots.registry import ROBOTS
 
 HEADER = (
     "",

@@ -15,7 +15,7 @@ from layflat.app.report.comparison_sentences import compared
 from layflat.app.report.tables import interval, percent, points, ratio
 from layflat.app.reproduce.studies import DISTURBANCE
 from layflat.app.support.statistics import confidence_interval, statistics
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 YES, NO, PART, UNKNOWN, FEW = "yes", "no", "in part", "not run", "too few to say"
 END_HEADER = ("mesh", "flat area (min)", "flat at the end", "lost")

@@ -11,7 +11,7 @@ from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.studies import FIRST_SEED, Trial
 from layflat.app.support.progress import Progress
 from layflat.app.workers.schedule import ScheduledDisturbance
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
 from layflat.sim.cloth.starts import STARTS
 from layflat.sim.disturbances.presets import DISTURBANCES
 

@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.stats import bootstrap
 
 from layflat.app.support.metrics import COLUMNS
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 BOOTSTRAP_SEED = 0
 BOOTSTRAP_RESAMPLES = 9999

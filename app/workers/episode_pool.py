@@ -23,14 +23,14 @@ from pebble import ProcessExpired, ProcessFuture, ProcessPool
 from layflat.app.workers.interrupts import defer_interrupts
 from layflat.app.workers.make_policy import SCRIPTED, make_policy
 from layflat.data.session.journal import JournalHandle, JournalWriter
-from layflat.data.types import Episode, RobotName
+from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy.base import Policy
 from layflat.policy.scripted import wrinkle_removal
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.starts import Start
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 JOB_LIMIT_S = 900.0
@@ -41,7 +41,7 @@ JOB_LIMIT_S = 900.0
 class EpisodeConfig:
     """Everything that determines one episode."""
 
-    robot: RobotName
+    robot: str
     cloth: str
     seed: int
     model: TrainedModel | None = None

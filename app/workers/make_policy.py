@@ -30,8 +30,8 @@ def make_policy(
     The demonstrator, who alone sees the mesh, is shown that of ``bench``. ``decorators`` come around it in their order.
     """
     if controller is not None:
-        return wrinkle_removal.controller(controller)
-    robot = bench.settings.robot
+        return wrinkle_removal.controller(controller, bench.settings.robot_spec)
+    robot = bench.settings.robot_spec
     if model is None:
         policy = _scripted(bench) if made in (None, SCRIPTED) else registry.make(str(made), robot)
     else:
@@ -44,7 +44,7 @@ def make_policy(
 def _scripted(bench: ClothSimulation) -> Policy:
     spec = bench.settings.spec
     return ScriptedDemonstrator(
-        bench.settings.robot,
+        bench.settings.robot_spec,
         length_m=spec.length_m,
         columns=spec.columns,
         held_width_m=HELD_STRETCH * spec.width_m,

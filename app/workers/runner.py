@@ -10,18 +10,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from layflat.app.support.provenance import capture_provenance
-from layflat.data.types import (
-    DisturbanceRecord,
-    DragTarget,
-    Episode,
-    FloatArray,
-    Observation,
-    Outcome,
-    Phase,
-    Step,
-    StoppedBy,
-    action_size,
-)
+from layflat.data.arrays import FloatArray
+from layflat.data.types import DisturbanceRecord, DragTarget, Episode, Observation, Outcome, Phase, Step, StoppedBy
 from layflat.policy.base import Policy
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
 from layflat.sim.simulation import ClothSimulation
@@ -68,7 +58,7 @@ class EpisodeRunner:
         self.disturbances: list[DisturbanceRecord] = []
         self._images = images
         self._hooks = tuple(hooks)
-        self._zeros = np.zeros(action_size(bench.settings.robot))
+        self._zeros = bench.settings.robot_spec.zeros()
         self._pulling = False
         self.began_s = time.monotonic()
         """By the machine's clock, for the wall time of the whole."""
@@ -174,7 +164,7 @@ class EpisodeRunner:
         """The episode as far as it is known before its first step."""
         bench, settings = self.bench, self.bench.settings
         return Episode(
-            robot=settings.robot,
+            robot=settings.robot_spec,
             cloth=settings.cloth,
             seed=self.seed,
             source=self.policy.name,
@@ -187,8 +177,8 @@ class EpisodeRunner:
             descriptor=settings.descriptor,
             disturbance=disturbance,
             start=bench.start,
-            bench=settings.described(),
-            initial_joints=bench.holder.joint_angles(),
+            sim_config=settings.described(),
+            initial_joints=bench.robot.joint_angles(),
             provenance=capture_provenance(),
         )
 

@@ -7,9 +7,12 @@ import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import PART_SUFFIX, atomic_path
+from layflat.data.errors import DataError
+from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
-from layflat.data.types import ACTION_NAMES, DataError, Episode, FloatArray, Observation, RobotName, Step
+from layflat.data.types import Episode, Observation, Step
 
 EPISODES_CSV, STEPS_CSV = "episodes.csv", "steps.csv"
 EPISODE_COLUMNS = (
@@ -35,9 +38,9 @@ _BEFELL = (*(f"force_{axis}_n" for axis in "xyz"), "pull_node", *(f"pull_{axis}_
 _TRUE = ("contact_portion_true", "flat_area")
 
 
-def step_columns(robot: RobotName) -> tuple[str, ...]:
+def step_columns(robot: RobotSpec) -> tuple[str, ...]:
     """Columns of steps.csv; the actions are displacements in metres."""
-    actions = tuple(f"{name}_m" for name in ACTION_NAMES[robot])
+    actions = tuple(f"{name}_m" for name in robot.action_names)
     stds = tuple(f"std_{name}" for name in actions)
     return ("episode", "step", "phase", *_SEEN, *_TRUE, *actions, *stds, *_BEFELL)
 
@@ -76,7 +79,7 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
     contact, end = episode.contact(), episode.final_ground_truth
     return [
         name,
-        episode.robot,
+        episode.robot.name,
         episode.cloth,
         episode.seed,
         episode.source,
@@ -93,7 +96,7 @@ def _episode_row(name: str, episode: Episode) -> list[object]:
 
 
 def _step_rows(name: str, episode: Episode) -> Iterator[list[object]]:
-    size = len(ACTION_NAMES[episode.robot])
+    size = episode.robot.size
     ground_truths = episode.ground_truths()
     for step_index, seen in enumerate(episode.observations()):
         true = [float(ground_truths[step_index].contact_portion_true), float(ground_truths[step_index].flat_area)]

@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.atomic_files import PART_SUFFIX
+from layflat.data.errors import DataError
 from layflat.data.exchange.lerobot_features import Feature, encoded, features_of, frames_of
 from layflat.data.exchange.lerobot_stats import Stats
 from layflat.data.exchange.optional_imports import require
 from layflat.data.session.reader import Session
-from layflat.data.types import DataError, Episode
+from layflat.data.types import Episode
 
 CODEBASE_VERSION = "v3.0"
 CHUNKS_SIZE = 1000
@@ -228,7 +229,9 @@ def _write_meta(
     }
     _write_json(root / INFO, info)
     _write_json(root / "meta/stats.json", stats.result())
-    _write_json(root / SIDECAR, {"schema": 1, "cloth": session.cloth, "robot": session.robot, "episodes": meta.told})
+    _write_json(
+        root / SIDECAR, {"schema": 1, "cloth": session.cloth, "robot": session.robot.name, "episodes": meta.told}
+    )
 
 
 def _tasks_table(task: str) -> Any:

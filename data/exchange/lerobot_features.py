@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.exchange.optional_imports import require
-from layflat.data.types import ACTION_NAMES, DataError, Episode
+from layflat.data.types import Episode
 
 RGB_KEY = "observation.images.camera"
 DEPTH_KEY = "observation.images.depth"
@@ -65,7 +66,7 @@ class Feature:
 def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
     """The columns that an episode like this one has."""
     first = episode.steps[0].observation
-    actions = ACTION_NAMES[episode.robot]
+    actions = episode.robot.action_names
     kept: list[Feature] = [
         Feature(key="observation.state", dtype="float32", shape=(len(STATE_NAMES),), names=STATE_NAMES),
         Feature(key="observation.environment_state", dtype="float32", shape=(len(CLOTH_NAMES),), names=CLOTH_NAMES),

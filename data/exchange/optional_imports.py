@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
 
 
 def require(name: str) -> ModuleType:

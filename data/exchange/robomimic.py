@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from layflat.data.atomic_files import PART_SUFFIX, atomic_path
+from layflat.data.errors import DataError
 from layflat.data.exchange.robomimic_import import imported_episode
 from layflat.data.format import schema
 from layflat.data.format.encode import AGREED, LIBVER
@@ -27,7 +28,6 @@ from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.tools.operations import filter_session, new_session
 from layflat.data.tools.sandbox import CallOutcome, isolated
-from layflat.data.types import DataError
 
 TRAIN, VALID = "train", "valid"
 """What robomimic calls the two filter keys."""

@@ -8,7 +8,7 @@ what is optional. What an episode cannot do without must be there: actions, ``ob
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -17,40 +17,38 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object
 from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_steps
 from layflat.data.format.encode import attributes_of
 from layflat.data.format.migrate import PLAN, disturbances_from_2
 from layflat.data.format.structure_checks import check_claim, check_hard_links, check_stored_here
+from layflat.data.robot import RobotSpec
 from layflat.data.types import (
     ACTION_LIMIT_M,
     FLAT_AREA,
-    ROBOTS,
     STEP_S,
-    DataError,
     Episode,
     GroundTruth,
     Observation,
     Phase,
     Provenance,
-    RobotName,
     Step,
-    action_size,
 )
 
 UNKNOWN_SEED = -1
 """Of an episode whose file does not tell: it can be shown and learned from, but its start cannot be made again."""
 UNKNOWN_SOURCE = "imported"
 _TOLD = (
-    schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
-    schema.DISTURBANCES, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.BENCH,
+    schema.ROBOT, schema.ACTION_AXES, schema.TASK, schema.PHYSICS, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
+    schema.DISTURBANCES, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.SIM_CONFIG,
     schema.FIRST_STEP, schema.PROVENANCE,
 )  # fmt: skip
 """What only an attribute can tell; all others follow from the arrays, or are made anew."""
 
 
-def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Episode:
+def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None, robots: Sequence[RobotSpec] = ()) -> Episode:
     """The episode of one demo of a foreign file; DataError in one sentence where it cannot be one.
 
     ``cloth`` is taken where the file names none.
@@ -59,11 +57,9 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     rows = _Rows(group)
     actions = rows.take(schema.ACTIONS, ndim=2)
     told = _told(group)
-    robot = _robot(told, actions)
-    if len(actions) < 1 or actions.shape[1] != action_size(robot):
-        raise DataError(
-            f"{group.name}/{schema.ACTIONS} has shape {actions.shape}; robot {robot} has {action_size(robot)}"
-        )
+    robot = _robot(told, actions, robots)
+    if len(actions) < 1 or actions.shape[1] != robot.size:
+        raise DataError(f"{group.name}/{schema.ACTIONS} has shape {actions.shape}; robot {robot} has {robot.size}")
     observations = _observations(rows, len(actions))
     ground_truths = _truths(rows, len(actions))
     joints = rows.take(schema.JOINTS, ndim=1) if rows.has(schema.JOINTS) else np.zeros(0)
@@ -84,7 +80,7 @@ def imported_episode(group: h5py.Group, *, file: Path, cloth: str | None) -> Epi
     return replace(known, steps=_steps(rows, actions, observations, ground_truths, phases), initial_joints=joints)
 
 
-def _unknown(robot: RobotName, observations: list[Observation], ground_truths: list[GroundTruth]) -> Episode:
+def _unknown(robot: RobotSpec, observations: list[Observation], ground_truths: list[GroundTruth]) -> Episode:
     """What an episode is of which nothing is told."""
     return Episode(
         robot=robot,
@@ -109,9 +105,8 @@ def _told(group: h5py.Group) -> dict[str, Attribute]:
     kwargs = env.get("env_kwargs")
     if isinstance(kwargs, dict) and isinstance(kwargs.get("cloth"), str):
         found[schema.CLOTH] = kwargs["cloth"]
-    for robot, name in schema.ENV_NAMES.items():
-        if env.get("env_name") == name:
-            found[schema.ROBOT] = robot
+    if isinstance(kwargs, dict) and isinstance(kwargs.get("robot"), str):
+        found[schema.ROBOT] = kwargs["robot"]
     for attributes in (data.attrs, group.attrs):
         found |= {key: _plain(attributes, key, schema.DEMO_ATTRIBUTES[key]) for key in _TOLD if key in attributes}
     return found
@@ -131,14 +126,16 @@ def _plain(attributes: Any, key: str, wanted: type) -> Attribute:
     return cast(Attribute, value)
 
 
-def _robot(told: Mapping[str, Attribute], actions: NDArray[np.float64]) -> RobotName:
-    """As told, or by the width of an action."""
-    for robot in ROBOTS:
-        if told.get(schema.ROBOT, robot) == robot and action_size(robot) == actions.shape[1]:
+def _robot(told: Mapping[str, Attribute], actions: NDArray[np.float64], robots: Sequence[RobotSpec]) -> RobotSpec:
+    """Return the robot that the file names, with the axes that it names, else the known robot whose action fits."""
+    if schema.ROBOT in told and schema.ACTION_AXES in told:
+        return RobotSpec.from_json(str(told[schema.ROBOT]), str(told[schema.ACTION_AXES]))
+    for robot in robots:
+        if told.get(schema.ROBOT, robot.name) == robot.name and robot.size == actions.shape[1]:
             return robot
     raise DataError(
-        f"the robot is {told.get(schema.ROBOT, 'not told')} and an action has {actions.shape[1]} components;"
-        f" there are {', '.join(f'{robot} with {action_size(robot)}' for robot in ROBOTS)}"
+        f"the robot is {told.get(schema.ROBOT, 'not named')} and an action has {actions.shape[1]} components;"
+        f" there are {', '.join(f'{robot} with {robot.size}' for robot in robots) or 'none to choose from'}"
     )
 
 

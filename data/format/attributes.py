@@ -14,7 +14,9 @@ from typing import Any, TypeAlias, cast
 import h5py
 import numpy as np
 
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
+from layflat.data.format import schema
+from layflat.data.robot import RobotSpec
 
 Attribute: TypeAlias = str | int | float | bool
 
@@ -90,3 +92,8 @@ def _json(attributes: Mapping[str, Attribute], key: str) -> Any:
         return json.loads(str(attributes[key]))
     except (ValueError, RecursionError):
         raise DataError(f"attribute {key} is {str(attributes[key])[:40]!r}; it must be JSON") from None
+
+
+def robot_of(attributes: Mapping[str, Attribute]) -> RobotSpec:
+    """Return the robot that the attributes name; DataError where it is damaged."""
+    return RobotSpec.from_json(str(attributes[schema.ROBOT]), str(attributes[schema.ACTION_AXES]))

@@ -10,14 +10,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, json_object, json_objects
+from layflat.data.format.attributes import Attribute, json_object, json_objects, robot_of
 from layflat.data.format.migrate import upgraded_demo
 from layflat.data.format.structure_checks import stored_attributes
 from layflat.data.session.row_arrays import read_rows
 from layflat.data.types import (
     ACTION_LIMIT_M,
-    DataError,
     DisturbanceRecord,
     DragTarget,
     Episode,
@@ -26,7 +26,6 @@ from layflat.data.types import (
     Outcome,
     Phase,
     Provenance,
-    RobotName,
     Step,
     StoppedBy,
 )
@@ -50,7 +49,7 @@ def without_steps(attributes: Mapping[str, Attribute], observation: Observation,
     """Everything of an episode that the attributes of its demo hold."""
     provenance = json_object(attributes, schema.PROVENANCE)
     return Episode(
-        robot=cast(RobotName, attributes[schema.ROBOT]),
+        robot=robot_of(attributes),
         cloth=str(attributes[schema.CLOTH]),
         seed=int(attributes[schema.SEED]),
         source=str(attributes[schema.SOURCE]),
@@ -59,13 +58,15 @@ def without_steps(attributes: Mapping[str, Attribute], observation: Observation,
         final_ground_truth=ground_truth,
         stopped_by=cast(StoppedBy, attributes[schema.STOPPED_BY]),
         outcome=cast(Outcome, attributes[schema.OUTCOME]),
+        task=str(attributes[schema.TASK]),
+        physics=str(attributes[schema.PHYSICS]),
         step_s=float(attributes[schema.STEP_S]),
         disturbance=str(attributes[schema.DISTURBANCE]),
         wall_s=float(attributes[schema.WALL_S]),
         start={key: float(value) for key, value in json_object(attributes, schema.START).items()},
         provenance=_provenance(provenance),
         descriptor=str(attributes[schema.DESCRIPTOR]),
-        bench=json_object(attributes, schema.BENCH),
+        sim_config=json_object(attributes, schema.SIM_CONFIG),
         disturbances=disturbances_of(attributes),
         first_step=int(attributes[schema.FIRST_STEP]),
     )

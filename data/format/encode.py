@@ -5,24 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.arrays import FloatArray
+from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, digest, set_attribute
-from layflat.data.types import (
-    ACTION_LIMIT_M,
-    DataError,
-    DisturbanceRecord,
-    Episode,
-    FloatArray,
-    Observation,
-    RobotName,
-    Step,
-)
+from layflat.data.format.attributes import Attribute, digest, robot_of, set_attribute
+from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, Episode, Observation, Step
 
 CHUNK_BYTES = 1 << 20
 PACKING = {"compression": "gzip", "compression_opts": 1}
@@ -30,7 +23,7 @@ PACKING = {"compression": "gzip", "compression_opts": 1}
 LIBVER = ("v110", "v110")
 """The oldest format of HDF5 that carries checksums in its own structures, so that damage is noticed; h5py reads it."""
 INT64_MAX = 2**63 - 1
-AGREED = (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
+AGREED = (schema.ROBOT, schema.ACTION_AXES, schema.TASK, schema.PHYSICS, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
 """Attributes in which all episodes of a session agree."""
 
 
@@ -42,7 +35,10 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.UID: uid,
         schema.VERSION: schema.SCHEMA_VERSION,
         schema.NUM_SAMPLES: len(episode.steps),
-        schema.ROBOT: episode.robot,
+        schema.ROBOT: episode.robot.name,
+        schema.ACTION_AXES: episode.robot.axes_json(),
+        schema.TASK: episode.task,
+        schema.PHYSICS: episode.physics,
         schema.CLOTH: episode.cloth,
         schema.STEP_S: float(episode.step_s),
         schema.DESCRIPTOR: episode.descriptor,
@@ -56,7 +52,7 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.STOPPED_BY: episode.stopped_by,
         schema.WALL_S: float(episode.wall_s),
         schema.START: _json(start, schema.START),
-        schema.BENCH: _json(episode.bench, schema.BENCH),
+        schema.SIM_CONFIG: _json(episode.sim_config, schema.SIM_CONFIG),
         schema.FIRST_STEP: int(episode.first_step),
         schema.CONTACT_START: float(observations[0].contact_portion),
         schema.CONTACT_FINAL: float(observations[-1].contact_portion),
@@ -136,7 +132,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
     """Fill an empty group."""
     for key, value in {**attributes, schema.DIGEST: digest(attributes)}.items():
         set_attribute(group.attrs, key, value)
-    robot = cast(RobotName, attributes[schema.ROBOT])
+    robot = robot_of(attributes)
     for field in schema.FIELDS:
         if field.key not in arrays:
             continue
@@ -176,9 +172,9 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
         "type": schema.ENV_TYPE_GYM,
         # robomimic's documentation says env_type where its code reads type.
         "env_type": schema.ENV_TYPE_GYM,
-        "env_name": next(name for robot, name in schema.ENV_NAMES.items() if robot == first[schema.ROBOT]),
+        "env_name": schema.ENV_NAME,
         "env_version": versions.get("layflat", "unknown"),
-        "env_kwargs": {"cloth": first[schema.CLOTH]},
+        "env_kwargs": {key: first[key] for key in (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)},
     }
     # As others expect it, of variable length; we ourselves never read it.
     data.attrs[schema.ENV_ARGS] = json.dumps(env_args)

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping
 import h5py
 import numpy as np
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.structure_checks import check_claim, check_stored_here
-from layflat.data.types import OUTCOMES, DataError
+from layflat.data.types import OUTCOMES
 
 OURS = ("all", *OUTCOMES)
 """Made from the outcomes whenever a file is written; all other keys belong to users."""

@@ -26,7 +26,7 @@ PLAN = "disturbance_plan"
 _NEW_IN_2 = (
     schema.DESCRIPTOR,
     PLAN,
-    schema.BENCH,
+    schema.SIM_CONFIG,
     schema.FIRST_STEP,
     schema.CONTACT_START,
     schema.CONTACT_FINAL,
@@ -68,7 +68,7 @@ def upgraded_demo(attributes: Mapping[str, Attribute], group: h5py.Group) -> dic
     added: dict[str, Attribute] = {
         schema.DESCRIPTOR: "word",
         PLAN: "{}",
-        schema.BENCH: "{}",
+        schema.SIM_CONFIG: "{}",
         schema.FIRST_STEP: 0,
         schema.CONTACT_START: float(group[contact[0]][0, 0]),
         schema.CONTACT_FINAL: float(group[contact[1]][-1, 0]),

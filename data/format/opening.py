@@ -11,12 +11,13 @@ from pathlib import Path
 import h5py
 
 from layflat.data.atomic_files import os_reason
+from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, typed_attributes
+from layflat.data.format.attributes import Attribute, robot_of, typed_attributes
 from layflat.data.format.migrate import SESSION_TYPES, VERSIONS, upgraded_session
 from layflat.data.format.structure_checks import check_hard_links
 from layflat.data.tools.sandbox import CallOutcome, isolated
-from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, ROBOTS, DataError
+from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, MemoryError)
 """What h5py and numpy raise on bytes that make no sense."""
@@ -76,8 +77,7 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
     attributes = upgraded_session(typed_attributes(data, SESSION_TYPES[version], variable=version == 1))
     if attributes[schema.SCHEMA_NAME] != schema.SCHEMA:
         raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
-    if attributes[schema.ROBOT] not in ROBOTS:
-        raise DataError(f"attribute robot is {attributes[schema.ROBOT]!r}; it must be one of {', '.join(ROBOTS)}")
+    robot_of(attributes)
     if attributes[schema.DESCRIPTOR] not in DESCRIPTORS:
         raise DataError(
             f"attribute descriptor is {attributes[schema.DESCRIPTOR]!r}; it must be one of {', '.join(DESCRIPTORS)}"

@@ -19,7 +19,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from layflat.data.types import ACTION_NAMES, RobotName
+from layflat.data.robot import RobotSpec
 
 SCHEMA = "layflat-session"
 SCHEMA_VERSION = 3
@@ -34,7 +34,7 @@ TRUTH = "truth"
 DEMO_NAME = re.compile(r"demo_(0|[1-9][0-9]{0,8})")
 """robomimic parses the integer after the underscore of every member of /data."""
 
-ENV_NAMES: dict[RobotName, str] = {"hanger": "layflat/HangerPlace-v0", "pickers": "layflat/PickersPlace-v0"}
+ENV_NAME = "layflat/ClothPlace-v0"
 ENV_TYPE_GYM = 2
 """robomimic's EnvType.GYM_TYPE."""
 
@@ -45,6 +45,10 @@ ENV_ARGS = "env_args"
 """JSON for robomimic: type, env_name, env_version, env_kwargs. For others only; never read here."""
 SCHEMA_NAME = "schema"
 ROBOT = "robot"
+ACTION_AXES = "action_axes"
+"""JSON list of [name, point, axis] for each component of an action, see layflat.data.robot."""
+TASK = "task"
+PHYSICS = "physics"
 CLOTH = "cloth"
 STEP_S = "step_s"
 DESCRIPTOR = "descriptor"
@@ -67,8 +71,8 @@ DISTURBANCES = "disturbances"
 WALL_S = "wall_s"
 START = "start"
 """JSON object: name -> number."""
-BENCH = "bench"
-"""JSON object: settings of the bench."""
+SIM_CONFIG = "sim_config"
+"""JSON object: settings of the simulation."""
 FIRST_STEP = "first_step"
 CONTACT_START = "contact_start"
 CONTACT_FINAL = "contact_final"
@@ -98,6 +102,9 @@ SESSION_ATTRIBUTES: dict[str, type] = {
     SCHEMA_NAME: str,
     VERSION: int,
     ROBOT: str,
+    ACTION_AXES: str,
+    TASK: str,
+    PHYSICS: str,
     CLOTH: str,
     STEP_S: float,
     DESCRIPTOR: str,
@@ -110,6 +117,9 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     VERSION: int,
     NUM_SAMPLES: int,
     ROBOT: str,
+    ACTION_AXES: str,
+    TASK: str,
+    PHYSICS: str,
     CLOTH: str,
     STEP_S: float,
     DESCRIPTOR: str,
@@ -123,7 +133,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     STOPPED_BY: str,
     WALL_S: float,
     START: str,
-    BENCH: str,
+    SIM_CONFIG: str,
     FIRST_STEP: int,
     CONTACT_START: float,
     CONTACT_FINAL: float,
@@ -263,9 +273,9 @@ FIELDS: tuple[Field, ...] = (
 )
 
 
-def columns_of(field: Field, robot: RobotName) -> tuple[str, ...]:
-    """Names of the columns of a data set in this robot; empty where they have none."""
-    return ACTION_NAMES[robot] if field.shape[-1] == "A" else field.columns
+def columns_of(field: Field, robot: RobotSpec) -> tuple[str, ...]:
+    """Return the names of the columns of a data set; empty where they have none."""
+    return robot.action_names if field.shape[-1] == "A" else field.columns
 
 
 def demo_name(number: int) -> str:

@@ -9,11 +9,12 @@ from math import prod
 
 import h5py
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, digest, typed_attributes
+from layflat.data.format.attributes import Attribute, digest, robot_of, typed_attributes
 from layflat.data.format.migrate import DEMO_TYPES, VERSIONS, upgraded_demo
 from layflat.data.session.demo_info import DemoInfo, info_of
-from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, OUTCOMES, ROBOTS, STOP_REASONS, DataError, action_size
+from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS, OUTCOMES, STOP_REASONS
 
 EXPANSION_MAX = 1100
 """Bytes in memory per byte on disk: above deflate's limit of 1032. A small file that claims more is not believed."""
@@ -157,7 +158,6 @@ def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], foun
     """Attributes that only few values make sense for."""
     allowed: dict[str, Sequence[Attribute]] = {
         schema.ACTION_LIMIT: (ACTION_LIMIT_M,),
-        schema.ROBOT: ROBOTS,
         schema.STOPPED_BY: STOP_REASONS,
         schema.OUTCOME: OUTCOMES,
         schema.SUCCESS: (attributes[schema.OUTCOME] == "success",),
@@ -188,8 +188,8 @@ def _inspect_members(group: h5py.Group, found: Violations) -> None:
 
 def _lengths(attributes: Mapping[str, Attribute]) -> dict[str, int]:
     """The letters of shapes that the attributes decide on."""
-    n_steps, robot = int(attributes[schema.NUM_SAMPLES]), next(t for t in ROBOTS if t == attributes[schema.ROBOT])
-    return {"N": n_steps, "N+1": n_steps + 1, "A": action_size(robot)}
+    n_steps = int(attributes[schema.NUM_SAMPLES])
+    return {"N": n_steps, "N+1": n_steps + 1, "A": robot_of(attributes).size}
 
 
 def _inspect_consistency(group: h5py.Group, lengths: Mapping[str, int], found: Violations) -> None:

@@ -10,11 +10,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.structure_checks import Violations
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.row_arrays import MAY_BE_UNKNOWN
-from layflat.data.types import ACTION_LIMIT_M, PHASES, DataError
+from layflat.data.types import ACTION_LIMIT_M, PHASES
 
 BLOCK_BYTES = 1 << 24
 UNIT_TOLERANCE = 1e-6

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, get_type_hints
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object
-from layflat.data.types import DataError, Outcome, RobotName, StoppedBy
+from layflat.data.types import Outcome, StoppedBy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +19,7 @@ class DemoInfo:
 
     uid: str
     """Identity of the recording; stays when an episode is copied, merged or renumbered."""
-    robot: RobotName
+    robot: str
     cloth: str
     descriptor: str
     step_s: float
@@ -62,7 +63,7 @@ def info_of(attributes: Mapping[str, Attribute], *, images: bool, version: int) 
     provenance = json_object(attributes, schema.PROVENANCE)
     same = {name: attributes[name] for name in FIELD_NAMES if name in attributes}
     values: dict[str, Any] = same | {
-        "steps": attributes[schema.NUM_SAMPLES],
+        "n_steps": attributes[schema.NUM_SAMPLES],
         "created_utc": str(provenance.get("created_utc", "")),
         "operator": str(provenance.get("operator", "")),
         "images": images,

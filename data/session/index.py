@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.encode import PACKING
 from layflat.data.format.structure_checks import check_claim, check_stored_here
 from layflat.data.session.demo_info import DemoInfo, info_from_row, info_to_row
-from layflat.data.types import DataError
 
 CHUNK_BYTES = 1 << 16
 

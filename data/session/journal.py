@@ -29,19 +29,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.atomic_files import fsync_path, lock_until_exit, os_reason, unlock
+from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.encode import attributes_of, disturbances_text, hand_row
-from layflat.data.types import (
-    ACTION_LIMIT_M,
-    DataError,
-    DisturbanceRecord,
-    Episode,
-    GroundTruth,
-    Observation,
-    Step,
-    WriteError,
-    action_size,
-)
+from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, Episode, GroundTruth, Observation, Step
 
 MAGIC = b"LAYFLAT journal 1\n"
 FRAME = struct.Struct("<IIc")
@@ -91,7 +82,7 @@ class JournalWriter:
     def __init__(self, ticket: JournalHandle, beginning: Episode) -> None:
         self.ticket = ticket
         self._began = time.monotonic()
-        self._size = action_size(beginning.robot)
+        self._size = beginning.robot.size
         self._lengths = lengths_of(beginning, keep_images=ticket.keep_images)
         self._dtype = record_dtype(self._lengths)
         self._problem: DataError | None = None
@@ -236,7 +227,7 @@ def write_all(descriptor: int, *pieces: bytes) -> None:
 
 def lengths_of(beginning: Episode, *, keep_images: bool) -> dict[str, int]:
     """The letters of the schema's shapes, and ``nodes``, in this episode."""
-    size = action_size(beginning.robot)
+    size = beginning.robot.size
     return _lengths(beginning.final_observation, known(beginning.final_ground_truth), size, keep_images=keep_images)
 
 

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.atomic_files import lock_until_exit, unlock
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_steps
 from layflat.data.format.migrate import from_2
 from layflat.data.session.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, STEP, record_dtype
-from layflat.data.types import DataError, Episode, GroundTruth, Observation, Phase, Step, StoppedBy, disturbances_within
+from layflat.data.types import Episode, GroundTruth, Observation, Phase, Step, StoppedBy, disturbances_within
 
 JOURNAL_GLOB = "running-*.journal"
 READ_VERSIONS = (2, schema.SCHEMA_VERSION)

@@ -12,22 +12,24 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, cast, overload
+from typing import Any, overload
 
 import h5py
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute
+from layflat.data.format.attributes import Attribute, robot_of
 from layflat.data.format.decode import disturbances_of, read_demo
 from layflat.data.format.encode import AGREED
 from layflat.data.format.migrate import upgraded_demo
 from layflat.data.format.opening import FileGone, attribute_error_to, check_session, open_file, part_files
 from layflat.data.format.structure_checks import check_demo, check_hard_link, stored_attributes, stored_digest
+from layflat.data.robot import RobotSpec
 from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.index import IndexLine, read_index
 from layflat.data.session.row_arrays import read_rows, stacked
-from layflat.data.types import DataError, DisturbanceRecord, Episode, Outcome, RobotName
+from layflat.data.types import DisturbanceRecord, Episode, Outcome
 
 
 def open_session(path: str | Path) -> Session:
@@ -55,7 +57,7 @@ class Session(Sequence[Episode]):
     sequences of episodes that are read as late. Holds the file open until ``close``.
     """
 
-    robot: RobotName
+    robot: RobotSpec
     cloth: str
     step_s: float
     """Simulated seconds of one step."""
@@ -241,7 +243,12 @@ class Session(Sequence[Episode]):
                 lines = {name: _checked_line(data, name, size) for name in names}
             for name, line in lines.items():
                 info = line.info
-                if (info.robot, info.cloth, info.step_s, info.descriptor) != self._agreed:
+                if (info.robot, info.cloth, info.step_s, info.descriptor) != (
+                    self.robot.name,
+                    self.cloth,
+                    self.step_s,
+                    self.descriptor,
+                ):
                     raise DataError(f"/{schema.DATA}/{name} is not of the session's robot, cloth, step and descriptor")
                 if info.uid not in skip:
                     demo = _Demo(opened=opened, key=name, file=file, line=line, checked=not indexed)
@@ -254,17 +261,15 @@ class Session(Sequence[Episode]):
     def _agree(self, session: dict[str, Attribute]) -> None:
         agreed = tuple(session[key] for key in AGREED)
         if not hasattr(self, "robot"):
-            self.robot, self.cloth = cast(RobotName, agreed[0]), str(agreed[1])
-            self.step_s, self.descriptor = float(agreed[2]), str(agreed[3])
+            self.robot = robot_of(session)
+            self.task, self.physics = str(session[schema.TASK]), str(session[schema.PHYSICS])
+            self.cloth, self.descriptor = str(session[schema.CLOTH]), str(session[schema.DESCRIPTOR])
+            self.step_s = float(session[schema.STEP_S])
+            self._agreed = agreed
         elif agreed != self._agreed:
             raise DataError(
                 f"belongs to another session ({_described(agreed)}, not {_described(self._agreed)}); move it elsewhere"
             )
-
-    @property
-    def _agreed(self) -> tuple[Attribute, ...]:
-        """In the order of AGREED."""
-        return self.robot, self.cloth, self.step_s, self.descriptor
 
     def _free(self, name: str) -> str:
         if name not in self._demos:
@@ -316,5 +321,5 @@ def _checked_line(data: h5py.Group, name: str, file_bytes: int) -> IndexLine:
 
 
 def _described(agreed: Sequence[object]) -> str:
-    robot, cloth, step_s, descriptor = agreed
-    return f"robot {robot}, cloth {cloth}, step {step_s} s, descriptor {descriptor}"
+    known = dict(zip(AGREED, agreed, strict=True))
+    return ", ".join(f"{key} {known[key]}" for key in (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR))

@@ -23,15 +23,17 @@ from types import TracebackType
 import h5py
 
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path, fsync_path, fsync_write, os_reason
+from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.encode import LIBVER
 from layflat.data.format.opening import part_files, parts_folder
+from layflat.data.robot import RobotSpec
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.journal_reader import journal_path, journals, orphaned_journals, read_journal, remove
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile, check_copy, serialize
-from layflat.data.types import DESCRIPTORS, ROBOTS, DataError, Episode, Outcome, RobotName, StoppedBy, WriteError
+from layflat.data.types import DESCRIPTORS, Episode, Outcome, StoppedBy
 
 PARTS_MAX = 200
 """Parts that are let lie at most: each costs a reader an open file, of which a process may have 256 on some systems."""
@@ -60,7 +62,7 @@ class SessionRecorder:
         self,
         path: str | Path,
         *,
-        robot: RobotName,
+        robot: RobotSpec,
         cloth: str,
         keep_images: bool = False,
         descriptor: str | None = None,
@@ -69,11 +71,10 @@ class SessionRecorder:
 
         Without a ``descriptor`` it is that of the session, or of the first episode.
         """
-        for key, value, known in (("robot", robot, ROBOTS), ("descriptor", descriptor, (None, *DESCRIPTORS))):
-            if value not in known:
-                raise DataError(f"{key} is {value!r}; it must be one of {', '.join(filter(None, known))}")
+        if descriptor not in (None, *DESCRIPTORS):
+            raise DataError(f"descriptor is {descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
         self.path = Path(path)
-        self.robot: RobotName = robot
+        self.robot: RobotSpec = robot
         self.cloth = cloth
         self.descriptor = descriptor
         self.keep_images = keep_images

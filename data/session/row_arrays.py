@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.types import DataError
 
 PER_STEP = {field.key: field for field in schema.FIELDS if field.shape[0] == "N"}
 """Data sets with one row per step."""

@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 from numpy.typing import NDArray
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest
 from layflat.data.format.decode import read_demo
@@ -17,7 +18,7 @@ from layflat.data.format.masks import OURS, masks_of, read_masks, write_masks
 from layflat.data.format.structure_checks import stored_attributes, stored_digest
 from layflat.data.session.demo_info import DemoInfo, info_of
 from layflat.data.session.index import IndexLine, append_index
-from layflat.data.types import DataError, Episode
+from layflat.data.types import Episode
 
 
 class SessionFile:

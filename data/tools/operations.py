@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.encode import AGREED, LIBVER
 from layflat.data.format.opening import part_files, parts_folder
@@ -24,7 +25,7 @@ from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.recorder import check_place, writing
 from layflat.data.session.session_writer import SessionFile
-from layflat.data.types import DataError, Episode, disturbances_within
+from layflat.data.types import Episode, disturbances_within
 
 
 def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import h5py
 
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.decode import read_demo
 from layflat.data.format.encode import AGREED, LIBVER
@@ -29,7 +30,6 @@ from layflat.data.format.structure_checks import Violation, check_demo, check_ha
 from layflat.data.session.journal_reader import RecoveredEpisode, journals, orphaned_journals, read_journal, remove
 from layflat.data.session.recorder import check_place, writing
 from layflat.data.session.session_writer import SessionFile
-from layflat.data.types import DataError
 
 EOF_OFFSET = 28
 """Of the file's length in a superblock of HDF5's version 2 or 3, with lengths of eight bytes."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layflat.data.arrays import FloatArray
 from layflat.data.format.schema import DEPTH, NEXT_OBS, RGB
 from layflat.data.session.reader import Session
 from layflat.data.session.row_arrays import PER_STEP
-from layflat.data.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

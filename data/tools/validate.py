@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 
+from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.decode import read_demo
 from layflat.data.format.masks import OURS, masks_of, read_masks
@@ -18,7 +19,6 @@ from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.index import IndexLine, read_index
 from layflat.data.session.journal_reader import journals, orphaned_journals
 from layflat.data.tools.sandbox import CallOutcome, isolated
-from layflat.data.types import DataError
 
 __all__ = ["Violation", "validate"]
 

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from layflat.data.types import FloatArray, action_size
+from layflat.data.arrays import FloatArray
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.trained_model import TrainedModel, freeze
@@ -47,7 +47,7 @@ class DmpModel(TrainedModel):
     """How long the demonstrations take, on average; simulated time."""
 
     def __post_init__(self) -> None:
-        outputs = action_size(self.layout.robot)
+        outputs = self.layout.robot.size
         freeze(self, "goal", (outputs,))
         freeze(self, "weights", (outputs, None))
         if self.layout != input_set(self.layout.robot, "position"):

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from layflat.data.types import Episode, FloatArray, Observation, Provenance, actions_of
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode, Observation, Provenance, actions_of
 from layflat.policy.base import Decision, PolicyError
 from layflat.policy.dmp.model import DmpModel, Motion, advanced, at_rest, path
 from layflat.policy.features import FeatureLayout

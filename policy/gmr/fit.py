@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from layflat.data.types import Episode, FloatArray, Provenance
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode, Provenance
 from layflat.policy.features import FeatureLayout
 from layflat.policy.gmr.model import GmrModel
 from layflat.policy.training_set import OUTPUT_SCALE_M, TrainingSet, build_training_set, held_out_rmse

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.special import logsumexp
 
-from layflat.data.types import FloatArray, action_size
+from layflat.data.arrays import FloatArray
 from layflat.policy.base import PolicyError
 from layflat.policy.trained_model import RegressionModel, freeze
 
@@ -67,7 +67,7 @@ class GmrModel(RegressionModel):
     """(K, D + A, D + A) of the same."""
 
     def __post_init__(self) -> None:
-        size = self.layout.size + action_size(self.layout.robot)
+        size = self.layout.size + self.layout.robot.size
         freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "weights", (None,))
         freeze(self, "means", (len(self.weights), size))

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from layflat.data.types import ACTION_NAMES, Episode, FloatArray, Provenance
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode, Provenance
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
 from layflat.policy.gp import init, sparse
@@ -97,7 +98,7 @@ def fit(
         starts=options.starts,
         seed=seed,
         inducing=inducing,
-        names=ACTION_NAMES[layout.robot],
+        names=layout.robot.action_names,
         progress=progress,
     )
     # Only what is predicted is weighted. Copies would tell the likelihood of a demonstrator without any noise.

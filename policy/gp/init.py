@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 LENGTH_SCALES = np.geomspace(0.15, 4.0, 14)
 NOISE_RATIOS = np.geomspace(1e-5, 1.0, 16)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.policy.base import PolicyError
 from layflat.policy.trained_model import freeze
 

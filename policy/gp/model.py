@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from layflat.data.types import FloatArray, action_size
+from layflat.data.arrays import FloatArray
 from layflat.policy.base import PolicyError
 from layflat.policy.gp.kernel import Hyperparameters, cholesky, kernel_factor
 from layflat.policy.gp.prediction_cache import PredictionCache, inverse_of_lower, lower_product
@@ -48,7 +48,7 @@ class GpModel(RegressionModel):
     """(A, M, M) L_B of the sparse form, see ``gp_sparse``; None: each step is a point of its own."""
 
     def __post_init__(self) -> None:
-        outputs = action_size(self.layout.robot)
+        outputs = self.layout.robot.size
         freeze(self, "inputs", (None, self.layout.size))
         freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "alpha", (outputs, len(self.inputs)))

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg.blas import dtrmv
 from scipy.linalg.lapack import dtrtri
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.policy.gp.kernel import Hyperparameters, covariance, kernel_factor
 
 

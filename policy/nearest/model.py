@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 
-from layflat.data.types import Episode, FloatArray, Provenance, action_size
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode, Provenance
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
 from layflat.policy.trained_model import RegressionModel, freeze
@@ -39,7 +40,7 @@ class NearestModel(RegressionModel):
     def __post_init__(self) -> None:
         freeze(self, "inputs", (None, self.layout.size))
         freeze(self, "input_scale", (self.layout.size,))
-        freeze(self, "actions", (len(self.inputs), action_size(self.layout.robot)))
+        freeze(self, "actions", (len(self.inputs), self.layout.robot.size))
         if not len(self.inputs):
             raise PolicyError("a model needs at least one point")
         if not (self.input_scale > 0).all():

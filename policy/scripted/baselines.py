@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, ACTION_NAMES, ROBOTS, FloatArray, Observation, RobotName, action_size
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, PolicyError
 from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, StopRule, XLimit
 
@@ -21,8 +22,8 @@ class ZeroPolicy:
 
     name = "hold"
 
-    def __init__(self, robot: RobotName) -> None:
-        self.robot = _checked(robot)
+    def __init__(self, robot: RobotSpec) -> None:
+        self.robot = robot
 
     def reset(self, seed: int) -> None:
         """Nothing to forget."""
@@ -31,7 +32,7 @@ class ZeroPolicy:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Decision:
-        return Decision(action=np.zeros(action_size(self.robot)), reason="holding")
+        return Decision(action=self.robot.zeros(), reason="holding")
 
 
 class RandomPolicy:
@@ -39,12 +40,12 @@ class RandomPolicy:
 
     name = "random"
 
-    def __init__(self, robot: RobotName, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
+    def __init__(self, robot: RobotSpec, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
         if not 0 < limit_m <= ACTION_LIMIT_M:
             raise PolicyError(f"limit_m is {limit_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
-        self.robot = _checked(robot)
+        self.robot = robot
         self._limit_m = limit_m
-        self._free = [not (planar and name.startswith("dz")) for name in ACTION_NAMES[robot]]
+        self._free = [not (planar and axis.axis == 2) for axis in robot.axes]
         self._rng = np.random.default_rng(0)
 
     def reset(self, seed: int) -> None:
@@ -54,20 +55,20 @@ class RandomPolicy:
         """Nothing to forget; the draws go on."""
 
     def act(self, observation: Observation) -> Decision:
-        action = self._rng.uniform(-self._limit_m, self._limit_m, action_size(self.robot))
+        action = self._rng.uniform(-self._limit_m, self._limit_m, self.robot.size)
         return Decision(action=action * self._free, reason="random move")
 
 
 class DragPolicy:
     """Drags along +x at constant speed until its rule stops it."""
 
-    def __init__(self, robot: RobotName, *, name: str, stop: StopRule, speed_m: float = DRAG_M) -> None:
+    def __init__(self, robot: RobotSpec, *, name: str, stop: StopRule, speed_m: float = DRAG_M) -> None:
         if not 0 < speed_m <= ACTION_LIMIT_M:
             raise PolicyError(f"speed_m is {speed_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
         self.name = name
-        self.robot = _checked(robot)
+        self.robot = robot
         self._stop = stop
-        self._action = along_x(robot, speed_m)
+        self._action = robot.pack([speed_m, 0.0, 0.0])
 
     def reset(self, seed: int) -> None:
         self._stop.reset()
@@ -82,32 +83,12 @@ class DragPolicy:
         return Decision(action=self._action, reason="dragging +x")
 
 
-def stretch_right(robot: RobotName) -> DragPolicy:
+def stretch_right(robot: RobotSpec) -> DragPolicy:
     """Pulls along +x whatever the cloth does, to the end of the view: the thesis's comparator of chapter 3."""
     return DragPolicy(robot, name="stretch-right", stop=XLimit(X_LIMIT_M))
 
 
-def drag_rule(robot: RobotName) -> DragPolicy:
+def drag_rule(robot: RobotSpec) -> DragPolicy:
     """Three lines that repair about as well as a GP in the plane: drag +x while contact grows, then stop."""
     stop = AnyOf(ContactReached(FLAT_CONTACT), NoContactGain(n_steps=6), XLimit(X_LIMIT_M))
     return DragPolicy(robot, name="drag-rule", stop=stop)
-
-
-def along_x(robot: RobotName, distance_m: float) -> FloatArray:
-    """(A,) m: the whole holder moves along +x."""
-    action = np.zeros(action_size(robot))
-    action[:: 2 if robot == "hanger" else 3] = distance_m
-    return action
-
-
-def along_z(robot: RobotName, distance_m: float) -> FloatArray:
-    """(A,) m: the whole holder moves up."""
-    action = np.zeros(action_size(robot))
-    action[[name.startswith("dz") for name in ACTION_NAMES[robot]]] = distance_m
-    return action
-
-
-def _checked(robot: RobotName) -> RobotName:
-    if robot not in ROBOTS:
-        raise PolicyError(f"robot is {robot!r}; it must be one of {', '.join(ROBOTS)}")
-    return robot

@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation, RobotName, action_size
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
 from layflat.policy.base import Decision
 
 TOUCH_HEIGHT_M = 0.012
@@ -69,9 +70,9 @@ class ScriptedDemonstrator:
     name = "scripted"
 
     def __init__(
-        self, robot: RobotName, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], GroundTruth]
+        self, robot: RobotSpec, *, length_m: float, columns: int, held_width_m: float, look: Callable[[], GroundTruth]
     ) -> None:
-        self.robot: RobotName = robot
+        self.robot = robot
         self._length_m = length_m
         self._columns = columns
         self._held_width_m = held_width_m
@@ -157,7 +158,7 @@ class ScriptedDemonstrator:
     def _hold(self, observation: Observation) -> Decision:
         self._held += 1
         done = self._held > HOLD_STEPS
-        zeros = np.zeros(action_size(self.robot))
+        zeros = self.robot.zeros()
         return Decision(action=zeros, stop="converged" if done else None, reason="flat" if done else "holding")
 
     def _decide(self, observation: Observation, dx: float, dz: float, reason: str) -> Decision:
@@ -166,7 +167,7 @@ class ScriptedDemonstrator:
             self._tremor = TREMOR_MEMORY * self._tremor + fresh
             # Near the table a person's hand is steadied by what it touches.
             dx, dz = np.array([dx, dz]) + self._tremor * min(1.0, float(observation.holder_position[2]) / STEADY_M)
-        if self.robot == "hanger":
+        if self.robot.n_points == 1:
             return Decision(action=np.array([dx, dz]), reason=reason)
         # Two pickers: the same move, and each drifts back to its own line, level with the other.
         centre = observation.holder_position

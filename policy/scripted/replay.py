@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from layflat.data.types import Episode, Observation, action_size
+from layflat.data.types import Episode, Observation
 from layflat.policy.base import Decision
 
 
@@ -28,7 +26,7 @@ class ReplayPolicy:
 
     def act(self, observation: Observation) -> Decision:
         if self._next >= len(self._steps):
-            return Decision(action=np.zeros(action_size(self.robot)), stop="step_limit", reason="the recording is over")
+            return Decision(action=self.robot.zeros(), stop="step_limit", reason="the recording is over")
         self._next += 1
         step = self._steps[self._next - 1]
         return Decision(action=step.action, hand=step.hand_m, reason="as recorded")

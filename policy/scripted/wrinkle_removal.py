@@ -9,9 +9,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, Observation, RobotName
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, Policy, PolicyError
-from layflat.policy.scripted.baselines import X_LIMIT_M, DragPolicy, RandomPolicy, along_x
+from layflat.policy.scripted.baselines import X_LIMIT_M, DragPolicy, RandomPolicy
 from layflat.policy.stopping import AnyOf, ContactReached, StopRule, XLimit
 
 STEP_M = 0.010
@@ -33,11 +34,11 @@ class WordFlatten:
     """
 
     name = "word"
-    robot: RobotName = "pickers"
 
-    def __init__(self, *, step_m: float = STEP_M) -> None:
+    def __init__(self, robot: RobotSpec, *, step_m: float = STEP_M) -> None:
         if not 0 < step_m <= ACTION_LIMIT_M:
             raise PolicyError(f"step_m is {step_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
+        self.robot = robot
         self._step_m = step_m
         self._stop = _flat_or_out_of_view()
 
@@ -54,7 +55,9 @@ class WordFlatten:
             return Decision(action=action.ravel(), stop=stop.by, reason=stop.reason)
         word = observation.word
         if not word.any():
-            return Decision(action=along_x(self.robot, self._step_m), reason="no direction: both pickers along +x")
+            return Decision(
+                action=self.robot.pack([self._step_m, 0.0, 0.0]), reason="no direction: both pickers along +x"
+            )
         picker = 0 if word[1] > 0 else 1
         action[picker, :2] = self._step_m * word
         return Decision(action=action.ravel(), reason=f"picker {picker + 1} along WORD")
@@ -64,20 +67,20 @@ def _flat_or_out_of_view() -> StopRule:
     return AnyOf(ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS), XLimit(X_LIMIT_M))
 
 
-def _stretch_right() -> Policy:
-    return DragPolicy("pickers", name="stretch-right", stop=_flat_or_out_of_view(), speed_m=STEP_M)
+def _stretch_right(robot: RobotSpec) -> Policy:
+    return DragPolicy(robot, name="stretch-right", stop=_flat_or_out_of_view(), speed_m=STEP_M)
 
 
-CONTROLLERS: Mapping[str, Callable[[], Policy]] = {
+CONTROLLERS: Mapping[str, Callable[[RobotSpec], Policy]] = {
     "word": WordFlatten,
     "stretch-right": _stretch_right,
-    "random": lambda: RandomPolicy("pickers", limit_m=STEP_M, planar=True),
+    "random": lambda robot: RandomPolicy(robot, limit_m=STEP_M, planar=True),
 }
 """The proposed method and the baselines of Figures 3-6, 3-7 and 3-8."""
 
 
-def controller(name: str) -> Policy:
+def controller(name: str, robot: RobotSpec) -> Policy:
     """A controller of wrinkle removal by name; PolicyError lists the known ones."""
     if name not in CONTROLLERS:
         raise PolicyError(f"controller {name!r} is unknown; it must be one of {', '.join(CONTROLLERS)}")
-    return CONTROLLERS[name]()
+    return CONTROLLERS[name](robot)

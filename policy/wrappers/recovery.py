@@ -11,7 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, FloatArray, Observation, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, Policy, extra_steps
 
 TRIES = 4
@@ -60,7 +61,7 @@ class RecoveryWrapper:
 
     def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
         self.name = f"{policy.name}+recovery"
-        self.robot: RobotName = policy.robot
+        self.robot = policy.robot
         self.extra_steps = extra_steps(policy) + tries * (2 * LIFT_STEPS + SETTLE_STEPS + PLACE_STEPS)
         self._policy = policy
         self._tries = tries
@@ -182,9 +183,9 @@ class RecoveryWrapper:
 
     def _move(self, dx: float, dz: float, reason: str) -> Decision:
         """The whole holder; two pickers come back to their places side by side as well."""
-        if self.robot == "hanger":
-            return Decision(action=np.array([dx, dz]), reason=reason)
+        if self.robot.n_points == 1:
+            return Decision(action=self.robot.pack([dx, 0.0, dz]), reason=reason)
         assert self._corners is not None
         apart = self._seen.corner_positions - self._seen.holder_position
         step = np.array([dx, -self._seen.holder_position[1], dz]) + self._corners - apart
-        return Decision(action=np.clip(step, -ACTION_LIMIT_M, ACTION_LIMIT_M).ravel(), reason=reason)
+        return Decision(action=self.robot.pack(np.clip(step, -ACTION_LIMIT_M, ACTION_LIMIT_M)), reason=reason)

@@ -10,9 +10,8 @@ from collections import deque
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, Observation, RobotName
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, Policy, extra_steps
-from layflat.policy.scripted.baselines import along_z
 
 LOW_M = 0.05
 """Height of the free edge below which it matters where it is."""
@@ -36,7 +35,7 @@ class SwingDampingWrapper:
 
     def __init__(self, policy: Policy) -> None:
         self.name = f"{policy.name}+steady"
-        self.robot: RobotName = policy.robot
+        self.robot = policy.robot
         self.extra_steps = extra_steps(policy) + WAIT_STEPS
         self._policy = policy
         self._forget()
@@ -68,4 +67,6 @@ class SwingDampingWrapper:
             return self._policy.act(observation)
         self._waited += 1
         rise = float(np.clip(CLEAR_M - lowest[2], 0.0, ACTION_LIMIT_M))
-        return Decision(action=along_z(self.robot, rise), reason="the cloth swings ahead: waiting until it hangs still")
+        return Decision(
+            action=self.robot.pack([0.0, 0.0, rise]), reason="the cloth swings ahead: waiting until it hangs still"
+        )

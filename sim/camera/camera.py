@@ -8,13 +8,14 @@ import numpy as np
 import pybullet as bullet
 from numpy.typing import NDArray
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 from layflat.sim.camera.renderer import Framebuffer, Renderer
 from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 
 D435_NOISE = DepthNoise()
 FOCAL_PX = 307.5

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 DepthImage = NDArray[np.float32]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 NEAR_M = 0.05
 """A triangle with a corner nearer to the image plane than this is not drawn."""

@@ -12,7 +12,7 @@ import numpy as np
 import pybullet as bullet
 from numpy.typing import NDArray
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.rasterizer import Raster, rasterize
 from layflat.sim.cloth.mesh import ClothMesh

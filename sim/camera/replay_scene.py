@@ -8,11 +8,13 @@ import numpy as np
 import pybullet as bullet
 from numpy.typing import NDArray
 
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, cloth_spec
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 from layflat.sim.robots.panda import inverse_kinematics, load_arm
+from layflat.sim.robots.registry import robot_type
 
 
 class ReplayScene:
@@ -22,12 +24,16 @@ class ReplayScene:
     milliradians by which an impedance-controlled hand tilts are not seen in a picture.
     """
 
-    def __init__(self, robot: RobotName, cloth: str) -> None:
+    def __init__(self, robot: str, cloth: str) -> None:
         """``cloth`` is a preset's name; SimError lists the known ones."""
         self.spec = cloth_spec(cloth)
         self._world = World(substep_s=1.0 / self.spec.rate_hz, table_friction=1.0)
         body = Cloth(self._world, self.spec)
-        self._arm = load_arm(self._world.client, HELD_STRETCH * self.spec.width_m) if robot == "hanger" else None
+        self._arm = (
+            load_arm(self._world.client, HELD_STRETCH * self.spec.width_m)
+            if robot_type(robot).spec.n_points == 1
+            else None
+        )
         self._camera = Camera(self._world, body, noise=None, seed=0)
 
     def capture(self, nodes: FloatArray, holder: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:

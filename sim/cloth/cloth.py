@@ -16,8 +16,9 @@ from itertools import chain
 import numpy as np
 import pybullet as bullet
 
-from layflat.data.types import FloatArray
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.data.arrays import FloatArray
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 
 CONTACT_TOLERANCE_M = 0.004
 """Cloth rests on the table where it is below margin + this height (chapter 4-3-2 asks for contact, Bullet's own

@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 DESCEND_STEP_M = 0.010
 TRAIL_STEP_M = (0.012, 0.004)

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from layflat.data.types import FloatArray, RobotName, action_size
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec
 from layflat.sim.cloth.crumple import crumple
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
@@ -22,10 +22,6 @@ STARTS: tuple[Start, ...] = ("hanging", "crumpled", "folded-corner", "swinging")
 START_CLEARANCE_M = 0.12
 """The free edge hangs this high above the table before the random moves."""
 START_MOVES = 20
-START_STEP_M: Mapping[RobotName, float] = {"hanger": 0.006, "pickers": 0.004}
-"""Largest random displacement along each axis in one of the start's steps. Two pickers move independently: with 6 mm
-the hem between them falls slack and droops to the back in 6 of 22 starts, with 4 mm in 2."""
-
 LAID_FREE_EDGE_M = (-0.04, 0.14)
 """Where the free edge lies after a demonstration."""
 LAID_HEIGHT_M = 0.0065
@@ -108,11 +104,11 @@ def run_start_motion(
     """
     if start == "crumpled":
         return crumple(cloth, holder.corner_positions, step, rng)
-    size = action_size(holder.robot)
+    size = holder.spec.size
     if start == "folded-corner":
         return _fold(lambda: step(np.zeros(size)), disturb)
     for _ in range(START_MOVES):
-        step(rng.uniform(-1.0, 1.0, size) * START_STEP_M[holder.robot])
+        step(rng.uniform(-1.0, 1.0, size) * holder.start_step_m)
     return _swing(cloth, holder, step, rng) if start == "swinging" else {}
 
 
@@ -157,5 +153,5 @@ def _swing(
     forth, back = SWING_STEPS
     for k in range(forth + back):
         move = np.array([speed if k < forth else -speed, 0.0, -down / (forth + back)])
-        step(move[[0, 2]] if holder.robot == "hanger" else np.tile(move, 2))
+        step(holder.spec.pack(move))
     return {"swing_step_m": float(speed), "swing_clearance_m": float(clearance)}

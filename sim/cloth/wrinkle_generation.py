@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth, ClothSpec
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 
 CENTRE_M = (0.20, 0.0)
 """Where the bench lays its cloth."""

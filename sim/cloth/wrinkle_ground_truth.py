@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.perception.descriptors.base import axial_mean
 from layflat.sim.cloth.cloth import ClothSpec, resting_share
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 MAX_HEIGHT_M = 0.03
 """Cloth above this is held or folded up, not wrinkled ..."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.disturbances.force_anchors import ForceAnchors
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory

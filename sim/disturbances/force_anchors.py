@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import pybullet as bullet
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.physics.bullet.world import World
 

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth, ClothSpec
 from layflat.sim.disturbances.force_anchors import ForceAnchors
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
 
 FORCE_WEIGHTS = 1.5
 """Greatest force / weight of the cloth: enough to drag half of the cloth over the table and to lift a corner."""

@@ -14,10 +14,11 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import ClothSpec
 from layflat.sim.disturbances.toml_fields import READERS
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2
 
 Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "fold", "wind"]
 Range: TypeAlias = tuple[float, float]

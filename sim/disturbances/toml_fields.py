@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 
 def _word(name: str, field: str, value: Any) -> str:

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import HELD_STRETCH, ClothSpec
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.robots.panda import BASE_POSITION_M, JOINTS, arm_urdf
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

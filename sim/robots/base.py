@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, TypeAlias
 
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
+
+if TYPE_CHECKING:
+    from layflat.sim.cloth.cloth import Cloth
+
+Control: TypeAlias = Literal["impedance", "position"]
+"""How an arm is driven: it yields to a push, or its joints are stiff."""
 
 
 class Robot(Protocol):
@@ -14,7 +21,12 @@ class Robot(Protocol):
     corner nodes there and calls ``grip``.
     """
 
-    robot: RobotName
+    spec: ClassVar[RobotSpec]
+    """Name and action axes."""
+    start_step_m: ClassVar[float]
+    """Largest random displacement along each axis in one of the start's steps."""
+
+    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None: ...
 
     def corner_positions(self) -> FloatArray:
         """(2, 3) m, world: where the two held corners really are; row 0 at +y."""
@@ -29,7 +41,7 @@ class Robot(Protocol):
         """Anchor the cloth's corners; they must already be at ``corner_positions()``."""
 
     def start_step(self, action: FloatArray, substeps: int) -> None:
-        """Begin one step: ``action`` (A,) m in the order of ACTION_NAMES, spread evenly over ``substeps``."""
+        """Begin one step: ``action`` (A,) m in the order of its axes, spread evenly over ``substeps``."""
 
     def start_guided_step(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
         """Begin one step in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for pickers; None: no hand.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 HAND_STIFFNESS_N_M = 300.0
 """A person's arm that holds on."""

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias, get_args
+from typing import ClassVar, get_args
 
 import numpy as np
 import pybullet as bullet
 
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec, one_point
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.base import Control
 from layflat.sim.robots.hand_guiding import WALL_STIFFNESS_N_M, HandGuiding
 from layflat.sim.robots.impedance import STIFFNESS_N_M, CartesianImpedance, hanger_pose
 from layflat.sim.robots.panda import JOINTS, TORQUE_LIMIT_N_M, WRIST_LINK, inverse_kinematics, load_arm
-
-Control: TypeAlias = Literal["impedance", "position"]
 
 WORKSPACE_LOW_M = np.array([-0.10, 0.004])
 """x and z of the corners' set point; z is the height at which cloth rests."""
@@ -33,7 +33,8 @@ _AXES = [0, 2]
 class PandaHanger:
     """Holds the two corners in clips that are parts of the arm's last link; the anchors' error is zero."""
 
-    robot: RobotName = "hanger"
+    spec: ClassVar[RobotSpec] = one_point("hanger", dx=0, dz=2)
+    start_step_m: ClassVar[float] = 0.006
 
     def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
         """Put the arm, at rest, where its clips are at ``corner_positions`` (2, 3) m, row 0 at +y.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pybullet as bullet
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.robots.panda import JOINTS, TOOL_M, TORQUE_LIMIT_N_M, WRIST_LINK
 
 STIFFNESS_N_M = 400.0

@@ -18,8 +18,8 @@ import numpy as np
 import pybullet as bullet
 import pybullet_data
 
-from layflat.data.types import FloatArray
-from layflat.sim.physics.bullet.world import SimError
+from layflat.data.arrays import FloatArray
+from layflat.sim.errors import SimError
 
 JOINTS = 7
 TORQUE_LIMIT_N_M = np.array([87.0] * 4 + [12.0] * 3)

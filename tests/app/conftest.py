@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_NAMES, Episode, FloatArray, GroundTruth, Observation, RobotName, Step
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode, GroundTruth, Observation, Step
 from layflat.policy.features import FeatureLayout, input_set
 from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.robots.registry import robot_spec
 
 PLACE, DISTURB, REPAIR = 60, 10, 25
 EpisodeMaker = Callable[..., Episode]
@@ -38,7 +40,7 @@ def _contact(step_index: int, gain: float, noise: FloatArray) -> float:
 
 def _fake_episode(
     *,
-    robot: RobotName = "hanger",
+    robot: str = "hanger",
     source: str = "gp-word",
     seed: int = 0,
     disturbed: bool = True,
@@ -109,7 +111,7 @@ class NearestModel:
         distance = np.linalg.norm(np.asarray(inputs)[:, None] - self._inputs[None], axis=2)
         near = distance.argmin(axis=1)
         fade = np.exp(-((distance.min(axis=1) / 0.1) ** 2))[:, None]
-        outputs = len(ACTION_NAMES[self.layout.robot])
+        outputs = len(robot_spec(self.layout.robot).action_names)
         return fade * self._actions[near], np.repeat(0.001 + 0.008 * (1 - fade), outputs, axis=1)
 
 
@@ -119,7 +121,7 @@ def make_episode() -> EpisodeMaker:
 
 
 @pytest.fixture(scope="session")
-def make_model() -> Callable[[RobotName, str, list[Episode]], NearestModel]:
+def make_model() -> Callable[[str, str, list[Episode]], NearestModel]:
     return lambda robot, inputs, episodes: NearestModel(input_set(robot, inputs), episodes)
 
 

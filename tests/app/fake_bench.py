@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layflat.data.types import FLAT_AREA, FloatArray, GroundTruth, Observation, action_size
+from layflat.data.arrays import FloatArray
+from layflat.data.types import FLAT_AREA, GroundTruth, Observation
 from layflat.policy.base import Decision
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import robot_spec
 
 ACTING_STEPS = 4
 """A fake disturbance acts so long, settling included."""
@@ -114,7 +116,7 @@ class FakeBench:
         return action
 
     def _advance(self, action: FloatArray) -> None:
-        assert action.shape == (action_size(self.settings.robot),)
+        assert action.shape == (robot_spec(self.settings.robot).size,)
         self._n_steps += 1
         self._force_n = np.zeros(3)
         move = np.array([action[0], 0.0, action[1]]) if action.size == 2 else action.reshape(2, 3).mean(axis=0)

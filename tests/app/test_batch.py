@@ -21,8 +21,8 @@ from layflat.app.support.metrics import COLUMNS, episode_metrics
 from layflat.app.workers.schedule import ScheduledDisturbance
 from layflat.data import validate
 from layflat.data.atomic_files import WriterLock
+from layflat.data.errors import DataError
 from layflat.data.session.reader import open_session
-from layflat.data.types import DataError
 from layflat.policy.model_io import load, save
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fake_plan, key_of

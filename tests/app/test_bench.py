@@ -18,8 +18,9 @@ from layflat.app.benchmarks import (
     measure_solver_settings,
 )
 from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS
-from layflat.data.types import ROBOTS, STEP_S
+from layflat.data.types import STEP_S
 from layflat.perception.descriptors.word import AXIAL, LETTER
+from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.fakeplay import Scripted
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]

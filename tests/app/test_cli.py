@@ -13,10 +13,10 @@ from layflat.app.cli import learning, main, options
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
-from layflat.data.types import ROBOTS
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
+from layflat.sim.robots.registry import ROBOTS
 
 COMMANDS = (
     "demo",

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from layflat.app.support.errors import LayflatError, UsageError, run_command
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
 from layflat.perception.errors import PerceptionError
 from layflat.policy.base import PolicyError
 

@@ -13,10 +13,10 @@ from layflat.data import open_session, validate
 from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal_reader import journals, read_journal
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import ROBOTS
 from layflat.policy.scripted.baselines import ZeroPolicy
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
 
 

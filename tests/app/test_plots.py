@@ -10,7 +10,8 @@ import pytest
 
 from layflat.app.media.episode_plots import COLOURS, PERSON_COLOUR, aligned_curves, curves_of, plot_session
 from layflat.app.media.frames import active_disturbances, caption
-from layflat.data.types import ROBOTS, DisturbanceRecord, DragTarget
+from layflat.data.types import DisturbanceRecord, DragTarget
+from layflat.sim.robots.registry import ROBOTS
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -10,16 +10,17 @@ from layflat.app.workers.episode_pool import EpisodeConfig, policy_of
 from layflat.app.workers.rollout import run_disturbances, run_until_stop
 from layflat.app.workers.runner import EpisodeRunner
 from layflat.app.workers.schedule import DisturbanceScheduler
-from layflat.data.types import FLAT_AREA, ROBOTS, Episode, RobotName
+from layflat.data.types import FLAT_AREA, Episode
 from layflat.policy.base import Policy
 from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 from layflat.sim.cloth.starts import Start
 from layflat.sim.config import SimConfig
+from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
 from layflat.tests.lowering import Down
 
 
-def episode(robot: RobotName, start: Start, seed: int, *around: str) -> Episode:
+def episode(robot: str, start: Start, seed: int, *around: str) -> Episode:
     bench = ClothSimulation(SimConfig(robot=robot, start=start))
     try:
         bench.reset(seed)
@@ -31,7 +32,7 @@ def episode(robot: RobotName, start: Start, seed: int, *around: str) -> Episode:
         bench.close()
 
 
-def ahead_at_touch(robot: RobotName, around: Callable[[Policy], Policy]) -> float:
+def ahead_at_touch(robot: str, around: Callable[[Policy], Policy]) -> float:
     """How far the free edge is ahead of the holder when it has come down and not swung up again, m."""
     bench = ClothSimulation(SimConfig(robot=robot, start="swinging"))
     try:
@@ -51,7 +52,7 @@ def ahead_at_touch(robot: RobotName, around: Callable[[Policy], Policy]) -> floa
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: RobotName) -> None:
+def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: str) -> None:
     assert ahead_at_touch(robot, lambda policy: policy) > 0.03
     assert abs(ahead_at_touch(robot, SwingDampingWrapper)) < 0.015
 
@@ -59,7 +60,7 @@ def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: RobotName) -
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_folded_corner_is_lifted_and_laid_again(robot: RobotName) -> None:
+def test_a_folded_corner_is_lifted_and_laid_again(robot: str) -> None:
     assert episode(robot, "folded-corner", 5).final_ground_truth.flat_area < FLAT_AREA
     lifted = episode(robot, "folded-corner", 5, "recovery")
     assert lifted.final_ground_truth.flat_area > FLAT_AREA

@@ -16,10 +16,11 @@ from layflat.app.commands.replay import compare, differences, rerun, settings_of
 from layflat.app.media.video import count_frames
 from layflat.app.support.errors import UsageError
 from layflat.data import SessionRecorder
-from layflat.data.types import ROBOTS, DisturbanceRecord, GroundTruth
+from layflat.data.types import DisturbanceRecord, GroundTruth
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import ROBOTS
 
 SCRIPT = """
 import json, sys

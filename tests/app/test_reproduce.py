@@ -24,11 +24,11 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import ROBOTS, RobotName
 from layflat.perception.descriptors.registry import DEFAULT
 from layflat.policy import registry
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.trained_model import TrainedModel
+from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.browser import measured, needs_chromium
 from layflat.tests.fakeplay import Scripted
 
@@ -36,7 +36,7 @@ from layflat.tests.fakeplay import Scripted
 class Taught(ArtifactStore):
     """Models without demonstrations: one of each robot for everybody."""
 
-    models: Mapping[RobotName, TrainedModel] = MappingProxyType({})
+    models: Mapping[str, TrainedModel] = MappingProxyType({})
 
     def model(self, taught):
         return self.models[taught.robot]

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from layflat.data import SessionRecorder, open_session
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
+from layflat.tests.factories import HANGER, PICKERS
 
 
 @pytest.fixture
 def session_path(tmp_path, make_episode):
     path = tmp_path / "session.h5"
-    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
         for seed in range(2):
             recorder.keep(make_episode(n_steps=3, seed=seed, nodes=4, images=True))
     return path
@@ -53,7 +54,7 @@ def test_not_hdf5(tmp_path, content):
     path.write_bytes(content)
     _refused(path)
     with pytest.raises(DataError):
-        SessionRecorder(path, robot="hanger", cloth="towel")
+        SessionRecorder(path, robot=HANGER, cloth="towel")
     assert path.read_bytes() == content
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
@@ -101,7 +102,7 @@ def test_foreign_hdf5_is_refused_and_not_touched(tmp_path):
         before = path.read_bytes()
         _refused(path, message)
         with pytest.raises(DataError, match=message):
-            SessionRecorder(path, robot="hanger", cloth="towel")
+            SessionRecorder(path, robot=HANGER, cloth="towel")
         assert path.read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 3
 
@@ -168,7 +169,7 @@ HOSTILE = {
     "no uid": lambda f: f["data/demo_0"].attrs.__delitem__("uid"),
     "total": lambda f: f["data"].attrs.__setitem__("total", 7),
     "total as array": lambda f: f["data"].attrs.__setitem__("total", np.arange(3)),
-    "other robot": lambda f: f["data"].attrs.__setitem__("robot", "pickers"),
+    "other robot": lambda f: f["data"].attrs.__setitem__("robot", PICKERS),
     "unknown robot": lambda f: f["data"].attrs.__setitem__("robot", "fold"),
     "other step": lambda f: f["data"].attrs.__setitem__("step_s", 0.2),
     "other action limit": lambda f: f["data"].attrs.__setitem__("action_limit_m", 0.05),
@@ -186,11 +187,11 @@ def test_hostile_or_edited(session_path, change):
 def test_append_must_agree(session_path, make_episode):
     before = session_path.read_bytes()
     with pytest.raises(DataError, match="with robot hanger, not pickers"):
-        SessionRecorder(session_path, robot="pickers", cloth="towel")
+        SessionRecorder(session_path, robot=PICKERS, cloth="towel")
     with pytest.raises(DataError, match="with cloth towel, not napkin"):
-        SessionRecorder(session_path, robot="hanger", cloth="napkin")
+        SessionRecorder(session_path, robot=HANGER, cloth="napkin")
     with (
-        SessionRecorder(session_path, robot="hanger", cloth="towel") as recorder,
+        SessionRecorder(session_path, robot=HANGER, cloth="towel") as recorder,
         pytest.raises(DataError, match=r"step_s is 0\.05"),
     ):
         recorder.keep(make_episode(step_s=0.05))
@@ -214,7 +215,7 @@ def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
         (tmp_path / ("x" * 253), "cannot be written: File name too long"),
     ):
         with pytest.raises(DataError, match=message) as caught:
-            SessionRecorder(path, robot="hanger", cloth="towel")
+            SessionRecorder(path, robot=HANGER, cloth="towel")
         assert "\n" not in str(caught.value)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "pipe", "taken.h5.parts"]
 
@@ -223,8 +224,8 @@ def test_places_that_cannot_be_written_are_refused_at_once(tmp_path):
 def test_write_protected(tmp_path, session_path):
     session_path.chmod(0o444)
     with pytest.raises(DataError, match="write-protected"):
-        SessionRecorder(session_path, robot="hanger", cloth="towel")
+        SessionRecorder(session_path, robot=HANGER, cloth="towel")
     tmp_path.chmod(0o555)
     with pytest.raises(DataError, match="Permission denied"):
-        SessionRecorder(tmp_path / "new.h5", robot="hanger", cloth="towel")
+        SessionRecorder(tmp_path / "new.h5", robot=HANGER, cloth="towel")
     tmp_path.chmod(0o755)

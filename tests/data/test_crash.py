@@ -17,8 +17,10 @@ from pathlib import Path
 import pytest
 
 from layflat.data import SessionRecorder, open_session
+from layflat.data.errors import DataError
 from layflat.data.format.opening import parts_folder
-from layflat.data.types import DataError, Episode
+from layflat.data.types import Episode
+from layflat.tests.factories import HANGER, PICKERS
 
 
 @pytest.fixture
@@ -31,7 +33,7 @@ def _record(path: Path, report: int, first: int, runs: int, per_run: int, number
     """Write episodes and, as each has been kept, its name and number to the pipe."""
     number = first
     for _ in range(runs):
-        with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
             for _ in range(per_run):
                 name = recorder.keep(numbered(number)).name
                 os.write(report, f"kept {name} {number}\n".encode())
@@ -80,7 +82,7 @@ def test_every_kept_episode_survives_kill_9(tmp_path, differences, numbered, ser
                 found = {name: session.episode(name) for name in kept}
             assert all(differences(found[name], numbered(number)) == [] for name, number in kept.items())
     assert len(kept) >= 6
-    SessionRecorder(path, robot="hanger", cloth="towel").close()
+    SessionRecorder(path, robot=HANGER, cloth="towel").close()
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"], "the next recorder tidies up"
     with open_session(path) as session:
         assert set(kept) <= set(session.names)
@@ -119,7 +121,7 @@ def test_a_death_at_each_system_call_loses_nothing(tmp_path, call, differences, 
 def test_a_session_exists_from_the_first_kept_episode_on(tmp_path, make_episode, differences):
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i) for i in range(9)]
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert not path.exists()
         for count, episode in enumerate(made, start=1):
             recorder.keep(episode)
@@ -128,14 +130,14 @@ def test_a_session_exists_from_the_first_kept_episode_on(tmp_path, make_episode,
 
 
 def test_a_session_without_an_episode_leaves_nothing(tmp_path):
-    with SessionRecorder(tmp_path / "s.h5", robot="hanger", cloth="towel"):
+    with SessionRecorder(tmp_path / "s.h5", robot=HANGER, cloth="towel"):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_reader_keeps_its_view_while_the_writer_goes_on(tmp_path, make_episode, differences):
     path = tmp_path / "s.h5"
-    recorder = SessionRecorder(path, robot="hanger", cloth="towel")
+    recorder = SessionRecorder(path, robot=HANGER, cloth="towel")
     made = [make_episode(seed=i) for i in range(20)]
     for episode in made[:3]:
         recorder.keep(episode)
@@ -150,7 +152,7 @@ def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_pat
     path = tmp_path / "s.h5"
     old, new = make_episode(seed=1), make_episode(seed=2)
     for episode in (old, new):
-        with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
             recorder.keep(episode)
         path.rename(tmp_path / f"{episode.seed}.h5")
     parts_folder(path).mkdir()
@@ -159,19 +161,19 @@ def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_pat
     for _ in range(2):
         with open_session(path) as session:
             assert [differences(a, b) for a, b in zip(session, (new, old), strict=True)] == [[], []]
-        SessionRecorder(path, robot="hanger", cloth="towel").close()
+        SessionRecorder(path, robot=HANGER, cloth="towel").close()
 
 
 def test_leftovers_of_another_session_are_named(tmp_path, make_episode):
     path = tmp_path / "s.h5"
     other = tmp_path / "other.h5"
-    for file, robot in ((other, "pickers"), (path, "hanger")):
+    for file, robot in ((other, PICKERS), (path, HANGER)):
         with SessionRecorder(file, robot=robot, cloth="towel") as recorder:
             recorder.keep(make_episode(robot))
     before = path.read_bytes()
     parts_folder(path).mkdir()
     other.rename(parts_folder(path) / "demo_4.h5")
-    for use in (open_session, lambda p: SessionRecorder(p, robot="hanger", cloth="towel")):
+    for use in (open_session, lambda p: SessionRecorder(p, robot=HANGER, cloth="towel")):
         with pytest.raises(
             DataError, match=r"demo_4\.h5 belongs to another session \(robot pickers.*move it elsewhere"
         ):
@@ -193,7 +195,7 @@ def _files_end_at(limit: int):
 def test_no_room_for_an_episode(tmp_path, make_episode, differences):
     path = tmp_path / "s.h5"
     episode = make_episode(n_steps=30, nodes=100)
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.keep(episode)
         before = path.read_bytes()
         for limit in (0, 1, 4096, 50_000):
@@ -210,7 +212,7 @@ def test_no_room_to_assemble(tmp_path, make_episode, differences):
     """Each part fits, the whole does not: all is kept, reading works, closing says it, and room makes it whole."""
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=30, nodes=100, seed=i) for i in range(4)]
-    recorder = SessionRecorder(path, robot="hanger", cloth="towel")
+    recorder = SessionRecorder(path, robot=HANGER, cloth="towel")
     size = recorder.keep(made[0]).size_bytes
     with _files_end_at(int(size * 1.5)):
         for episode in made[1:]:
@@ -221,20 +223,20 @@ def test_no_room_to_assemble(tmp_path, make_episode, differences):
         with open_session(path) as session:
             assert [differences(a, b) for a, b in zip(session, made, strict=True)] == [[]] * 4
         assert not list(tmp_path.rglob("*.part"))
-        SessionRecorder(path, robot="hanger", cloth="towel").close()
+        SessionRecorder(path, robot=HANGER, cloth="towel").close()
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
 
 def test_a_second_writer_is_refused(tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         with pytest.raises(DataError, match=rf"being written by another program \(process {os.getpid()}\)"):
-            SessionRecorder(path, robot="hanger", cloth="towel")
+            SessionRecorder(path, robot=HANGER, cloth="towel")
         (tmp_path / "alias.h5").symlink_to(path)
         with pytest.raises(DataError, match="being written"):
-            SessionRecorder(tmp_path / "alias.h5", robot="hanger", cloth="towel")
+            SessionRecorder(tmp_path / "alias.h5", robot=HANGER, cloth="towel")
         recorder.keep(make_episode())
-    SessionRecorder(path, robot="hanger", cloth="towel").close()
+    SessionRecorder(path, robot=HANGER, cloth="towel").close()
 
 
 def test_interrupted_while_keeping(tmp_path, make_episode, monkeypatch, differences):
@@ -244,7 +246,7 @@ def test_interrupted_while_keeping(tmp_path, make_episode, monkeypatch, differen
         raise KeyboardInterrupt
 
     def interrupted_run():
-        with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
             recorder.keep(episode)
             with monkeypatch.context() as patch:
                 patch.setattr(os, "replace", interrupted)

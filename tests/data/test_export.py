@@ -15,11 +15,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from layflat.data import SessionRecorder, open_session
+from layflat.data.errors import DataError
 from layflat.data.exchange.csv_export import EPISODES_CSV, STEPS_CSV, export_csv
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic, train_and_valid
 from layflat.data.exchange.robomimic_import import UNKNOWN_SEED, UNKNOWN_SOURCE
-from layflat.data.types import FLAT_AREA, OUTCOMES, ROBOTS, DataError
+from layflat.data.types import FLAT_AREA, OUTCOMES
 from layflat.tests.data.test_round_trip import episodes as any_episode
+from layflat.tests.factories import HANGER, ROBOT_SPECS
 
 FEW = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -95,7 +97,7 @@ def _as_robomimic_judges(path, filter_key):
         return set(demos)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_robomimic_reads_the_masks(robot, session_of, make_episode, tmp_path):
     path = session_of([make_episode(robot, n_steps=2 + i, seed=i) for i in range(12)])
     with open_session(path) as session:
@@ -165,7 +167,7 @@ def _rewritten(source, target, *, skip=(), attributes=(), dtype="<f4", **packing
                     group.create_dataset(key, data=kept, **(packing if kept.ndim > 1 else {}))
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_a_file_that_kept_only_the_layout_comes_back(robot, session_of, make_episode, tmp_path, differences):
     made = [make_episode(robot, seed=i, images=True, with_std=True) for i in range(3)]
     foreign, back = tmp_path / "foreign.hdf5", tmp_path / "back.h5"
@@ -293,7 +295,7 @@ def test_a_cloth_that_no_one_names_must_be_given(session_of, make_episode, tmp_p
         import_robomimic(foreign, tmp_path / "back.h5")
     import_robomimic(foreign, tmp_path / "back.h5", cloth="napkin")
     with open_session(tmp_path / "back.h5") as session:
-        assert (session.robot, session.cloth) == ("hanger", "napkin")
+        assert (session.robot, session.cloth) == (HANGER, "napkin")
 
 
 @pytest.mark.parametrize("content", [None, b"", b"dear diary", b"\x89HDF\r\n\x1a\n" + bytes(100)])
@@ -321,7 +323,7 @@ def test_an_existing_file_is_not_replaced_unasked(session_of, make_episode, tmp_
 # csv
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_csv_reads_back_to_the_same_bits(robot, session_of, make_episode, tmp_path):
     made = [make_episode(robot, n_steps=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
     with open_session(session_of(made)) as session:

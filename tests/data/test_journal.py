@@ -13,11 +13,13 @@ from pathlib import Path
 import pytest
 
 from layflat.data import SessionRecorder, open_session, repair, validate
+from layflat.data.errors import DataError
 from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal import SYNC_S, JournalHandle
 from layflat.data.session.journal_reader import journals, read_journal
-from layflat.data.types import ACTION_LIMIT_M, DataError, DisturbanceRecord, DragTarget, Step
+from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, DragTarget, Step
 from layflat.tests.data.old_files import FILES, version_2_episode
+from layflat.tests.factories import HANGER, PICKERS
 
 
 @pytest.fixture
@@ -124,7 +126,7 @@ def test_what_does_not_fit_is_refused_and_the_rest_stays(ticket, make_episode, b
         (make_episode(nodes=6).steps[0], "nodes"),
         (make_episode(nodes=5, images=True).steps[0], "began with"),
         (replace(first, action=[0.0, ACTION_LIMIT_M * 1.01]), "within"),
-        (make_episode("pickers", nodes=5).steps[0], "2 numbers"),
+        (make_episode(PICKERS, nodes=5).steps[0], "2 numbers"),
     ):
         with pytest.raises(DataError, match=message):
             journal.step(step)
@@ -176,7 +178,7 @@ def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
     tmp_path, make_episode, beginning_of, differences, prefix_of
 ):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=60, nodes=50, images=True)
-    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
         recorder.keep(episode)
         running = recorder.begin(beginning_of(episode))
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -199,7 +201,7 @@ def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
 
 def test_an_error_of_the_disk_is_said(tmp_path, make_episode, beginning_of, monkeypatch, differences):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.keep(episode)
         running = recorder.begin(beginning_of(episode))
         with monkeypatch.context() as patch:
@@ -221,7 +223,7 @@ def _broken(descriptor):
 def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beginning_of, differences, prefix_of):
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=4, seed=seed, outcome="failure") for seed in range(3)]
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         runs = [recorder.begin(beginning_of(episode)) for episode in made]
         for number, (running, episode) in enumerate(zip(runs, made, strict=True)):
             for step_index, step in enumerate(episode.steps):
@@ -242,7 +244,7 @@ def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beg
 def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode, beginning_of, differences):
     """The journal holds the whole episode before it is kept: whichever of the two steps was reached, it is there."""
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         ticket = recorder.ticket()
         journal = ticket.begin(beginning_of(episode))
         for step in episode.steps:
@@ -252,12 +254,12 @@ def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode,
         recorder.keep(episode, ticket=ticket)
     parts_folder(path).mkdir()
     ticket.path.write_bytes(content)
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert recorder.recovered == ()
     path.unlink()
     parts_folder(path).mkdir()
     ticket.path.write_bytes(content)
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert [(kept.name, kept.outcome) for kept in recorder.recovered] == [("demo_0", "success")]
     with open_session(path) as session:
         assert [differences(e, episode) for e in session] == [[]]
@@ -278,7 +280,7 @@ def test_the_clock_of_the_wall_may_jump(tmp_path, make_episode, beginning_of, mo
     path, made = tmp_path / "s.h5", [make_episode(seed=i) for i in range(4)]
     clock = iter([4e9, 0.0, 1e9, 2.5e9] * 1000)
     monkeypatch.setattr(time, "time", lambda: next(clock))
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         for number, episode in enumerate(made):
             running = recorder.begin(beginning_of(episode))
             for step in episode.steps:
@@ -338,7 +340,7 @@ def _fill_and_record(path, ballast, free, episode, beginning_of, sentences) -> i
     ballast.write_bytes(bytes(max(0, room.f_bavail * room.f_frsize - free)))
     kept = 0
     try:
-        with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
             for _ in range(4):
                 running = recorder.begin(beginning_of(episode))
                 for step in episode.steps:

@@ -18,6 +18,7 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.types import Episode
+from layflat.tests.factories import HANGER
 
 STEPS = 12
 
@@ -29,7 +30,7 @@ def numbered(make_episode) -> Callable[[int], Episode]:
 
 
 def _record(path: Path, report: int, first: int, step_s: float, numbered, beginning_of) -> None:
-    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
         for number in itertools.count(first):
             episode = numbered(number)
             running = recorder.begin(beginning_of(episode))
@@ -94,7 +95,7 @@ def _kill_again_and_again(
         if kill % 2 and path.exists():
             assert repair(path).lost == ()
         else:
-            SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True).close()
+            SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True).close()
         assert [p.name for p in path.parent.iterdir() if p != path] == []
         lengths = _check_whole(path, kept, numbered, prefix_of, differences) if path.exists() else {}
         handed = [(int(n), int(step_index), float(when)) for kind, n, step_index, when in lines if kind == "step"]

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from layflat.tests.factories import HANGER, ROBOT_SPECS
 from layflat.data import SessionRecorder, open_session
+from layflat.data.errors import DataError
 from layflat.data.exchange import optional_imports
 from layflat.data.exchange.lerobot import export_lerobot
-from layflat.data.types import ACTION_NAMES, OUTCOMES, ROBOTS, DataError
+from layflat.data.types import OUTCOMES
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 pandas = pytest.importorskip("pandas")
@@ -40,7 +42,7 @@ def session_of(tmp_path):
     return lambda episodes: _session(tmp_path / "s.h5", episodes)
 
 
-@pytest.fixture(params=ROBOTS, scope="module")
+@pytest.fixture(params=ROBOT_SPECS, scope="module")
 def exported(request, make_episode, tmp_path_factory):
     """The folder, and the episodes that went into it."""
     folder = tmp_path_factory.mktemp("exported")
@@ -132,7 +134,7 @@ def test_the_files_agree_with_each_other(exported):
         assert "/" not in key
         if described["dtype"] != "image" and described["shape"] != [1]:
             assert frames.schema.field(key).type.list_size == described["shape"][0] == len(described["names"])
-    assert info["features"]["action"]["names"] == list(ACTION_NAMES[made[0].robot])
+    assert info["features"]["action"]["names"] == list(made[0].robot.action_names)
     assert info["features"][DEPTH]["info"] == {"is_depth_map": True, "depth_unit": "m"}
 
 
@@ -243,7 +245,7 @@ def test_what_lerobot_cannot_hold_is_refused(session_of, make_episode, tmp_path)
 
 def test_images_are_there_in_all_episodes_or_in_none(make_episode, tmp_path):
     for images in (True, False):
-        with SessionRecorder(tmp_path / "s.h5", task="hanger", cloth="towel", keep_images=images) as recorder:
+        with SessionRecorder(tmp_path / "s.h5", task=HANGER, cloth="towel", keep_images=images) as recorder:
             recorder.keep(make_episode(images=True))
     with open_session(tmp_path / "s.h5") as session:
         with pytest.raises(DataError, match="demo_1 has no images"):

@@ -15,10 +15,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from layflat.data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
+from layflat.data.errors import DataError
 from layflat.data.format.opening import parts_folder
 from layflat.data.format.schema import SCHEMA_VERSION
-from layflat.data.types import DataError, DisturbanceRecord, DragTarget
+from layflat.data.types import DisturbanceRecord, DragTarget
 from layflat.tests.data.old_files import FILES, version_2_episodes
+from layflat.tests.factories import HANGER, PICKERS
 
 
 def _by_uid(path):
@@ -42,7 +44,7 @@ def test_merge_and_split_conserve(make_episode, differences, counts, share, seed
         folder, number, wanted = Path(name), 0, {}
         files = [folder / f"{i}.h5" for i in range(len(counts))]
         for file, count in zip(files, counts, strict=True):
-            with SessionRecorder(file, robot="hanger", cloth="towel", keep_images=True) as recorder:
+            with SessionRecorder(file, robot=HANGER, cloth="towel", keep_images=True) as recorder:
                 for _ in range(count):
                     recorder.keep(make_episode(n_steps=2, seed=number, nodes=3, images=number % 2 == 0))
                     number += 1
@@ -177,7 +179,7 @@ def _full(descriptor):
 def test_only_sessions_that_agree_are_merged(make_session, make_episode, tmp_path):
     path = make_session("a.h5", [make_episode()])
     for key, episode, options in (
-        ("robot", make_episode("pickers"), {}),
+        ("robot", make_episode(PICKERS), {}),
         ("cloth", make_episode(cloth="napkin"), {}),
         ("step_s", make_episode(step_s=0.05), {}),
         ("descriptor", make_episode(descriptor="how"), {"descriptor": "how"}),
@@ -226,7 +228,7 @@ def test_an_older_version_is_read_as_it_was_and_written_anew(version, expected, 
             assert {info.version for info in session.infos().values()} == {SCHEMA_VERSION}
             assert differences(session["demo_1"], wanted[1]) == []
             assert session.info("demo_1").uid == uids[1]
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert recorder.keep(make_episode(seed=9)).name == f"demo_{len(wanted)}"
     with open_session(path) as session:
         assert [differences(a, b) for a, b in zip(session, wanted, strict=False)] == [[]] * len(wanted)
@@ -266,7 +268,7 @@ def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path, differ
 
 def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.keep(make_episode())
         with pytest.raises(DataError, match="being written by another program"):
             repair(path)

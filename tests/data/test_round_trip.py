@@ -14,15 +14,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from layflat.data import SessionRecorder, open_session
+from layflat.data.errors import DataError
 from layflat.data.types import (
     ACTION_LIMIT_M,
-    ACTION_NAMES,
     DESCRIPTORS,
     OUTCOMES,
     PHASES,
-    ROBOTS,
     STOP_REASONS,
-    DataError,
     DisturbanceRecord,
     DragTarget,
     Episode,
@@ -31,6 +29,7 @@ from layflat.data.types import (
     Provenance,
     Step,
 )
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 text = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
@@ -67,7 +66,7 @@ def disturbances(draw, n_steps):
 
 @st.composite
 def episodes(draw):
-    robot = draw(st.sampled_from(ROBOTS))
+    robot = draw(st.sampled_from(ROBOT_SPECS))
     nodes, three = draw(st.integers(0, 4)), arrays(np.float64, 3, elements=finite)
     shape = st.none() | st.tuples(st.integers(0, 3), st.integers(0, 3))
     observation = observations(draw(shape), draw(shape))
@@ -77,7 +76,7 @@ def episodes(draw):
         contact_portion_true=finite,
         flat_area=finite,
     )
-    size = len(ACTION_NAMES[robot])
+    size = len(robot.action_names)
     step = st.builds(
         Step,
         observation=observation,
@@ -141,7 +140,7 @@ def test_images_are_left_out_where_not_asked_for(tmp_path, make_episode):
     episode = make_episode(images=True)
     for keep_images in (False, True):
         path = tmp_path / f"{keep_images}.h5"
-        with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=keep_images) as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=keep_images) as recorder:
             recorder.keep(episode)
         with open_session(path) as session:
             assert session.info("demo_0").images is keep_images
@@ -153,7 +152,7 @@ def test_order_is_numeric_and_appending_goes_on(tmp_path, make_episode, differen
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i, outcome=OUTCOMES[i % 3], source=["scripted", "gamepad"][i % 2]) for i in range(12)]
     for batch in (made[:5], made[5:]):
-        with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
             names = [recorder.keep(episode).name for episode in batch]
     assert names[-1] == "demo_11"
     with open_session(path) as session:
@@ -183,7 +182,7 @@ def _as_robomimic_reads(path):
         return demos, filters, lengths, actions, meta, arrays_, int(f["data"].attrs["total"])
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, robot):
     path = tmp_path / "s.h5"
     made = [make_episode(robot, n_steps=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
@@ -199,7 +198,7 @@ def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, robot):
     assert sorted(filters["success"] + filters["failure"]) == sorted(demos)
     for name, episode, action in zip(demos, made, actions, strict=True):
         n, arrays_ = len(episode.steps), found[name]
-        assert action.shape == (n, len(ACTION_NAMES[robot]))
+        assert action.shape == (n, len(robot.action_names))
         assert np.abs(action).max() <= 1
         np.testing.assert_allclose(action * ACTION_LIMIT_M, [s.action for s in episode.steps], rtol=1e-12)
         assert all(len(rows) == n for rows in arrays_.values())
@@ -217,13 +216,13 @@ def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, robot):
 
 def test_what_users_add_to_a_file_stays_when_it_grows(tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.keep(make_episode())
     with h5py.File(path, "r+") as f:
         f["mask/train"] = np.array([b"demo_0"])
         f["data"].attrs["author"] = "a person"
         f["notes/text"] = "first take"
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.keep(make_episode(seed=1))
     with h5py.File(path, "r") as f:
         assert f["mask/train"][()].tolist() == [b"demo_0"]
@@ -257,9 +256,9 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
         (make_episode(cloth="napkin"), "cloth is napkin"),
         (make_episode(descriptor="how"), "descriptor is how"),
         (make_episode(bench={"camera": object()}), "bench is"),
-        (make_episode("pickers"), "robot is pickers"),
+        (make_episode(PICKERS), "robot is pickers"),
     ]
-    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
         recorder.keep(good)
         for episode, message in refused:
             with pytest.raises(DataError, match=message):
@@ -273,7 +272,7 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
 
 def test_no_data_set_holds_python_objects(tmp_path, make_episode):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.keep(make_episode())
     objects = []
     with h5py.File(path, "r") as f:

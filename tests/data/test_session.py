@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 
 from layflat.data import SessionRecorder, open_session, session_stats, validate
+from layflat.data.errors import DataError
 from layflat.data.format.encode import LIBVER
 from layflat.data.format.schema import SCHEMA_VERSION
 from layflat.data.session.session_writer import SessionFile
-from layflat.data.types import DESCRIPTORS, DataError
+from layflat.data.types import DESCRIPTORS
 from layflat.perception.descriptors import registry
+from layflat.tests.factories import HANGER
 
 
 @pytest.fixture
@@ -122,7 +124,7 @@ def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, differences, 
     with open_session(path) as session:
         assert not session.indexed
         assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[]] * len(wanted)
-    with SessionRecorder(path, robot="hanger", cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
         recorder.keep(make_episode(seed=77))
     with open_session(path) as session:
         assert session.indexed
@@ -228,7 +230,7 @@ def _as_nobody(path, made, differences) -> int:
     failed += validate(path) != ()
     for target, word in ((path, "write-protected"), (path.with_name("new.h5"), "Permission denied")):
         try:
-            SessionRecorder(target, robot="hanger", cloth="towel").close()
+            SessionRecorder(target, robot=HANGER, cloth="towel").close()
         except DataError as error:
             failed += word not in str(error)
         else:

@@ -14,10 +14,10 @@ import pytest
 
 from layflat.data import open_session, repair, validate
 from layflat.data.atomic_files import PART_SUFFIX
+from layflat.data.errors import DataError
 from layflat.data.format.opening import parts_folder
 from layflat.data.tools.sandbox import CallOutcome, isolated
 from layflat.data.tools.validate import violations
-from layflat.data.types import DataError
 
 
 @pytest.fixture

@@ -9,12 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from layflat.data.types import Episode, GroundTruth, Observation, RobotName, Step, action_size
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Episode, GroundTruth, Observation, Step
 from layflat.policy import registry
 from layflat.policy.features import input_set
 from layflat.policy.gp.kernel import Hyperparameters, weights
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import TrainedModel
+from layflat.tests.factories import HANGER
 
 GP_INPUTS = {
     "gp-word": "all",
@@ -48,7 +50,7 @@ def _episode(
     observations: Sequence[Observation],
     actions: np.ndarray,
     *,
-    robot: RobotName = "hanger",
+    robot: RobotSpec = HANGER,
     seed: int = 0,
     cloth: str = "towel",
     step_s: float = 0.1,
@@ -74,12 +76,12 @@ def _episode(
 
 
 def _model(
-    robot: RobotName = "hanger", inputs: str = "all", points: int = 25, seed: int = 0, policy: str = ""
+    robot: RobotSpec = HANGER, inputs: str = "all", points: int = 25, seed: int = 0, policy: str = ""
 ) -> GpModel:
     """A model with given hyperparameters on random points: what a fit would make, without the fit."""
     rng = np.random.default_rng(seed)
     layout = input_set(robot, inputs)
-    outputs = action_size(robot)
+    outputs = robot.size
     matrix = rng.uniform(-0.3, 0.5, (points, layout.size))
     targets = rng.normal(0.0, 0.7, (points, outputs))
     hyper = Hyperparameters(
@@ -104,7 +106,7 @@ def _model(
     )
 
 
-def _taught(robot: RobotName) -> list[Episode]:
+def _taught(robot: RobotSpec) -> list[Episode]:
     """Three demonstrations of a way down and forward, as long as their seeds say."""
     episodes = []
     for seed in range(3):
@@ -114,7 +116,7 @@ def _taught(robot: RobotName) -> list[Episode]:
             _observe(0.4 * s + rng.normal(0, 1e-3), 0.4 * (1 - s), contact=s, word=(np.cos(s), np.sin(s)))
             for s in share
         ]
-        move = np.array([0.4, -0.4] if robot == "hanger" else [0.4, 0.0, -0.4] * 2) / n_steps
+        move = np.array([0.4, -0.4] if robot == HANGER else [0.4, 0.0, -0.4] * 2) / n_steps
         actions = move + rng.normal(0, 3e-4, (n_steps, len(move)))
         episode = _episode(seen[:-1], actions, robot=robot, seed=seed)
         episodes.append(replace(episode, final_observation=seen[-1]))
@@ -122,11 +124,11 @@ def _taught(robot: RobotName) -> list[Episode]:
 
 
 @pytest.fixture(scope="session")
-def learned_of() -> Callable[[str, RobotName], TrainedModel]:
+def learned_of() -> Callable[[str, RobotSpec], TrainedModel]:
     """A model of any trainable policy by name; those of Gaussian processes without a fit, which takes a second each."""
 
     @cache
-    def made(name: str, robot: RobotName) -> TrainedModel:
+    def made(name: str, robot: RobotSpec) -> TrainedModel:
         if name in GP_INPUTS:
             return _model(robot, GP_INPUTS[name], policy=name)
         return registry.train(name, _taught(robot))

@@ -14,6 +14,7 @@ from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gp import fit
 from layflat.policy.gp.kernel import JITTER
+from layflat.tests.factories import HANGER
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def disagreeing(observe, episode_of):
 
 def _fit(episodes, weight):
     options = fit.FitOptions(intervention_weight=weight)
-    return fit.fit(episodes, input_set("hanger", "all"), policy="gp-word", options=options)
+    return fit.fit(episodes, input_set(HANGER, "all"), policy="gp-word", options=options)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def models(disagreeing):
 
 def test_a_weight_is_a_noise_of_its_own_for_each_step(disagreeing, models):
     """scikit-learn's process, with the noise of corrected steps a quarter of the others', sees the same."""
-    model, layout = models[4], input_set("hanger", "all")
+    model, layout = models[4], input_set(HANGER, "all")
     steps = [step for episode in disagreeing for step in episode.steps]
     inputs, hyper = layout.matrix(steps) / layout.scales(), model.hyper
     share = np.where([step.intervention for step in steps], 4, 1)
@@ -61,7 +62,7 @@ def test_a_weight_is_a_noise_of_its_own_for_each_step(disagreeing, models):
 
 
 def test_where_two_disagree_the_corrected_one_wins_by_its_weight(models, disagreeing):
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     there = layout.matrix([step for step in disagreeing[1].steps if step.observation.holder_position[0] > 0.28])
     moved = {weight: 1000 * model.predict(there)[0][:, 0].mean() for weight, model in models.items()}
     # Shares of 3 and 9 mm: half and half, or one fifth and four.

@@ -11,6 +11,7 @@ from layflat.policy.dmp.model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, f
 from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
 from layflat.policy.stopping import AnyOf
+from layflat.tests.factories import HANGER
 
 STEPS = 80
 
@@ -80,7 +81,7 @@ def rolled_out(model: DmpModel, observe, start, n_steps: int) -> np.ndarray:
 
 def test_reproduces_its_demonstration(observe, episode_of):
     episode, way = demonstration(observe, episode_of)
-    model = dmp.fit([episode], input_set("hanger", "position"), policy="dmp")
+    model = dmp.fit([episode], input_set(HANGER, "position"), policy="dmp")
     assert model.duration_s == pytest.approx(0.1 * STEPS)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, way[0], STEPS)
     assert len(got) == len(way)
@@ -89,7 +90,7 @@ def test_reproduces_its_demonstration(observe, episode_of):
 
 def test_from_another_start_it_ends_at_the_mean_of_the_ends(observe, episode_of):
     taught = [demonstration(observe, episode_of, x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
-    model = dmp.fit(taught, input_set("hanger", "position"), policy="dmp")
+    model = dmp.fit(taught, input_set(HANGER, "position"), policy="dmp")
     np.testing.assert_allclose(model.goal, [0.42, 0.0], atol=1e-9)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, (-0.1, 0.45), 3 * STEPS)
     np.testing.assert_allclose(got[-1], [0.42, 0.0], atol=1e-4)
@@ -99,13 +100,13 @@ def test_from_another_start_it_ends_at_the_mean_of_the_ends(observe, episode_of)
 
 def test_demonstrations_of_different_length_are_one_way(observe, episode_of):
     slow, fast = (demonstration(observe, episode_of, n_steps=n)[0] for n in (100, 60))
-    model = dmp.fit([slow, fast], input_set("hanger", "position"), policy="dmp")
+    model = dmp.fit([slow, fast], input_set(HANGER, "position"), policy="dmp")
     assert model.duration_s == pytest.approx(8.0)
 
 
 def test_what_the_limit_cuts_off_is_made_up_for(observe, episode_of):
     episode, way = demonstration(observe, episode_of)
-    model = dmp.fit([episode], input_set("hanger", "position"), policy="dmp")
+    model = dmp.fit([episode], input_set(HANGER, "position"), policy="dmp")
     slow = replace(model, action_limit_m=0.006, stop_threshold_m=1e-9)
     got = rolled_out(slow, observe, way[0], 2 * STEPS)
     assert np.abs(np.diff(got, axis=0)).max() <= 0.006 + 1e-12
@@ -115,7 +116,7 @@ def test_what_the_limit_cuts_off_is_made_up_for(observe, episode_of):
 def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of):
     """A trajectory knows nothing of the cloth: after a disturbance it stays where it is."""
     episode, way = demonstration(observe, episode_of)
-    policy = DmpPolicy(dmp.fit([episode], input_set("hanger", "position"), policy="dmp"), guard=AnyOf())
+    policy = DmpPolicy(dmp.fit([episode], input_set(HANGER, "position"), policy="dmp"), guard=AnyOf())
     policy.reset(0)
     decisions = [policy.act(observe(*way[-1])) for _ in range(2 * STEPS)]
     assert next(d.stop for d in decisions if d.stop) == "threshold"
@@ -131,11 +132,11 @@ def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of
         ({"goal": np.zeros(3)}, "goal has shape"),
         ({"weights": np.zeros((2, 1))}, "at least 2 basis"),
         ({"duration_s": 0.0}, "duration_s is 0"),
-        ({"layout": input_set("hanger", "all")}, "sees the position only"),
+        ({"layout": input_set(HANGER, "all")}, "sees the position only"),
     ],
 )
 def test_a_primitive_that_makes_no_sense_is_refused(observe, episode_of, changes, message):
-    model = dmp.fit([demonstration(observe, episode_of)[0]], input_set("hanger", "position"), policy="dmp")
+    model = dmp.fit([demonstration(observe, episode_of)[0]], input_set(HANGER, "position"), policy="dmp")
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)
 
@@ -144,4 +145,4 @@ def test_a_demonstration_without_placing_is_refused(observe, episode_of):
     seen = [observe() for _ in range(12)]
     episode = episode_of(seen, np.zeros((12, 2)), phases=["place"] + ["repair"] * 11)
     with pytest.raises(PolicyError, match="seed 0 holds 1 steps of placing"):
-        dmp.fit([episode], input_set("hanger", "position"), policy="dmp")
+        dmp.fit([episode], input_set(HANGER, "position"), policy="dmp")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import ACTION_LIMIT_M, ROBOTS, GroundTruth, Observation, action_size
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
 from layflat.policy.scripted.demonstrator import (
     DRAG_STEP_M,
     FLAT_CONTACT,
@@ -16,6 +16,7 @@ from layflat.policy.scripted.demonstrator import (
     ScriptedDemonstrator,
     _tautly,
 )
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
 LENGTH_M = 0.35
 WIDTH_M = 0.36
@@ -49,7 +50,7 @@ class RodCloth:
         return float(np.clip(1.0 - 2.0 * (LENGTH_M + self.edge_x - x + self.wrinkle_m) / LENGTH_M, 0.0, 1.0))
 
     def move(self, action):
-        step = np.array([action[0], 0.0, action[1]]) if self.robot == "hanger" else action.reshape(2, 3)
+        step = np.array([action[0], 0.0, action[1]]) if self.robot == HANGER else action.reshape(2, 3)
         self.corners = self.corners + step
         self.corners[:, 2] = np.maximum(self.corners[:, 2], 0.004)
         x, _, z = self.holder
@@ -84,7 +85,7 @@ def demonstrate(cloth, expert, limit=200):
     pytest.fail(f"no stop within {limit} steps; the last clause was {decisions[-1].reason!r}")
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 @pytest.mark.parametrize("seed", range(6))
 def test_lays_the_cloth_and_stops_flat_within_the_limits(robot, seed):
     cloth = RodCloth(robot)
@@ -97,7 +98,7 @@ def test_lays_the_cloth_and_stops_flat_within_the_limits(robot, seed):
     assert not decisions[-1].action.any()
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_the_free_edge_trails_before_anything_is_laid_on_it(robot):
     cloth = RodCloth(robot)
     expert = expert_for(cloth)
@@ -111,7 +112,7 @@ def test_the_free_edge_trails_before_anything_is_laid_on_it(robot):
     assert cloth.holder[0] - cloth.edge_x > 0.04
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(robot):
     def drag_speed(wrinkle_m):
         cloth = RodCloth(robot)
@@ -127,7 +128,7 @@ def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(robot):
     assert DRAG_STEP_M[0] <= speeds[0] < speeds[-1] <= DRAG_STEP_M[1] + 0.006
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_repairs_after_a_disturbance(robot):
     cloth = RodCloth(robot)
     expert = expert_for(cloth)
@@ -145,7 +146,7 @@ def test_gives_up_where_dragging_gains_nothing():
         def contact(self):
             return min(super().contact(), 0.8)
 
-    cloth = Stuck("hanger")
+    cloth = Stuck(HANGER)
     expert = expert_for(cloth)
     expert.reset(0)
     decisions = demonstrate(cloth, expert)
@@ -157,7 +158,7 @@ def test_demonstrations_begin_their_descent_at_different_places():
     """From one place everything would happen at the same x, and a learner could not tell x from contact."""
     ends = []
     for seed in range(8):
-        cloth = RodCloth("hanger")
+        cloth = RodCloth(HANGER)
         expert = expert_for(cloth)
         expert.reset(seed)
         demonstrate(cloth, expert)
@@ -166,12 +167,12 @@ def test_demonstrations_begin_their_descent_at_different_places():
 
 
 def test_two_pickers_come_back_to_their_lines():
-    cloth = RodCloth("pickers")
+    cloth = RodCloth(PICKERS)
     cloth.corners = cloth.corners + np.array([[0.03, -0.02, 0.02], [-0.02, 0.03, -0.02]])
     expert = expert_for(cloth)
     expert.reset(0)
     decisions = demonstrate(cloth, expert)
-    assert decisions[0].action.shape == (action_size("pickers"),)
+    assert decisions[0].action.shape == (PICKERS.size,)
     np.testing.assert_allclose(cloth.corners[:, 1], [WIDTH_M / 2, -WIDTH_M / 2], atol=0.002)
     np.testing.assert_allclose(cloth.corners[0, [0, 2]], cloth.corners[1, [0, 2]], atol=0.002)
 

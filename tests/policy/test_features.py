@@ -5,16 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import ROBOTS, Observation
+from layflat.data.types import Observation
 from layflat.policy.base import PolicyError
 from layflat.policy.features import COLUMNS, INPUT_SETS, FeatureLayout, input_set
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
 finite = st.floats(-1, 1)
 
 
 @pytest.mark.parametrize(
     ("robot", "inputs", "size"),
-    [("hanger", "position", 2), ("hanger", "all", 5), ("pickers", "position", 6), ("pickers", "all", 9)],
+    [(HANGER, "position", 2), (HANGER, "all", 5), (PICKERS, "position", 6), (PICKERS, "all", 9)],
 )
 def test_sizes_are_those_of_the_thesis(robot, inputs, size, observe):
     layout = input_set(robot, inputs)
@@ -23,7 +24,7 @@ def test_sizes_are_those_of_the_thesis(robot, inputs, size, observe):
 
 
 def test_hanger_layout_is_x_z_word_contact(observe):
-    vector = input_set("hanger", "all").vector(observe(0.1, 0.2, contact=0.7, word=(0.8, -0.6)))
+    vector = input_set(HANGER, "all").vector(observe(0.1, 0.2, contact=0.7, word=(0.8, -0.6)))
     np.testing.assert_array_equal(vector, [0.1, 0.2, 0.8, -0.6, 0.7])
 
 
@@ -37,11 +38,11 @@ def test_pickers_layout_begins_with_the_corners():
         word_strength=1.0,
         contact_portion=0.25,
     )
-    vector = input_set("pickers", "all").vector(observation)
+    vector = input_set(PICKERS, "all").vector(observation)
     np.testing.assert_array_equal(vector, [*corners.ravel(), 0.6, 0.8, 0.25])
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 @given(contact=st.floats(0, 1), angle=st.floats(-1.5, 1.5))
 def test_cloth_state_reaches_exactly_the_sets_that_name_it(robot, observe, contact, angle):
     word = (np.cos(angle), np.sin(angle))
@@ -58,13 +59,13 @@ def test_cloth_state_reaches_exactly_the_sets_that_name_it(robot, observe, conta
 
 def test_matrix_is_the_vectors_in_order(observe, episode_of):
     observations = [observe(0.1 * k, 0.3, contact=0.2 * k) for k in range(4)]
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     matrix = layout.matrix(episode_of(observations, np.zeros((4, 2))).steps)
     np.testing.assert_array_equal(matrix, [layout.vector(o) for o in observations])
     assert layout.matrix([]).shape == (0, 5)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_no_column_reads_what_only_the_simulator_knows(robot):
     assert not {"nodes", "contact_true", "flat_area"} & set(COLUMNS[robot])
 
@@ -72,9 +73,9 @@ def test_no_column_reads_what_only_the_simulator_knows(robot):
 @pytest.mark.parametrize(
     ("robot", "names", "message"),
     [
-        ("hanger", ("x", "y1"), "feature 'y1' is unknown"),
-        ("hanger", ("x", "x"), "none twice"),
-        ("hanger", (), "at least one"),
+        (HANGER, ("x", "y1"), "feature 'y1' is unknown"),
+        (HANGER, ("x", "x"), "none twice"),
+        (HANGER, (), "at least one"),
         ("table", ("x",), "robot is 'table'"),
     ],
 )
@@ -85,4 +86,4 @@ def test_wrong_layouts_are_refused(robot, names, message):
 
 def test_unknown_set_names_the_known():
     with pytest.raises(PolicyError, match="position"):
-        input_set("hanger", "everything")
+        input_set(HANGER, "everything")

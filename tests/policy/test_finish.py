@@ -15,6 +15,7 @@ from layflat.policy.gp import fit
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.scripted.baselines import along_x
 from layflat.policy.stopping import AnyOf
+from layflat.tests.factories import HANGER
 
 GOAL = np.array([0.4, 0.02])
 STARTS = 20
@@ -42,7 +43,7 @@ def model(observe, episode_of):
             moves.append(towards(place) + rng.normal(0, 2e-4, 2))
             place = place + moves[-1]
         episodes.append(episode_of(seen, np.array(moves), seed=seed))
-    return fit.fit(episodes, input_set("hanger", "position"), policy="gp-finish")
+    return fit.fit(episodes, input_set(HANGER, "position"), policy="gp-finish")
 
 
 def starts(model, distance: float) -> np.ndarray:
@@ -90,7 +91,7 @@ def test_the_mean_alone_fades_and_this_does_not(model, observe):
 
 def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
     policy = FinishingPolicy(model, stop=AnyOf())
-    useful = np.linalg.norm(along_x("hanger", finishing_policy.USEFUL_M))
+    useful = np.linalg.norm(along_x(HANGER, finishing_policy.USEFUL_M))
     places = model.inputs + 0.003
     taught = places[np.linalg.norm(model.predict(places)[0], axis=1) >= useful]
     assert len(taught) > 20
@@ -126,13 +127,13 @@ def test_on_the_table_nothing_is_pushed_back(model, observe):
 def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
     still = FinishingPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
     wrinkled = still.act(observe(*GOAL, contact=0.9))
-    np.testing.assert_allclose(wrinkled.action, along_x("hanger", finishing_policy.USEFUL_M), atol=1e-9)
+    np.testing.assert_allclose(wrinkled.action, along_x(HANGER, finishing_policy.USEFUL_M), atol=1e-9)
     assert not still.act(observe(*GOAL, contact=0.995)).action.any()
 
 
 def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of):
     """To the height at which the cloth was flat when it was taught; never up, slowly, and not while it is laid."""
-    model = model_of("hanger", "all")
+    model = model_of(HANGER, "all")
     n_steps = model.inputs.copy()
     n_steps[:, 1], n_steps[:, 4] = 0.3, 0.4
     n_steps[:5, 1], n_steps[:5, 4] = 0.008, 1.0
@@ -143,7 +144,7 @@ def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of)
 
 def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
     """Nothing is added to what the processes say on the table, where they say something."""
-    model = model_of("hanger", "all")
+    model = model_of(HANGER, "all")
     n_steps = model.inputs.copy()
     n_steps[:5, 1], n_steps[:5, 4] = 0.008, 1.0
     model = replace(model, inputs=n_steps)

@@ -10,11 +10,12 @@ from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gmr import fit
 from layflat.policy.gmr.model import GmrModel
+from layflat.tests.factories import HANGER
 
 SCALE_M = 0.01
 
 
-def model_with(weights, means, covariances, inputs: str = "all", robot: str = "hanger") -> GmrModel:
+def model_with(weights, means, covariances, inputs: str = "all", robot: str = HANGER) -> GmrModel:
     layout = input_set(robot, inputs)
     return GmrModel(
         policy="gmr",
@@ -123,7 +124,7 @@ def test_two_ways_of_acting_need_two_components(observe, episode_of):
     heights = np.concatenate([rng.uniform(0.3, 0.4, 60), rng.uniform(0.0, 0.1, 60)])
     seen = [observe(rng.uniform(0, 0.1), z) for z in heights]
     moves = np.where(heights[:, None] > 0.2, [0.008, 0.0], [0.0, -0.008]) + rng.normal(0, 2e-4, (120, 2))
-    model = fit.fit([episode_of(seen, moves)], input_set("hanger", "position"), policy="gmr")
+    model = fit.fit([episode_of(seen, moves)], input_set(HANGER, "position"), policy="gmr")
     assert model.points >= 2
     high, low = model.predict([[0.05, 0.35], [0.05, 0.05]])[0]
     np.testing.assert_allclose([high, low], [[0.008, 0.0], [0.0, -0.008]], atol=5e-4)
@@ -134,7 +135,7 @@ def test_same_seed_same_model(observe, episode_of):
     rng = np.random.default_rng(6)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
     episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))
-    first, again = (fit.fit([episode], input_set("hanger", "all"), policy="gmr", seed=3) for _ in range(2))
+    first, again = (fit.fit([episode], input_set(HANGER, "all"), policy="gmr", seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.covariances, again.covariances)
 
 

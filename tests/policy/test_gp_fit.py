@@ -20,6 +20,7 @@ from layflat.policy.gp import fit
 from layflat.policy.gp.kernel import JITTER
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
+from layflat.tests.factories import HANGER, PICKERS
 
 GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
 ROOT = Path(__file__).parents[2]
@@ -72,7 +73,7 @@ def models(drags):
 
 @pytest.mark.parametrize("ard", [False, True])
 def test_prediction_is_gpys_own_to_the_digit(drags, ard):
-    gpy, layout = fit.import_gpy(), input_set("hanger", "all")
+    gpy, layout = fit.import_gpy(), input_set(HANGER, "all")
     model = fit.fit(drags[:2], layout, policy="gp-word", options=fit.FitOptions(ard=ard))
     scaled = model.inputs / model.input_scale
     targets = np.concatenate([[step.action for step in e.steps] for e in drags[:2]]) / model.output_scale_m
@@ -122,7 +123,7 @@ def test_the_likeliest_of_the_starts_is_kept(monkeypatch):
 
 
 def test_same_seed_same_model_whatever_numpys_global_state(drags):
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     np.random.seed(1)  # noqa: NPY002  GPy draws from the global state when asked to restart; a fit must not
     first = fit.fit(drags[:2], layout, policy="gp-word", seed=3)
     np.random.seed(2)  # noqa: NPY002
@@ -135,7 +136,7 @@ def test_prior_mean_is_zero_however_large_the_demonstrated_moves(observe, episod
     """Not centred: far away a model of moves of +8 mm says 0, not +8 mm."""
     rng = np.random.default_rng(0)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 30)]
-    model = fit.fit([episode_of(seen, np.full((30, 2), 0.008))], input_set("hanger", "position"), policy="gp-baseline")
+    model = fit.fit([episode_of(seen, np.full((30, 2), 0.008))], input_set(HANGER, "position"), policy="gp-baseline")
     near, _ = model.predict([[0.15, 0.1]])
     far, _ = model.predict([[50.0, 50.0]])
     np.testing.assert_allclose(near, 0.008, atol=5e-4)
@@ -147,13 +148,13 @@ def test_disturbed_steps_are_not_learned_from(drags, observe, episode_of):
     wild = [observe(0.2, 0.2) for _ in range(12)]
     phases = ["place"] * 4 + ["disturb"] * 6 + ["repair"] * 2
     episode = episode_of(wild, np.zeros((12, 2)), phases=phases)
-    model = fit.fit([drags[0], episode], input_set("hanger", "all"), policy="gp-word", options=fit.FitOptions())
+    model = fit.fit([drags[0], episode], input_set(HANGER, "all"), policy="gp-word", options=fit.FitOptions())
     assert model.points == model.points_available == len(drags[0].steps) + 6
 
 
 def test_more_points_than_allowed_make_a_sparse_process(drags):
     options = fit.FitOptions(max_points=50, inducing_points=30)
-    model = fit.fit(drags, input_set("hanger", "all"), policy="gp-word", options=options)
+    model = fit.fit(drags, input_set(HANGER, "all"), policy="gp-word", options=options)
     assert (model.points, model.points_available, model.demonstrations) == (30, 210, 6)
 
 
@@ -165,7 +166,7 @@ def test_options_that_make_no_sense_are_refused(name):
 
 def test_the_shared_start_ends_where_the_best_of_many_ends(drags):
     """One run from it is as likely as the likeliest of six."""
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     inputs = np.concatenate([layout.matrix(e.steps) for e in drags]) / layout.scales()
     targets = np.concatenate([[step.action for step in e.steps] for e in drags]) / 0.01
     one, many = (fit.fit_hyperparameters(inputs, targets, starts=n) for n in (1, 6))
@@ -186,7 +187,7 @@ def test_progress_names_each_output(drags):
     said: list[tuple[int, int, str]] = []
     options = fit.FitOptions()
     fit.fit(
-        drags, input_set("hanger", "all"), policy="gp-word", options=options, progress=lambda *told: said.append(told)
+        drags, input_set(HANGER, "all"), policy="gp-word", options=options, progress=lambda *told: said.append(told)
     )
     assert [(done, total) for done, total, _ in said] == [(1, 2), (2, 2)]
     assert [text.split(":")[0] for _, _, text in said] == ["dx", "dz"]
@@ -241,7 +242,7 @@ def test_provenance_names_what_trained_it(models):
 
 
 def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of):
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     seen = [observe() for _ in range(4)]
     for episodes, message in (
         ([], "no demonstrations"),
@@ -249,7 +250,7 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
         ([drags[0], episode_of(seen, np.zeros((4, 2)), cloth="silk")], "mix the cloths towel and silk"),
         ([drags[0], episode_of(seen, np.zeros((4, 2)), step_s=0.05)], "mix steps"),
         ([drags[0], replace(drags[1], descriptor="hog")], "mix the descriptors word and hog"),
-        ([drags[0], episode_of(seen, np.zeros((4, 6)), robot="pickers")], "is of robot pickers"),
+        ([drags[0], episode_of(seen, np.zeros((4, 6)), robot=PICKERS)], "is of robot pickers"),
     ):
         with pytest.raises(PolicyError, match=message):
             fit.fit(episodes, layout, policy="gp-word")
@@ -268,4 +269,4 @@ def test_rolling_out_does_not_import_gpy():
 
 def test_the_model_sees_by_the_descriptor_of_its_demonstrations(drags):
     taught = [replace(episode, descriptor="how") for episode in drags]
-    assert fit.fit(taught, input_set("hanger", "position"), policy="gp-word").descriptor == "how"
+    assert fit.fit(taught, input_set(HANGER, "position"), policy="gp-word").descriptor == "how"

@@ -7,12 +7,13 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from layflat.data.types import DataError
+from layflat.data.errors import DataError
 from layflat.policy.base import PolicyError
 from layflat.policy.gp.kernel import JITTER, Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
+from layflat.tests.factories import HANGER
 
 
 def random_problem(seed: int, points: int, dims: int, ard: bool) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
@@ -105,16 +106,16 @@ def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
     flat = observe(0.1, 0.1, contact=1.0)
     stirred = observe(0.1, 0.1, contact=0.5, word=(0.6, 0.8))
     for inputs, blind in (("position", True), ("all", False)):
-        model = model_of("hanger", inputs)
+        model = model_of(HANGER, inputs)
         outputs = [model.predict(model.layout.vector(o)[np.newaxis])[0] for o in (flat, stirred)]
         assert np.array_equal(*outputs) is blind
 
 
 def test_an_output_below_the_threshold_moves_nothing(model_of, observe):
     """Chapter 4-3-3: the robot stands still, so what is regained after a stop was commanded, not crept."""
-    policy = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1.0, stop_steps=50))
+    policy = ModelPolicy(replace(model_of(HANGER, "all"), stop_threshold_m=1.0, stop_steps=50))
     assert all(not policy.act(observe(0.1, 0.1, contact=c)).action.any() for c in (0.2, 0.6, 1.0))
-    keen = ModelPolicy(replace(model_of("hanger", "all"), stop_threshold_m=1e-9))
+    keen = ModelPolicy(replace(model_of(HANGER, "all"), stop_threshold_m=1e-9))
     assert keen.act(observe(0.1, 0.1, contact=0.5)).action.any()
 
 

@@ -11,6 +11,7 @@ from layflat.policy.features import input_set
 from layflat.policy.gp import fit, sparse
 from layflat.policy.gp.kernel import Hyperparameters, weights
 from layflat.policy.gp.model import GpModel
+from layflat.tests.factories import HANGER
 
 NOISE_STD = 0.05
 
@@ -30,7 +31,7 @@ def problem(points: int = 120, seed: int = 0) -> tuple[np.ndarray, np.ndarray, H
 def made(points: np.ndarray, alpha: np.ndarray, hyper: Hyperparameters, inner: np.ndarray | None = None) -> GpModel:
     return GpModel(
         policy="gp-baseline",
-        layout=input_set("hanger", "position"),
+        layout=input_set(HANGER, "position"),
         cloth="towel",
         inputs=points,
         input_scale=np.ones(2),
@@ -124,7 +125,7 @@ def long_lesson(observe, episode_of):
 
 def test_beyond_two_thousand_steps_training_switches_by_itself(long_lesson, tmp_path):
     options = fit.FitOptions(inducing_points=40)
-    model = fit.fit(long_lesson, input_set("hanger", "all"), policy="gp-word", options=options)
+    model = fit.fit(long_lesson, input_set(HANGER, "all"), policy="gp-word", options=options)
     assert fit.MAX_POINTS == 2000 < model.points_available == 2100
     assert model.points == 40
     assert "sparse" in model.made_of
@@ -135,7 +136,7 @@ def test_beyond_two_thousand_steps_training_switches_by_itself(long_lesson, tmp_
     assert isinstance(again, GpModel)
     for ours, theirs in zip(model.predict(model.inputs), again.predict(model.inputs), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    few = fit.fit(long_lesson[:1], input_set("hanger", "all"), policy="gp-word")
+    few = fit.fit(long_lesson[:1], input_set(HANGER, "all"), policy="gp-word")
     assert few.inner is None
     assert few.points == 700
 

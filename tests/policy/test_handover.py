@@ -8,11 +8,12 @@ import pytest
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.wrappers.sequential import SequentialPolicy
+from layflat.tests.factories import HANGER, PICKERS
 
 
 @pytest.fixture
 def handover():
-    first, then = registry.make("hold", "hanger"), registry.make("stretch-right", "hanger")
+    first, then = registry.make("hold", HANGER), registry.make("stretch-right", HANGER)
     policy = SequentialPolicy(first, then, name="hold+stretch-right")
     policy.reset(0)
     return policy
@@ -31,5 +32,5 @@ def test_reset_hands_back_to_the_first(handover, observe):
 
 
 def test_policies_of_different_robots_are_refused():
-    with pytest.raises(PolicyError, match="pickers"):
-        SequentialPolicy(registry.make("hold", "hanger"), registry.make("hold", "pickers"), name="both")
+    with pytest.raises(PolicyError, match=PICKERS):
+        SequentialPolicy(registry.make("hold", HANGER), registry.make("hold", PICKERS), name="both")

@@ -15,6 +15,7 @@ from layflat.policy import model_io as model_file
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.gp.model import GpModel
+from layflat.tests.factories import HANGER
 
 ARRAYS = GpModel.ARRAYS
 
@@ -87,7 +88,7 @@ def test_every_method_comes_back_as_it_was(name, robot, tmp_path, learned_of, ob
 
 @pytest.mark.parametrize("name", ["gmr", "dmp", "nearest"])
 def test_what_is_damaged_or_missing_is_noticed_in_every_format(name, tmp_path, learned_of):
-    model, path = learned_of(name, "hanger"), tmp_path / "model.npz"
+    model, path = learned_of(name, HANGER), tmp_path / "model.npz"
     model_file.save(model, path)
     whole = members(path)
     for array in model.ARRAYS:
@@ -101,7 +102,7 @@ def test_what_is_damaged_or_missing_is_noticed_in_every_format(name, tmp_path, l
 
 def test_a_model_of_one_method_is_none_of_another(tmp_path, learned_of):
     path = tmp_path / "model.npz"
-    model_file.save(learned_of("nearest", "hanger"), path)
+    model_file.save(learned_of("nearest", HANGER), path)
     arrays = members(path)
     text = arrays["header"].tobytes().replace(b"layflat-nearest", b"layflat-dmp")
     np.savez(path, **{**arrays, "header": np.frombuffer(text, np.uint8)})

@@ -9,6 +9,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.nearest import model as nearest_model
+from layflat.tests.factories import HANGER
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def taught(observe, episode_of):
 
 
 def test_is_scikit_learns_nearest_neighbour(taught):
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     model = nearest_model.fit(taught, layout, policy="nearest")
     inputs = np.concatenate([layout.matrix(e.steps) for e in taught]) / layout.scales()
     actions = np.array([step.action for e in taught for step in e.steps])
@@ -35,14 +36,14 @@ def test_is_scikit_learns_nearest_neighbour(taught):
 
 
 def test_a_demonstrated_step_is_answered_with_its_action(taught):
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     model = nearest_model.fit(taught, layout, policy="nearest")
     for step in taught[1].steps:
         np.testing.assert_array_equal(model.predict([layout.vector(step.observation)])[0][0], step.action)
 
 
 def test_held_out_error_is_that_of_the_others_steps(taught):
-    layout = input_set("hanger", "all")
+    layout = input_set(HANGER, "all")
     errors = []
     for k, episode in enumerate(taught):
         rest = nearest_model.fit([e for e in taught if e is not taught[k]], layout, policy="nearest")
@@ -61,6 +62,6 @@ def test_held_out_error_is_that_of_the_others_steps(taught):
     ],
 )
 def test_a_model_that_makes_no_sense_is_refused(taught, changes, message):
-    model = nearest_model.fit(taught, input_set("hanger", "all"), policy="nearest")
+    model = nearest_model.fit(taught, input_set(HANGER, "all"), policy="nearest")
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, ROBOTS, STOP_REASONS, GroundTruth, Observation, action_size
+from layflat.data.types import ACTION_LIMIT_M, STOP_REASONS, GroundTruth, Observation
 from layflat.policy import registry
 from layflat.policy.base import Policy
 from layflat.policy.model_policy import ModelPolicy
@@ -16,6 +16,7 @@ from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, controller
 from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.policy.wrappers.takeover import Takeover
+from layflat.tests.factories import PICKERS, ROBOT_SPECS
 
 HANDOVER = "handover"
 TAKEOVER = "takeover"
@@ -26,11 +27,13 @@ AROUND = "hold+"
 """What can be put around any policy, around one of the poorest."""
 OTHERS = (HANDOVER, TAKEOVER, EXPERT, RECORDED, *(AROUND + name for name in registry.WRAPPERS))
 PLACERS = [
-    (name, robot) for name in (*registry.BUILTIN_POLICIES, *registry.TRAINABLE_POLICIES, *OTHERS) for robot in ROBOTS
+    (name, robot)
+    for name in (*registry.BUILTIN_POLICIES, *registry.TRAINABLE_POLICIES, *OTHERS)
+    for robot in ROBOT_SPECS
 ]
 
 
-@pytest.fixture(params=[*PLACERS, *((FLATTEN + name, "pickers") for name in CONTROLLERS)], ids="-".join)
+@pytest.fixture(params=[*PLACERS, *((FLATTEN + name, PICKERS) for name in CONTROLLERS)], ids="-".join)
 def policy(request, model_of, learned_of, make_episode) -> Policy:
     name, robot = request.param
     if name == RECORDED:
@@ -70,12 +73,12 @@ def run(policy: Policy, observations: list[Observation], seed: int) -> list:
 def test_is_a_policy_with_a_name_and_a_robot(policy):
     assert isinstance(policy, Policy)
     assert policy.name
-    assert policy.robot in ROBOTS
+    assert policy.robot in ROBOT_SPECS
 
 
 def test_decisions_are_well_formed(policy, observe):
     for decision in run(policy, placing(observe), seed=1):
-        assert decision.action.shape == (action_size(policy.robot),)
+        assert decision.action.shape == (policy.robot.size,)
         assert np.abs(decision.action).max() <= ACTION_LIMIT_M
         assert decision.stop is None or decision.stop in STOP_REASONS
         assert decision.reason

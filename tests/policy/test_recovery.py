@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, ROBOTS, Observation, RobotName, action_size
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision
 from layflat.policy.scripted.baselines import along_x, along_z
 from layflat.policy.wrappers.recovery import (
@@ -20,6 +21,7 @@ from layflat.policy.wrappers.recovery import (
     WIPE_M,
     RecoveryWrapper,
 )
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
 LENGTH_M = 0.35
 
@@ -29,7 +31,7 @@ class Layer:
 
     name = "layer"
 
-    def __init__(self, robot: RobotName) -> None:
+    def __init__(self, robot: RobotSpec) -> None:
         self.robot = robot
         self.begun = 0
 
@@ -40,7 +42,7 @@ class Layer:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Decision:
-        zeros = np.zeros(action_size(self.robot))
+        zeros = np.zeros(self.robot.size)
         if observation.holder_position[2] <= 0.006:
             return Decision(action=zeros, stop="converged", reason="laid")
         return Decision(action=along_x(self.robot, 0.008) + along_z(self.robot, -0.01))
@@ -49,7 +51,7 @@ class Layer:
 class Toy:
     """A cloth that hides ``hidden`` of itself once it lies, until it has hung free ``cures`` times."""
 
-    def __init__(self, robot: RobotName, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
+    def __init__(self, robot: RobotSpec, observe, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
         self.robot, self._observe, self._hidden, self._cures = robot, observe, hidden, cures
         self.corners = np.array([[0.0, half, 0.47], [0.0, -half, 0.47]])
         self._was_down = False
@@ -66,7 +68,7 @@ class Toy:
         return replace(seen, corner_positions=self.corners, lowest_m=np.array([x, 0.0, lowest]))
 
     def move(self, action: np.ndarray) -> None:
-        step = action.reshape(2, 3) if self.robot == "pickers" else np.array([action[0], 0.0, action[1]])
+        step = action.reshape(2, 3) if self.robot == PICKERS else np.array([action[0], 0.0, action[1]])
         self.corners = self.corners + step
 
 
@@ -83,8 +85,8 @@ def run(policy: RecoveryWrapper, toy: Toy, n_steps: int = 2000) -> tuple[list[De
     raise AssertionError("it never stops")
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_a_flat_cloth_is_left_alone(robot: RobotName, observe) -> None:
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
+def test_a_flat_cloth_is_left_alone(robot: RobotSpec, observe) -> None:
     policy = RecoveryWrapper(Layer(robot))
     policy.reset(0)
     decisions, contact = run(policy, Toy(robot, observe, hidden=0.0))
@@ -93,8 +95,8 @@ def test_a_flat_cloth_is_left_alone(robot: RobotName, observe) -> None:
     assert all(decision.reason in ("", "laid") for decision in decisions)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_a_fold_is_lifted_once_and_laid_again(robot: RobotName, observe) -> None:
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
+def test_a_fold_is_lifted_once_and_laid_again(robot: RobotSpec, observe) -> None:
     inner = Layer(robot)
     policy = RecoveryWrapper(inner)
     policy.reset(3)
@@ -104,15 +106,15 @@ def test_a_fold_is_lifted_once_and_laid_again(robot: RobotName, observe) -> None
     assert inner.begun == 2
     lifts = [decision.action for decision in decisions if "lifting" in decision.reason]
     # It begins and ends without a jerk: no move differs from the one before by more than a millimetre.
-    heights = np.array([0.0, *(action[1 if robot == "hanger" else 2] for action in lifts)])
+    heights = np.array([0.0, *(action[1 if robot == HANGER else 2] for action in lifts)])
     assert np.abs(np.diff(heights)).max() < 0.0011
     assert len(decisions) < 160 + policy.extra_steps
 
 
 def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
-    policy = RecoveryWrapper(Layer("hanger"))
+    policy = RecoveryWrapper(Layer(HANGER))
     policy.reset(0)
-    decisions, contact = run(policy, Toy("hanger", observe, hidden=0.25, cures=2))
+    decisions, contact = run(policy, Toy(HANGER, observe, hidden=0.25, cures=2))
     assert policy.tried == ["lift", "wipe"]
     assert contact > FLAT_CONTACT
     wiping = [decision.action for decision in decisions if "wiping" in decision.reason]
@@ -125,9 +127,9 @@ def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
 
 @pytest.mark.parametrize("hidden", [0.25, 0.08])
 def test_what_stays_folded_is_given_up_after_so_many_tries(hidden: float, observe) -> None:
-    policy = RecoveryWrapper(Layer("hanger"))
+    policy = RecoveryWrapper(Layer(HANGER))
     policy.reset(0)
-    toy = Toy("hanger", observe, hidden=hidden, cures=99)
+    toy = Toy(HANGER, observe, hidden=hidden, cures=99)
     decisions, contact = run(policy, toy)
     assert len(policy.tried) == TRIES
     assert contact < FLAT_CONTACT
@@ -139,9 +141,9 @@ def test_what_stays_folded_is_given_up_after_so_many_tries(hidden: float, observ
 
 
 def test_a_little_that_is_hidden_is_turned_over_first(observe) -> None:
-    policy = RecoveryWrapper(Layer("hanger"))
+    policy = RecoveryWrapper(Layer(HANGER))
     policy.reset(0)
-    decisions, _ = run(policy, Toy("hanger", observe, hidden=0.08, cures=1))
+    decisions, _ = run(policy, Toy(HANGER, observe, hidden=0.08, cures=1))
     assert policy.tried == ["turn", "lift"]
     turning = np.array([decision.action for decision in decisions if "turning" in decision.reason])
     path = turning.cumsum(axis=0)
@@ -152,9 +154,9 @@ def test_a_little_that_is_hidden_is_turned_over_first(observe) -> None:
 
 @pytest.mark.parametrize(("moved", "width"), [(-0.03, 0.36), (0.02, 0.38)])
 def test_two_pickers_come_back_side_by_side_as_wide_as_they_ever_were(moved: float, width: float, observe) -> None:
-    policy = RecoveryWrapper(Layer("pickers"))
+    policy = RecoveryWrapper(Layer(PICKERS))
     policy.reset(0)
-    toy = Toy("pickers", observe, hidden=0.25)
+    toy = Toy(PICKERS, observe, hidden=0.25)
     toy.corners = toy.corners + np.array([[0.01, 0.0, 0.0], [0.0, 0.0, 0.03]])  # The start is aslant.
     policy.act(toy.see())
     toy.corners = toy.corners + np.array([[-0.02, moved, 0.02], [0.0, 0.0, 0.0]])
@@ -173,7 +175,7 @@ class Forward(Layer):
 @pytest.mark.parametrize(("slope", "undone"), [(0.0, True), (0.004, False)])
 def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undone: bool, observe) -> None:
     rng = np.random.default_rng(4)
-    policy = RecoveryWrapper(Forward("hanger"))
+    policy = RecoveryWrapper(Forward(HANGER))
     policy.reset(0)
     for step_index in range(2 * PLATEAU_STEPS):
         contact = min(0.78 + slope * step_index, 1.0) + rng.normal(0.0, 0.008)
@@ -183,7 +185,7 @@ def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undo
 
 @pytest.mark.parametrize(("strength", "n_steps"), [(0.0, SMOOTH_STEPS), (0.01, SMOOTH_STEPS), (0.05, PLATEAU_STEPS)])
 def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, n_steps: int, observe) -> None:
-    policy = RecoveryWrapper(Forward("hanger"))
+    policy = RecoveryWrapper(Forward(HANGER))
     policy.reset(0)
     for step_index in range(1, PLATEAU_STEPS + 1):
         policy.act(observe(0.3 + 0.004 * step_index, 0.005, contact=0.78, word=(strength, 0.0)))
@@ -194,7 +196,7 @@ def test_a_plateau_without_wrinkles_is_known_for_a_fold_sooner(strength: float, 
 
 def test_a_smooth_cloth_that_is_being_laid_is_let_be(observe) -> None:
     """No wrinkle is seen while contact grows by a hundredth a step, and the cloth is no fold."""
-    policy = RecoveryWrapper(Forward("hanger"))
+    policy = RecoveryWrapper(Forward(HANGER))
     policy.reset(0)
     for step_index in range(60):
         policy.act(observe(0.1 + 0.008 * step_index, 0.005, contact=0.31 + 0.01 * step_index))
@@ -203,7 +205,7 @@ def test_a_smooth_cloth_that_is_being_laid_is_let_be(observe) -> None:
 
 def test_a_holder_that_hovers_is_stuck_and_one_that_descends_is_not(observe) -> None:
     for speed, stuck in ((0.0005, True), (0.004, False)):
-        policy = RecoveryWrapper(Forward("hanger"))
+        policy = RecoveryWrapper(Forward(HANGER))
         policy.reset(0)
         for step_index in range(STUCK_STEPS + 1):
             policy.act(observe(0.1, 0.25 - speed * step_index))

@@ -3,28 +3,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, ROBOTS
+from layflat.data.types import ACTION_LIMIT_M
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.scripted.baselines import RandomPolicy, along_x, drag_rule, stretch_right
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_along_x_moves_every_holder_point_alike_and_only_in_x(robot):
     action = along_x(robot, 0.004)
-    names = {"hanger": ["dx", "dz"], "pickers": ["dx1", "dy1", "dz1", "dx2", "dy2", "dz2"]}[robot]
+    names = {HANGER: ["dx", "dz"], PICKERS: ["dx1", "dy1", "dz1", "dx2", "dy2", "dz2"]}[robot]
     assert {name: value for name, value in zip(names, action, strict=True) if value} == {
         name: 0.004 for name in names if name.startswith("dx")
     }
 
 
 def test_hold_never_moves(observe):
-    policy = registry.make("hold", "pickers")
+    policy = registry.make("hold", PICKERS)
     assert not any(policy.act(observe(contact=c)).action.any() for c in (0.0, 0.5, 1.0))
 
 
 def test_stretch_right_ignores_the_cloth_and_ends_with_the_view(observe):
-    policy = stretch_right("hanger")
+    policy = stretch_right(HANGER)
     policy.reset(0)
     actions = [policy.act(observe(0.3, contact=c)).action for c in (0.0, 1.0, 0.4)]
     assert all(np.array_equal(action, actions[0]) and action[0] > 0 for action in actions)
@@ -32,7 +33,7 @@ def test_stretch_right_ignores_the_cloth_and_ends_with_the_view(observe):
 
 
 def test_drag_rule_goes_on_while_contact_grows_and_stops_when_it_does_not(observe):
-    policy = drag_rule("hanger")
+    policy = drag_rule(HANGER)
     policy.reset(0)
     growing = [policy.act(observe(0.3, contact=0.5 + 0.01 * k)) for k in range(40)]
     assert all(decision.stop is None for decision in growing)
@@ -41,7 +42,7 @@ def test_drag_rule_goes_on_while_contact_grows_and_stops_when_it_does_not(observ
 
 
 def test_drag_rule_leaves_a_flat_cloth_alone(observe):
-    policy = drag_rule("hanger")
+    policy = drag_rule(HANGER)
     policy.reset(0)
     decision = policy.act(observe(0.3, contact=1.0))
     assert decision.stop == "converged"
@@ -49,7 +50,7 @@ def test_drag_rule_leaves_a_flat_cloth_alone(observe):
 
 
 def test_random_moves_fill_their_range_and_differ_by_seed(observe):
-    policy = RandomPolicy("pickers", limit_m=0.01)
+    policy = RandomPolicy(PICKERS, limit_m=0.01)
     draws = []
     for seed in (1, 2):
         policy.reset(seed)
@@ -63,7 +64,7 @@ def test_random_moves_fill_their_range_and_differ_by_seed(observe):
 @pytest.mark.parametrize("limit_m", [0.0, -1.0, 2 * ACTION_LIMIT_M, float("nan")])
 def test_random_moves_beyond_the_action_limit_are_refused(limit_m):
     with pytest.raises(PolicyError, match="limit_m"):
-        RandomPolicy("hanger", limit_m=limit_m)
+        RandomPolicy(HANGER, limit_m=limit_m)
 
 
 @pytest.mark.parametrize("name", ["GP-WORD", "gp", ""])
@@ -74,9 +75,9 @@ def test_unknown_trainable_policies_list_the_known(name):
 
 def test_unknown_and_untrained_policies_are_told_apart():
     with pytest.raises(PolicyError, match="drag-rule"):
-        registry.make("magic", "hanger")
+        registry.make("magic", HANGER)
     with pytest.raises(PolicyError, match="is learned"):
-        registry.make("gp-word", "hanger")
+        registry.make("gp-word", HANGER)
 
 
 def test_unknown_robot_is_refused():

@@ -8,12 +8,13 @@ import pytest
 from layflat.policy import registry
 from layflat.policy.base import Decision, PolicyError
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
+from layflat.tests.factories import HANGER, PICKERS
 
 
 class Counts:
     """Moves by the number of steps that it has decided since it last began or went on; stops at ``most``."""
 
-    robot = "hanger"
+    robot = HANGER
 
     def __init__(self, name: str, step_m: float, most: int = 100) -> None:
         self.name, self._step_m, self._most, self.count = name, step_m, most, 0
@@ -69,8 +70,8 @@ def test_reset_takes_the_lead_away_and_resume_leaves_it(observe):
 
 
 def test_what_the_person_decides_is_theirs_but_for_the_mark(observe):
-    person = registry.make("random", "pickers")
-    policy = Takeover(registry.make("hold", "pickers"), person, lambda: "lead")
+    person = registry.make("random", PICKERS)
+    policy = Takeover(registry.make("hold", PICKERS), person, lambda: "lead")
     policy.reset(5)
     mine = policy.act(observe(0.3, 0.01))
     person.reset(5)
@@ -88,4 +89,4 @@ def test_a_grip_leads_while_the_hands_move_and_a_little_longer():
 
 def test_policies_of_different_robots_are_refused():
     with pytest.raises(PolicyError, match=r"hanger.*pickers"):
-        Takeover(registry.make("hold", "hanger"), registry.make("hold", "pickers"), lambda: None)
+        Takeover(registry.make("hold", HANGER), registry.make("hold", PICKERS), lambda: None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import ClothSpec
 
 RADIUS_MARGINS = 1.5

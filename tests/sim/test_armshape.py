@@ -7,7 +7,8 @@ import pybullet as bullet
 import pytest
 
 from layflat.sim.cloth.cloth import HELD_STRETCH, cloth_spec
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 from layflat.sim.robots.arm_shape import arm_shape
 from layflat.sim.robots.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics, load_arm
 

@@ -12,8 +12,9 @@ from scipy.stats import qmc
 
 from layflat.sim.cloth.cloth import CLOTHS, CONTACT_TOLERANCE_M, HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from layflat.sim.cloth.starts import attach
+from layflat.sim.errors import SimError
 from layflat.sim.physics.bullet.air_drag import AirDrag
-from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
+from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, World
 from layflat.sim.robots.pickers import FreePickers
 from layflat.tests.sim.drawn_fold import fold_corner
 

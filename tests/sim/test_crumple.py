@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 _SCRIPT = """

@@ -21,7 +21,8 @@ from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.force_anchors import HAND_MASS_KG
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
 from layflat.sim.robots.pickers import FreePickers
 
 SMALL = ClothSpec(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 TOWEL = cloth_spec("towel")

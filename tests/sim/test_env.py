@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim import MAX_EPISODE_STEPS
 from layflat.sim.env import ClothPlaceEnv
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
 

@@ -8,9 +8,11 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M, FloatArray
+from layflat.data.arrays import FloatArray
+from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 from layflat.sim.robots import hand_guiding, panda
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.simulation import ClothSimulation

@@ -12,9 +12,10 @@ import pybullet as bullet
 import pybullet_data
 import pytest
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
 from layflat.sim.robots import hanger as module
 from layflat.sim.robots import impedance, panda
 from layflat.sim.robots.hanger import PandaHanger

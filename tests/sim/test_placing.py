@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from layflat.data.types import ROBOTS, RobotName, action_size
 from layflat.sim.cloth.cloth import HELD_STRETCH
 from layflat.sim.cloth.starts import START_MOVES, START_STEP_M, home_corners
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.sim.simulation import ClothSimulation
 
 _SCRIPT = """
@@ -27,7 +27,7 @@ rng = np.random.default_rng(seed)
 down = np.array([0.006, -0.011] if robot == "hanger" else [0.006, 0.0, -0.011] * 2)
 lowest = 1.0
 for _ in range(15):
-    bench.step(down + rng.uniform(-0.001, 0.001, action_size(robot)))
+    bench.step(down + rng.uniform(-0.001, 0.001, robot_spec(robot).size))
     lowest = min(lowest, bench.truth().nodes[:, 2].min())
 assert bench.instability() is None and lowest < 0.006, lowest
 print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
@@ -35,7 +35,7 @@ print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 
 
 @pytest.mark.parametrize(("robot", "cloth"), [("hanger", "towel"), ("pickers", "napkin")])
-def test_the_same_seed_in_fresh_processes_gives_the_same_bits(robot: RobotName, cloth: str) -> None:
+def test_the_same_seed_in_fresh_processes_gives_the_same_bits(robot: str, cloth: str) -> None:
     """Through the start, the descent, and the first contact with the table."""
     running = [
         subprocess.Popen([sys.executable, "-c", _SCRIPT, robot, cloth, seed], stdout=subprocess.PIPE, text=True)
@@ -79,7 +79,7 @@ def test_observations_keep_images_only_when_asked(started: ClothSimulation) -> N
 
 def test_a_step_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimulation) -> None:
     before, time_s = started.observe(images=False).holder_position, started.time_s
-    up = np.zeros(action_size(started.settings.robot)).reshape(-1, 2 if started.settings.robot == "hanger" else 3)
+    up = np.zeros(robot_spec(started.settings.robot).size).reshape(-1, 2 if started.settings.robot == "hanger" else 3)
     up[:, -1] = 0.008
     for _ in range(4):
         started.step(up.ravel())
@@ -117,7 +117,7 @@ def test_impossible_settings_are_refused(wrong: dict) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_fine_mesh_survives_a_whole_demonstration(robot: RobotName, seed: int) -> None:
+def test_the_fine_mesh_survives_a_whole_demonstration(robot: str, seed: int) -> None:
     script = (
         "import sys; from layflat.app.workers.episode_pool import EpisodeJob, run_job\n"
         "episode = run_job(EpisodeJob(robot=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"

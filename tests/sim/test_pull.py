@@ -12,11 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import action_size
 from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, MouseDrag, free_node, pick_node
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
+from layflat.sim.robots.registry import robot_spec
 from layflat.sim.simulation import ClothSimulation
 from layflat.tests.sim.drawn_fold import fold_corner
 
@@ -122,7 +123,7 @@ class TestOnTheBench:
     def test_flinging_the_mouse_tears_nothing(self, robot: str, cloth: str, where: str) -> None:
         """Ten steps of targets metres away, in all directions or under the table, then let go in the air."""
         bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))  # type: ignore[arg-type]
-        spec, rest = bench.settings.spec, np.zeros(action_size(bench.settings.robot))
+        spec, rest = bench.settings.spec, np.zeros(robot_spec(bench.settings.robot).size)
         rng = np.random.default_rng(2)
         try:
             bench.reset(0)

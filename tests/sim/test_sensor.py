@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 SHAPE = (120, 160)
 FINE = {"disparity_step_px": 1e-4, "missing_share": 0.0, "missing_at_edges": 0.0}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.types import ROBOTS, RobotName
 from layflat.sim.camera.replay_scene import ReplayScene
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
 
 ARM_SHARE = 0.02
@@ -16,7 +16,7 @@ ARM_SHARE = 0.02
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_stage_shows_what_the_camera_saw(robot: RobotName) -> None:
+def test_the_stage_shows_what_the_camera_saw(robot: str) -> None:
     bench = ClothSimulation(SimConfig(robot=robot, noise=False))
     bench.reset(3)
     down = np.array([0.006, -0.011] if robot == "hanger" else [0.006, 0.0, -0.011] * 2)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from layflat.sim.cloth.cloth import Cloth, ClothSpec
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, World
 
 
 def _small(rows: int, columns: int) -> ClothSpec:

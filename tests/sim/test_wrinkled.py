@@ -11,7 +11,7 @@ import pytest
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.wrinkle_generation import CENTRE_M, Wrinkling, settled_wrinkles, wrinkled_nodes
 from layflat.sim.cloth.wrinkle_ground_truth import wrinkle_truth
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 SPEC = cloth_spec("towel")
 DEEP = Wrinkling(normal_rad=0.0, wavelength_m=0.08, amplitude_m=0.009, phase_rad=1.0)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from layflat.sim.cloth.cloth import Cloth, cloth_spec
 from layflat.sim.cloth.wrinkle_ground_truth import MAX_SLOPE, MIN_ENERGY, WrinkleTruth, wrinkle_truth
-from layflat.sim.physics.bullet.world import SimError, World
+from layflat.sim.errors import SimError
+from layflat.sim.physics.bullet.world import World
 
 SPEC = cloth_spec("towel")
 CELL_M = SPEC.length_m / (SPEC.rows - 1)

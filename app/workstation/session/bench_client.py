@@ -13,7 +13,8 @@ from typing import Any
 from layflat.app.workstation.session.bench_process import Channels, Request, TaskFactory, main, receive, send
 from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.teleop import TeleopInput
-from layflat.data.types import DragTarget, RobotName
+from layflat.data.robot import RobotSpec
+from layflat.data.types import DragTarget
 
 END_S = 20.0
 """Time for a bench process to put what it has on disk when it is told to end; assembling a large session takes some."""
@@ -53,7 +54,7 @@ class BenchClient:
     _done: bool = False
     """It has said that it ends, or why it failed."""
 
-    def start(self, order: Request, robot: RobotName) -> None:
+    def start(self, order: Request, robot: RobotSpec) -> None:
         """Begin a bench process for this order; returns at once."""
         self.end()
         self.sentence, self.status, self._seen, self._closing = "", {}, [0, 0], False

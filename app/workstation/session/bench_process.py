@@ -19,7 +19,7 @@ from layflat.app.support.errors import format_error
 from layflat.app.workstation.session.frame_channel import FrameChannel
 from layflat.app.workstation.session.input_channel import InputChannel, InputSample
 from layflat.app.workstation.session.latest_value import LatestValue
-from layflat.data.types import RobotName
+from layflat.data.robot import RobotSpec
 
 IDLE_S = 0.005
 STATUS_S = 0.1
@@ -33,7 +33,7 @@ Request: TypeAlias = Mapping[str, Any]
 class Channels:
     """Everything between the window and one bench process. Bytes on the way are JSON or arrays, never code."""
 
-    def __init__(self, context: BaseContext, robot: RobotName) -> None:
+    def __init__(self, context: BaseContext, robot: RobotSpec) -> None:
         self.moments = FrameChannel(context)
         self.mailbox = InputChannel(context, robot)
         self.status = LatestValue(context, np.dtype([("text", f"S{_STATUS_BYTES}")]))

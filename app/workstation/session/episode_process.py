@@ -22,15 +22,16 @@ from layflat.app.workers.runner import EpisodeRunner
 from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
+from layflat.data.errors import DataError
 from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.session.recorder import SavedEpisode, SessionRecorder
-from layflat.data.types import DataError, DragTarget, Episode, Outcome, StoppedBy
+from layflat.data.types import DragTarget, Episode, Outcome, StoppedBy
 from layflat.policy import registry
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.trained_model import TrainedModel
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 ANSWER_S = 60.0
@@ -174,10 +175,10 @@ class EpisodeWorker:
 
     def __init__(self, job: InteractiveEpisodeConfig) -> None:
         self._journal: JournalWriter | None = None
-        self._reading = zero_input(job.settings.robot)
+        self._reading = zero_input(job.settings.robot_spec)
         self._bench = ClothSimulation(job.settings)
         self._bench.reset(job.seed)
-        policy: Policy = TeleopPolicy(job.settings.robot, job.source, lambda: self._reading)
+        policy: Policy = TeleopPolicy(job.settings.robot_spec, job.source, lambda: self._reading)
         self._grip = MotionTakeoverTrigger(lambda: self._reading.moving)
         if job.model is not None:
             policy = Takeover(registry.from_model(job.model), policy, self._grip)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.workstation.session.latest_value import LatestValue
-from layflat.data.types import FloatArray, GroundTruth, Observation
+from layflat.data.arrays import FloatArray
+from layflat.data.types import GroundTruth, Observation
 from layflat.perception.camera.rectified_view import TableGrid
 from layflat.perception.cloth.pipeline import ClothState
 from layflat.sim.camera.camera import default_pinhole
@@ -137,7 +138,7 @@ class FrameChannel:
 def _holding(bench: ClothSimulation) -> dict[str, Any]:
     """Joints, hands and pull."""
     joints, hands = np.zeros(JOINTS_MAX), np.zeros((HANDS_MAX, 3))
-    angles = bench.holder.joint_angles()
+    angles = bench.robot.joint_angles()
     joints[: len(angles)] = angles
     places = np.zeros((0, 3)) if bench.disturbance is None else bench.disturbance.hand_positions()[:HANDS_MAX]
     hands[: len(places)] = places

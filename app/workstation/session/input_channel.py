@@ -13,7 +13,8 @@ import numpy as np
 
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.teleop import TeleopInput
-from layflat.data.types import DragTarget, RobotName, action_size
+from layflat.data.robot import RobotSpec
+from layflat.data.types import DragTarget
 
 _DTYPE = np.dtype(
     [
@@ -37,9 +38,9 @@ class InputSample:
 class InputChannel:
     """The window puts in, the bench looks."""
 
-    def __init__(self, context: BaseContext, robot: RobotName) -> None:
+    def __init__(self, context: BaseContext, robot: RobotSpec) -> None:
         self._value = LatestValue(context, _DTYPE)
-        self._robot: RobotName = robot
+        self._robot: RobotSpec = robot
 
     def put(self, reading: TeleopInput, pull: DragTarget | None = None) -> float:
         """Replace what was there; returns the stamp."""
@@ -73,7 +74,7 @@ class InputChannel:
         hands = int(value["hands"])
         hand = None if hands == 0 else value["hand"][0] if hands == 1 else value["hand"]
         reading = TeleopInput(
-            motion=value["motion"][: action_size(self._robot)],
+            motion=value["motion"][: self._robot.size],
             speed=float(value["speed"]),
             connected=bool(value["connected"]),
             device=str(value["device"]),

@@ -34,7 +34,7 @@ def recorder_of(order: Request, settings: SimConfig) -> SessionRecorder | None:
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     return SessionRecorder(
         path,
-        robot=settings.robot,
+        robot=settings.robot_spec,
         cloth=settings.cloth,
         keep_images=bool(order.get("images")),
         descriptor=settings.descriptor,

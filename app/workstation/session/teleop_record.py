@@ -22,11 +22,11 @@ from layflat.app.workstation.terminal.display import (
     to_stdout,
 )
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import RobotName
 from layflat.policy import model_io as model_files
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.robots.registry import robot_spec
 
 
 def record_teleoperated(wish: RecordConfig) -> None:
@@ -56,11 +56,15 @@ def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
     screen = TerminalDisplay(sys.stderr)
     with ExitStack() as stack:
         stopped = stack.enter_context(stops_on_signals())
-        hands = terminal_source(wish.source, wish.robot, mapping=wish.mapping)
+        hands = terminal_source(wish.source, robot_spec(wish.robot), mapping=wish.mapping)
         stack.callback(hands.close)
         recorder = stack.enter_context(
             SessionRecorder(
-                wish.path, robot=wish.robot, cloth=wish.cloth, keep_images=wish.images, descriptor=wish.descriptor
+                wish.path,
+                robot=robot_spec(wish.robot),
+                cloth=wish.cloth,
+                keep_images=wish.images,
+                descriptor=wish.descriptor,
             )
         )
         recording = RecordingSession(
@@ -85,7 +89,7 @@ def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
         raise KeyboardInterrupt
 
 
-def load_policy_to_correct(path: Path, robot: RobotName, descriptor: str) -> TrainedModel:
+def load_policy_to_correct(path: Path, robot: str, descriptor: str) -> TrainedModel:
     """UsageError where the model was taught something else than what is to be recorded."""
     validators.readable_file(path, "a model that `layflat train` wrote")
     model = model_files.load(path)

@@ -10,14 +10,13 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.devices import Device, GamepadRegistry, pad_events
 from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
 
 CONTROLS = {
     "cross": Command.START,
@@ -41,13 +40,13 @@ class Gamepad:
     name = "gamepad"
 
     def __init__(
-        self, robot: RobotName, *, mapping: Path | None = None, own_events: bool = True, left: int = 2
+        self, robot: RobotSpec, *, mapping: Path | None = None, own_events: bool = True, left: int = 2
     ) -> None:
         """``own_events``: False where a window takes all events and passes them to ``on_event``.
 
         ``left``: the picker on the left as the person sees it; in the window's first view that is 2, at -y.
         """
-        self.robot: RobotName = robot
+        self.robot: RobotSpec = robot
         self._left = left
         self._own_events = own_events
         self._pygame, controller = sdl.start()
@@ -93,7 +92,7 @@ class Gamepad:
 
     def help(self) -> tuple[Button, ...]:
         return (
-            *_HELP[self.robot],
+            *_HELP[self.robot.n_points],
             *(Button(label(name), control.value, control) for name, control in CONTROLS.items()),
         )
 
@@ -147,24 +146,24 @@ class Gamepad:
         return next(iter(self._pads.devices.values())).name
 
 
-def motion(robot: RobotName, state: GamepadState, *, left: int = 2) -> FloatArray:
+def motion(robot: RobotSpec, state: GamepadState, *, left: int = 2) -> FloatArray:
     """(A,) in [-1, 1]: what the sticks ask for. To the right is +x, up is +z.
 
     Two pickers have a stick each. L1 held: to the side is y instead of x. R1 held: the left stick moves both pickers,
     the right one both across.
     """
     (left_x, left_y), (right_x, right_y) = state.left, state.right
-    if robot == "hanger":
-        return np.array([left_x, left_y])
+    if robot.n_points == 1:
+        return robot.pack([left_x, right_x, left_y])
     across = 1.0 if left == 2 else -1.0
     if "r1" in state.pressed:
         both = [left_x, across * right_x, left_y]
-        return np.array(both + both)
+        return robot.pack(both)
     ways = [
         [0.0, across * x, y] if "l1" in state.pressed else [x, 0.0, y]
         for x, y in ((left_x, left_y), (right_x, right_y))
     ]
-    return np.array(ways[0] + ways[1] if left == 1 else ways[1] + ways[0])
+    return robot.pack(ways if left == 1 else ways[::-1])
 
 
 def speed(state: GamepadState) -> float:
@@ -173,9 +172,9 @@ def speed(state: GamepadState) -> float:
 
 
 _TRIGGERS = (Button("R2", "faster"), Button("L2", "finer"))
-_HELP: dict[RobotName, tuple[Button, ...]] = {
-    "hanger": (Button("left stick", "moves the hanger forth and back, up and down"), *_TRIGGERS),
-    "pickers": (
+_HELP: dict[int, tuple[Button, ...]] = {
+    1: (Button("left stick", "moves the hanger forth and back, up and down"), *_TRIGGERS),
+    2: (
         Button("left, right stick", "moves the left, right picker forth and back, up and down"),
         Button("L1 held", "the sticks move to the side instead of forth and back"),
         Button("R1 held", "the left stick moves both pickers, the right one moves both to the side"),

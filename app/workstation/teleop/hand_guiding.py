@@ -12,7 +12,8 @@ from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.data.types import FloatArray, RobotName, action_size
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
 
 GRASP_M = 0.06
 """A press takes hold of what is this close to the line of sight."""
@@ -28,9 +29,9 @@ class HandGuidingTeleoperator:
 
     name = "kinesthetic"
 
-    def __init__(self, robot: RobotName, ray: Ray, corners: Callable[[], FloatArray]) -> None:
+    def __init__(self, robot: RobotSpec, ray: Ray, corners: Callable[[], FloatArray]) -> None:
         """``corners`` gives the newest (2, 3) m of where the two held corners are."""
-        self.robot: RobotName = robot
+        self.robot: RobotSpec = robot
         self._pygame = sdl.load()
         self._keys = WindowKeyboard(robot)
         self._ray = ray
@@ -55,14 +56,14 @@ class HandGuidingTeleoperator:
     def poll(self) -> TeleopInput:
         keys = self._keys.poll()
         hand = None if self._hold is None else self._hold.hand
-        rest = np.zeros(action_size(self.robot))
+        rest = self.robot.zeros()
         return TeleopInput(motion=rest, speed=keys.speed, controls=keys.controls, device="mouse", hand=hand)
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Mice do not."""
 
     def help(self) -> tuple[Button, ...]:
-        what = "the hanger" if self.robot == "hanger" else "a picker"
+        what = "the hanger" if self.robot.n_points == 1 else "a picker"
         return (Button(f"drag {what}", "leads it by hand"), *(b for b in self._keys.help() if b.control))
 
     def close(self) -> None:
@@ -98,12 +99,12 @@ class Grab:
         self.hand = hand
 
 
-def take_hold(robot: RobotName, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> Grab | None:
+def take_hold(robot: RobotSpec, corners: FloatArray, origin: FloatArray, direction: FloatArray) -> Grab | None:
     """What a press on this line of sight takes hold of; None where nothing is close, or nothing is known of it yet."""
     if not np.isfinite(corners).all():
         return None
     direction = direction / np.linalg.norm(direction)
-    if robot == "hanger":
+    if robot.n_points == 1:
         along = np.linspace(0.0, 1.0, 41)[:, None]
         bar = corners[0] + along * (corners[1] - corners[0])
         at, gap = _nearest(bar, origin, direction)

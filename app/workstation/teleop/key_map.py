@@ -9,7 +9,8 @@ import numpy as np
 
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
 
 CONTROLS: Mapping[str, Command] = {
     "enter": Command.START,
@@ -57,37 +58,38 @@ _RIGHT: Ways = {
 }
 
 
-def key_motions(robot: RobotName, *, left: int = 2) -> dict[str, FloatArray]:
+def key_motions(robot: RobotSpec, *, left: int = 2) -> dict[str, FloatArray]:
     """(A,) of each key that moves. ``left``: the picker on the left as the person sees it, as for pads."""
-    if robot == "hanger":
-        return {key: np.array([x, z], dtype=float) for key, (x, y, z) in (_WAYS | _LEFT).items() if not y}
+    if robot.n_points == 1:
+        packed = {key: robot.pack(way) for key, way in (_WAYS | _LEFT).items()}
+        return {key: way for key, way in packed.items() if way.any()}
     across = 1.0 if left == 2 else -1.0
     found = {}
     for rows, ways in (([left - 1], _LEFT), ([2 - left], _RIGHT), ([0, 1], _WAYS)):
         for key, (x, y, z) in ways.items():
             pair = np.zeros((2, 3))
             pair[rows] = (x, across * y, z)
-            found[key] = pair.ravel()
+            found[key] = robot.pack(pair)
     return found
 
 
-def sum_motions(robot: RobotName, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
+def sum_motions(robot: RobotSpec, moves: Mapping[str, FloatArray], held: Iterable[str]) -> FloatArray:
     """(A,) in [-1, 1] of several keys held together."""
-    total = np.zeros(2 if robot == "hanger" else 6)
+    total = robot.zeros()
     for key in held:
         total = total + moves[key]
     return np.clip(total, -1.0, 1.0)
 
 
-def help_of(robot: RobotName) -> tuple[Button, ...]:
+def help_of(robot: RobotSpec) -> tuple[Button, ...]:
     """What the keys do."""
     controls = (Button(LABELS.get(key, key), control.value, control) for key, control in CONTROLS.items())
-    return (*_MOVES[robot], Button("1..9 0", "speed, 5 at first, 0 is the fastest"), *controls)
+    return (*_MOVES[robot.n_points], Button("1..9 0", "speed, 5 at first, 0 is the fastest"), *controls)
 
 
-_MOVES: Mapping[RobotName, tuple[Button, ...]] = {
-    "hanger": (Button("arrows, w a s d", "up, back, down, forth"), Button("e c z", _DIAGONALS)),
-    "pickers": (
+_MOVES: Mapping[int, tuple[Button, ...]] = {
+    1: (Button("arrows, w a s d", "up, back, down, forth"), Button("e c z", _DIAGONALS)),
+    2: (
         Button("w a s d", "left picker up, back, down, forth; A D to the left, to the right"),
         Button("i j k l", "right picker likewise; J L to the left, to the right"),
         Button("arrows", "both; with shift to the left, to the right"),

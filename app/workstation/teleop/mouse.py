@@ -11,7 +11,8 @@ from layflat.app.workstation.teleop.gamepad_state import dead_zone
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
 
 REACH_PX = 150.0
 """Dragged so far, it moves at the whole speed."""
@@ -25,8 +26,8 @@ class Mouse:
 
     name = "mouse"
 
-    def __init__(self, robot: RobotName, *, left: int = 2) -> None:
-        self.robot: RobotName = robot
+    def __init__(self, robot: RobotSpec, *, left: int = 2) -> None:
+        self.robot: RobotSpec = robot
         self._pygame = sdl.load()
         self._keys = WindowKeyboard(robot, left=left)
         self._left = left
@@ -58,7 +59,7 @@ class Mouse:
 
     def help(self) -> tuple[Button, ...]:
         return (
-            *_HELP[self.robot],
+            *_HELP[self.robot.n_points],
             *(button for button in self._keys.help() if button.control or "speed" in button.does),
         )
 
@@ -69,11 +70,11 @@ class Mouse:
     def _dragged(self) -> FloatArray:
         """(A,) of the drag: to the right is +x, up is +z."""
         if self._from is None:
-            return np.zeros(2 if self.robot == "hanger" else 6)
+            return self.robot.zeros()
         right, up = (self._at[0] - self._from[0]) / REACH_PX, (self._from[1] - self._at[1]) / REACH_PX
         right, up = dead_zone(right, up, dead=DEAD)
-        if self.robot == "hanger":
-            return np.array([right, up])
+        if self.robot.n_points == 1:
+            return self.robot.pack([right, 0.0, up])
         held = self._pygame.key.get_mods()
         across = 1.0 if self._left == 2 else -1.0
         way = [0.0, across * right, up] if held & self._pygame.KMOD_SHIFT else [right, 0.0, up]
@@ -82,12 +83,12 @@ class Mouse:
             pair[2 - self._left] = 0.0
         elif held & self._pygame.KMOD_ALT:
             pair[self._left - 1] = 0.0
-        return pair.ravel()
+        return self.robot.pack(pair)
 
 
-_HELP: dict[RobotName, tuple[Button, ...]] = {
-    "hanger": (Button("drag", "moves the hanger: the farther, the faster"),),
-    "pickers": (
+_HELP: dict[int, tuple[Button, ...]] = {
+    1: (Button("drag", "moves the hanger: the farther, the faster"),),
+    2: (
         Button("drag", "moves both pickers: the farther, the faster; with shift to the side"),
         Button("Ctrl, Alt drag", "moves only the left, only the right one"),
     ),

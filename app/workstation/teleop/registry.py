@@ -15,7 +15,8 @@ from layflat.app.workstation.teleop.mouse import Mouse
 from layflat.app.workstation.teleop.teleoperator import Teleoperator, WindowTeleoperator
 from layflat.app.workstation.teleop.terminal_keyboard import TerminalKeyboard
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ TELEOPERATORS: Mapping[str, TeleoperatorSpec] = {
 }
 
 
-def terminal_source(name: str, robot: RobotName, *, mapping: Path | None = None) -> Teleoperator:
+def terminal_source(name: str, robot: RobotSpec, *, mapping: Path | None = None) -> Teleoperator:
     """A source that needs no window. LayflatError where its device is missing."""
     if name == "keyboard":
         return TerminalKeyboard(robot)
@@ -49,7 +50,7 @@ def terminal_source(name: str, robot: RobotName, *, mapping: Path | None = None)
 
 
 def window_source(
-    name: str, robot: RobotName, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
+    name: str, robot: RobotSpec, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
 ) -> WindowTeleoperator:
     """A source that hears of the window's events; one whose device is missing says so in its readings.
 

@@ -7,7 +7,10 @@ from enum import Enum
 
 import numpy as np
 
-from layflat.data.types import ACTION_LIMIT_M, DataError, FloatArray, RobotName, action_size, frozen_array, frozen_hand
+from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.errors import DataError
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, frozen_hand
 
 
 class Command(Enum):
@@ -34,7 +37,7 @@ class TeleopInput:
     """The newest state of a source, and the controls since it was last asked."""
 
     motion: FloatArray
-    """(A,) in [-1, 1], in the order of layflat.data.types.ACTION_NAMES: share of the speed along each axis."""
+    """(A,) in [-1, 1], in the order of the robot's axes: share of the speed along each axis."""
     speed: float = 1.0
     """0..1: share of ACTION_LIMIT_M that a full deflection moves in one step."""
     controls: tuple[Command, ...] = ()
@@ -79,6 +82,6 @@ class TeleopInput:
         return replace(self, controls=())
 
 
-def zero_input(robot: RobotName, *, connected: bool = True, device: str = "", problem: str = "") -> TeleopInput:
+def zero_input(robot: RobotSpec, *, connected: bool = True, device: str = "", problem: str = "") -> TeleopInput:
     """No motion, no controls."""
-    return TeleopInput(motion=np.zeros(action_size(robot)), connected=connected, device=device, problem=problem)
+    return TeleopInput(motion=robot.zeros(), connected=connected, device=device, problem=problem)

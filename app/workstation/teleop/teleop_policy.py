@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
-from layflat.data.types import Observation, RobotName
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Observation
 from layflat.policy.base import Decision
 
 
@@ -15,8 +16,8 @@ class TeleopPolicy:
     ``read`` gives the newest reading and does not wait; ``name`` is the source's, as records have it.
     """
 
-    def __init__(self, robot: RobotName, name: str, read: Callable[[], TeleopInput]) -> None:
-        self.robot: RobotName = robot
+    def __init__(self, robot: RobotSpec, name: str, read: Callable[[], TeleopInput]) -> None:
+        self.robot: RobotSpec = robot
         self.name = name
         self._read = read
 

@@ -15,7 +15,7 @@ from layflat.app.workstation.teleop import key_map
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.terminal_keys import TerminalKeys
-from layflat.data.types import RobotName
+from layflat.data.robot import RobotSpec
 
 TAP_S = 0.3
 """A key that is pressed counts as held for so long: three steps, 3 cm at the first speed."""
@@ -32,14 +32,14 @@ class TerminalKeyboard:
 
     def __init__(
         self,
-        robot: RobotName,
+        robot: RobotSpec,
         *,
         left: int = 2,
         pressed: Callable[[], list[str]] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """``pressed`` gives the names of keys since its last call, for tests; else the terminal does."""
-        self.robot: RobotName = robot
+        self.robot: RobotSpec = robot
         self._moves = key_map.key_motions(robot, left=left)
         self._clock = clock
         self._terminal = TerminalKeys() if pressed is None else None

@@ -7,7 +7,7 @@ from typing import Any
 from layflat.app.workstation.teleop import key_map, sdl
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.types import RobotName
+from layflat.data.robot import RobotSpec
 
 _NAMED = ("left", "right", "up", "down")
 
@@ -17,8 +17,8 @@ class WindowKeyboard:
 
     name = "keyboard"
 
-    def __init__(self, robot: RobotName, *, left: int = 2) -> None:
-        self.robot: RobotName = robot
+    def __init__(self, robot: RobotSpec, *, left: int = 2) -> None:
+        self.robot: RobotSpec = robot
         self._pygame = sdl.load()
         self._moves = key_map.key_motions(robot, left=left)
         self._held: dict[int, str] = {}

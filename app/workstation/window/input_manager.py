@@ -16,7 +16,8 @@ from layflat.app.workstation.teleop.registry import window_source
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.window.pages.page import Page, WindowContext
 from layflat.app.workstation.window.viewport import Viewport
-from layflat.data.types import FloatArray, RobotName
+from layflat.data.arrays import FloatArray
+from layflat.sim.robots.registry import robot_spec
 
 
 class InputManager:
@@ -33,13 +34,15 @@ class InputManager:
         self._pane = pane
         self._source: Teleoperator | None = None
         self._touch: ContactRumble | None = None
-        self._robot: RobotName = "hanger"
+        self._robot: str = "hanger"
 
-    def use(self, name: str, robot: RobotName) -> bool:
+    def use(self, name: str, robot: str) -> bool:
         """Take a device into the hands; False, and a ``problem``, where that cannot be."""
         self.drop()
         try:
-            self._source = window_source(name, robot, ray=self._ray, corners=self._corners, mapping=self.mapping)
+            self._source = window_source(
+                name, robot_spec(robot), ray=self._ray, corners=self._corners, mapping=self.mapping
+            )
         except Exception as error:
             self.problem, _ = format_error(error)
             return False
@@ -92,7 +95,7 @@ class InputManager:
             return
         if not mode.pullable():
             self._pane.release_pull()
-        link.put(self.reading or zero_input(self._robot), self._pane.pull)
+        link.put(self.reading or zero_input(robot_spec(self._robot)), self._pane.pull)
         if self._touch is not None:
             self._touch.see(float(link.status.get("contact", 0.0)), int(link.status.get("steps", 0)))
 

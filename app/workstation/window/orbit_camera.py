@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 
 FIELD_DEG = 38.0
 """Field of view across the height."""

@@ -13,14 +13,15 @@ from layflat.app.media.episode_video import check_drawable
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.window.time_series import TimeSeries
-from layflat.data.types import Episode, FloatArray, Observation
+from layflat.data.arrays import FloatArray
+from layflat.data.types import Episode, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import descriptor
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 from layflat.sim.robots.panda import inverse_kinematics
 
 MOMENTS_KEPT = 64
@@ -74,7 +75,7 @@ class Playback:
             told_s=0.0,
             input_s=0.0,
             work_s=0.0,
-            robot=self.episode.robot,
+            robot=self.episode.robot.name,
             cloth=self.episode.cloth,
             nodes=ground_truth.nodes,
             corners=seen.corner_positions,
@@ -95,7 +96,7 @@ class Playback:
 
     def _joints(self, seen: Observation) -> FloatArray:
         """The arm's, hand straight down, where the robot has one."""
-        if self.episode.robot != "hanger":
+        if self.episode.robot.n_points > 1:
             return np.zeros(0)
         try:
             return inverse_kinematics(seen.holder_position)

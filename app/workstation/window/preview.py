@@ -7,14 +7,13 @@ from functools import lru_cache
 import numpy as np
 
 from layflat.app.workstation.session.frame_channel import BenchFrame
-from layflat.data.types import RobotName
 from layflat.sim.cloth.starts import home_corners
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.panda import inverse_kinematics
 
 
 @lru_cache(maxsize=4)
-def preview(robot: RobotName, cloth: str) -> BenchFrame:
+def preview(robot: str, cloth: str) -> BenchFrame:
     """What one would see, without a simulator."""
     settings = SimConfig(robot=robot, cloth=cloth)
     home = home_corners(settings.spec)

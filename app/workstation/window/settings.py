@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from layflat.app.support.atomic_write import write_text
-from layflat.data.types import ROBOTS, STEP_S
+from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.robots.registry import ROBOTS
 
 FILE = "workstation.json"
 SPEEDS = {"half": 0.5, "real time": 1.0, "double": 2.0, "as fast as it goes": 0.0}

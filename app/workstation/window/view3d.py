@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.workstation.window.orbit_camera import NEAR_M, OrbitCamera
-from layflat.data.types import FloatArray
+from layflat.data.arrays import FloatArray
 from layflat.sim.camera.renderer import LIGHT
 from layflat.sim.cloth.cloth import ClothSpec
 from layflat.sim.cloth.mesh import MeshMaker

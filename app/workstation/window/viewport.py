@@ -14,7 +14,8 @@ from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
-from layflat.data.types import DragTarget, FloatArray
+from layflat.data.arrays import FloatArray
+from layflat.data.types import DragTarget
 from layflat.perception.overlay import draw_percept
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.cloth import cloth_spec

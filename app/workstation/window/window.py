@@ -23,7 +23,7 @@ from layflat.app.workstation.window.pages.page import ASK_AGAIN_S
 from layflat.app.workstation.window.preview import preview
 from layflat.app.workstation.window.time_series import draw_contact, draw_word
 from layflat.app.workstation.window.viewport import Viewport
-from layflat.data.types import as_robot
+from layflat.sim.robots.registry import robot_spec
 
 FRAMES_HZ = 30
 REPEAT_MS = (350, 40)
@@ -240,7 +240,7 @@ class Window:
             return areas
         moment, (history, now_s) = mode.moment(), mode.history()
         curve = (history.episode, len(history.time_s), now_s)
-        shown = moment or preview(as_robot(self.shop.settings.robot), self.shop.settings.cloth)
+        shown = moment or preview(robot_spec(self.shop.settings.robot).name, self.shop.settings.cloth)
         view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
         areas += [
             ("view", place.view, view, lambda s: self._paint_view(s, shown)),

@@ -11,14 +11,12 @@ import math
 
 import pybullet as bullet
 
+from layflat.sim.errors import SimError
+
 GRAVITY_M_S2 = 9.81
 TABLE_SIZE_M = (1.6, 1.4, 0.1)
 TABLE_CENTRE_M = (0.3, 0.0)
 TABLE_RGBA = (0.86, 0.86, 0.84, 1.0)
-
-
-class SimError(ValueError):
-    """Base of what the bench raises."""
 
 
 class World:

@@ -12,7 +12,8 @@ from layflat.app.workstation.session.episode_handle import EpisodeLost, EpisodeS
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.data.session.recorder import SavedEpisode, SessionRecorder
-from layflat.data.types import DragTarget, Episode, Outcome, RobotName, StoppedBy, action_size
+from layflat.data.types import DragTarget, Episode, Outcome, StoppedBy
+from layflat.sim.robots.registry import robot_spec
 
 
 class DrawnTake:
@@ -80,8 +81,8 @@ class HandSource:
 
     name = "keyboard"
 
-    def __init__(self, robot: RobotName = "hanger") -> None:
-        self.motion = np.zeros(action_size(robot))
+    def __init__(self, robot: str = "hanger") -> None:
+        self.motion = np.zeros(robot_spec(robot).size)
         self.controls: list[Command] = []
         self.connected = True
         self.rumbles: list[float] = []

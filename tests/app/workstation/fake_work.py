@@ -9,7 +9,7 @@ from typing import Any
 
 from layflat.app.workstation.session.bench_process import Endpoint, Request
 from layflat.app.workstation.session.rate_limiter import RateLimiter
-from layflat.sim.physics.bullet.world import SimError
+from layflat.sim.errors import SimError
 
 STEP_S = 0.05
 

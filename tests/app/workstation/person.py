@@ -17,10 +17,11 @@ from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE
 from layflat.app.workstation.window.window import FRAMES_HZ, Window
-from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation, as_robot
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
 from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
 from layflat.sim.cloth.cloth import HELD_STRETCH, cloth_spec
 from layflat.sim.disturbances.mouse_drag import pick_node
+from layflat.sim.robots.registry import robot_spec
 from layflat.tests.virtual_pad import VirtualPad
 
 PATIENCE_S = 90.0
@@ -218,7 +219,7 @@ class Person:
         self.look()
 
     def _teacher(self, moment: BenchFrame) -> ScriptedDemonstrator:
-        spec, robot = cloth_spec(moment.cloth), as_robot(moment.robot)
+        spec, robot = cloth_spec(moment.cloth), robot_spec(moment.robot)
         return ScriptedDemonstrator(
             robot, length_m=spec.length_m, columns=spec.columns, held_width_m=HELD_STRETCH * spec.width_m,
             look=lambda: truth_of(self.moment()),

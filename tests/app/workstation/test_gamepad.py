@@ -26,7 +26,7 @@ from layflat.app.workstation.teleop.layouts import (
 from layflat.app.workstation.teleop.mapping import mapping_file, write_mapping
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.teleop.teleoperator import Teleoperator
-from layflat.data.types import ROBOTS, action_size
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.tests.virtual_pad import VirtualPad, plugged
 
 B_AXES = {"left_x": 0, "left_y": 1, "l2": 2, "right_x": 3, "right_y": 4, "r2": 5}
@@ -344,7 +344,7 @@ def test_a_window_passes_events_on_and_keeps_the_others(plug, source):
 def test_is_a_source(source, robot):
     gamepad = source(robot)
     assert isinstance(gamepad, Teleoperator)
-    assert gamepad.poll().motion.shape == (action_size(robot),)
+    assert gamepad.poll().motion.shape == (robot_spec(robot).size,)
     assert {button.control for button in gamepad.help()} >= set(Command)
 
 

@@ -7,8 +7,9 @@ import pytest
 
 from layflat.app.workstation.teleop import TeleopInput, TeleopPolicy
 from layflat.app.workstation.teleop.teleop_input import zero_input
-from layflat.data.types import ACTION_LIMIT_M, ROBOTS, Observation, action_size
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Policy
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 
 SEEN = Observation(
     time_s=0.0,
@@ -30,7 +31,7 @@ def test_decides_what_the_newest_reading_says(robot):
     assert not person.act(SEEN).action.any()
     rng = np.random.default_rng(0)
     for _ in range(20):
-        newest[0] = TeleopInput(motion=rng.uniform(-1, 1, action_size(robot)), speed=rng.uniform())
+        newest[0] = TeleopInput(motion=rng.uniform(-1, 1, robot_spec(robot).size), speed=rng.uniform())
         decision = person.act(SEEN)
         assert decision.action == pytest.approx(newest[0].motion * newest[0].speed * ACTION_LIMIT_M)
         assert (decision.stop, decision.hand) == (None, None)

@@ -15,8 +15,9 @@ from layflat.app.workstation.teleop.gamepad import Gamepad
 from layflat.app.workstation.terminal.display import TerminalDisplay, run_recording
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.data.types import FLAT_AREA, ROBOTS
+from layflat.data.types import FLAT_AREA
 from layflat.sim.config import SimConfig
+from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.virtual_pad import VirtualPad, plugged
 
 TRAIL_M = 0.075

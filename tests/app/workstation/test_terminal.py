@@ -27,7 +27,7 @@ from layflat.app.workstation.terminal.display import (
     status_line,
     stops_on_signals,
 )
-from layflat.data.types import ROBOTS, action_size
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.tests.app.workstation.conftest import HandSource
 from layflat.tests.app.workstation.test_recording import Desk
 
@@ -231,7 +231,7 @@ class Typist:
 def test_the_terminal_s_keyboard_is_a_source(robot):
     keyboard = Typist(robot).keyboard
     assert isinstance(keyboard, Teleoperator)
-    assert keyboard.poll().motion.shape == (action_size(robot),)
+    assert keyboard.poll().motion.shape == (robot_spec(robot).size,)
     assert {button.control for button in keyboard.help()} >= set(Command)
 
 

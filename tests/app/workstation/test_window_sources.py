@@ -17,7 +17,9 @@ from layflat.app.workstation.teleop.registry import TELEOPERATORS, terminal_sour
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
-from layflat.data.types import ACTION_LIMIT_M, ROBOTS, DataError, action_size
+from layflat.data.errors import DataError
+from layflat.data.types import ACTION_LIMIT_M
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.tests.app.workstation.conftest import HandSource
 
 sdl.start()
@@ -60,7 +62,7 @@ def test_every_source_of_the_window_is_one(any_source):
     assert isinstance(source, WindowTeleoperator)
     assert source.name == name
     reading = source.poll()
-    assert reading.motion.shape == (action_size(robot),)
+    assert reading.motion.shape == (robot_spec(robot).size,)
     assert not reading.moving
     assert {button.control for button in source.help()} >= set(Command)
     assert any(button.control is None for button in source.help())

@@ -24,7 +24,8 @@ from layflat.app.workstation.window.window import Window
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.tools.validate import validate
-from layflat.data.types import ACTION_LIMIT_M, Episode, RobotName, action_size
+from layflat.data.types import ACTION_LIMIT_M, Episode
+from layflat.sim.robots.registry import robot_spec
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
 pytestmark = pytest.mark.timeout(400)
@@ -58,7 +59,7 @@ def leftovers() -> list[str]:
     return found
 
 
-def set_up(window: Window, robot: RobotName) -> None:
+def set_up(window: Window, robot: str) -> None:
     window.shop.change(replace(window.shop.settings, robot=robot, session=f"{robot}.h5"))
     window.mode.relaid()
 
@@ -105,7 +106,7 @@ def record_three(person: Person, n_steps: int | None) -> list[int]:
     return lengths
 
 
-def check_recorded(path: Path, robot: RobotName, lengths: list[int]) -> None:
+def check_recorded(path: Path, robot: str, lengths: list[int]) -> None:
     """The file holds exactly what was kept."""
     episodes = stored_episodes(path)
     assert [(e.outcome, e.source, e.robot, e.seed) for e in episodes] == [
@@ -116,7 +117,7 @@ def check_recorded(path: Path, robot: RobotName, lengths: list[int]) -> None:
     assert all(length <= len(e.steps) <= length + 4 for e, length in zip(episodes, lengths, strict=True))
     for episode in episodes:
         actions = np.array([step.action for step in episode.steps])
-        assert actions.shape[1] == action_size(robot)
+        assert actions.shape[1] == robot_spec(robot).size
         assert 0 < np.abs(actions).max() <= ACTION_LIMIT_M
         times = [seen.time_s for seen in episode.observations()]
         np.testing.assert_allclose(np.diff(times), episode.step_s, atol=1e-9)
@@ -199,7 +200,7 @@ def replay(person: Person, session: str) -> None:
     assert mode.at == last
 
 
-def use_it_all(window: Window, robot: RobotName, n_steps: int | None) -> None:
+def use_it_all(window: Window, robot: str, n_steps: int | None) -> None:
     person = Person(window)
     set_up(window, robot)
     folder = window.shop.folder

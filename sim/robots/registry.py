@@ -1,0 +1,26 @@
+"""Every robot by its name. A new one adds a file and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from layflat.data.robot import RobotSpec
+from layflat.sim.errors import SimError
+from layflat.sim.robots.base import Robot
+from layflat.sim.robots.hanger import PandaHanger
+from layflat.sim.robots.pickers import FreePickers
+
+_TYPES: tuple[type[Robot], ...] = (PandaHanger, FreePickers)
+ROBOTS: Mapping[str, type[Robot]] = {kind.spec.name: kind for kind in _TYPES}
+
+
+def robot_type(name: str) -> type[Robot]:
+    """Return the class of a robot; SimError lists the known names."""
+    if name not in ROBOTS:
+        raise SimError(f"unknown robot {name!r}; the known ones are {', '.join(ROBOTS)}")
+    return ROBOTS[name]
+
+
+def robot_spec(name: str) -> RobotSpec:
+    """Return the name and action axes of a robot; SimError lists the known names."""
+    return robot_type(name).spec
