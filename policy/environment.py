@@ -3,90 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.robot import RobotSpec
-from layflat.data.types import STEP_S, DisturbanceRecord, GroundTruth, Observation
+from layflat.data.environment_spec import EnvironmentSpec
+from layflat.data.types import DisturbanceRecord, GroundTruth, Observation
 
 
-@dataclass(frozen=True, kw_only=True)
-class ClothShape:
-    """The size of a cloth as it lies flat, and its mesh."""
-
-    length_m: float
-    """From the free edge to the held edge."""
-    width_m: float
-    """Along the held edge."""
-    held_width_m: float
-    """Distance at which a robot holds the two corners."""
-    rows: int
-    columns: int
-    """Nodes of the ground truth: ``rows`` x ``columns``, the free edge first."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EnvironmentSpec:
-    """What policies and recorders need to know of an environment before it starts."""
-
-    robot: RobotSpec
-    cloth: str
-    """Name of the cloth."""
-    task: str = "place"
-    physics: str = "bullet"
-    descriptor: str = "word"
-    """What the observations' WORD comes from."""
-    step_s: float = STEP_S
-    """Duration of a control step, s."""
-    cloth_shape: ClothShape | None = None
-    """None where nobody has measured the cloth."""
-    config: Mapping[str, str | float | bool] = field(default_factory=dict)
-    """Further settings, by name, that make the same environment again."""
-
-
-@runtime_checkable
 class Environment(Protocol):
-    """What `layflat.policy.rollout` drives. Simulated time is its clock: nothing happens between two calls.
+    """What `layflat.policy.runner` drives. Simulated time is its clock: nothing happens between two calls.
 
-    An environment is made once and started by `reset`, as often as wished unless it says otherwise.
+    `spec`, `reset`, `observe`, `step` and `close` are what every environment has; a class that inherits from this one
+    gets the others, which then say that there is no ground truth, no disturbance and no hand.
     """
 
     @property
     def spec(self) -> EnvironmentSpec:
         """What does not change from episode to episode."""
+        ...
 
     def reset(self, seed: int) -> None:
-        """Start an episode: the same seed gives the same start."""
+        """Start an episode; the same seed gives the same start."""
+        ...
 
     def observe(self) -> Observation:
         """Return what a policy may see now."""
-
-    def ground_truth(self) -> GroundTruth | None:
-        """Return what only a simulator knows, or None where there is no simulator."""
+        ...
 
     def step(self, action: FloatArray) -> None:
         """Move the robot by ``action``, (A,) m in the order of its axes, in one control step."""
+        ...
+
+    def close(self) -> None:
+        """Release everything that the environment holds; may be called twice."""
+        ...
+
+    def ground_truth(self) -> GroundTruth | None:
+        """Return what only a simulator knows, or None."""
+        return None
+
+    def divergence_reason(self) -> str | None:
+        """Return why the simulation has diverged, or None; called once a step."""
+        return None
 
     def disturb(self, disturbance: Any, repeat: int = 0) -> DisturbanceRecord | None:
-        """Begin a disturbance, which acts in the following steps; None where it does nothing.
+        """Start a disturbance, which acts in the following steps; return what was drawn, None where it does nothing.
 
         Parameters
         ----------
         disturbance
-            A name, a description that the environment understands, or a `DisturbanceRecord` to be repeated exactly.
+            A name, a description that the environment understands, or a `DisturbanceRecord` to repeat exactly.
         repeat
-            Number of disturbances of this episode before it, so that each is drawn on its own.
+            Number of disturbances of this episode before it, so that each is drawn independently.
         """
-
-    def close(self) -> None:
-        """Give back what the environment holds; may be called twice."""
-
-
-class EpisodeEvents:
-    """Defaults for what an environment need not have; `Environment` implementations inherit or override them."""
+        raise NotImplementedError(f"{type(self).__name__} has no disturbances")
 
     @property
     def disturbed(self) -> bool:
@@ -98,25 +70,21 @@ class EpisodeEvents:
         """What was random about the start, by name."""
         return {}
 
+    def joint_angles(self) -> FloatArray:
+        """Return the joint angles of the arm, (J,) rad; empty where there is no arm."""
+        return np.zeros(0)
+
     def force_n(self) -> FloatArray:
         """Return the mean force of disturbances and drags on the cloth in the last step, (3,) N, world."""
         return np.zeros(3)
 
-    def initial_joints(self) -> FloatArray:
-        """Return the joint angles of the arm, (J,) rad; empty where there is none."""
-        return np.zeros(0)
-
-    def divergence_reason(self) -> str | None:
-        """Say why the simulation has diverged, or None."""
-        return None
-
     def drag(self, node: int, target_m: FloatArray) -> None:
-        """Draw the cloth's ``node`` to ``target_m`` (3,) m, world, by a hand of bounded force."""
-        raise NotImplementedError(f"{type(self).__name__} has no mesh to drag at")
+        """Pull the cloth's ``node`` towards ``target_m``, (3,) m, world, with a bounded force, until `release`."""
+        raise NotImplementedError(f"{type(self).__name__} has no cloth nodes to pull at")
 
     def release(self) -> None:
         """End the drag, if there is one."""
 
     def guide(self, hand_m: FloatArray | None) -> FloatArray:
-        """Let a hand at ``hand_m`` guide the robot for one step; return the action (A,) that came of it."""
+        """Let a hand at ``hand_m`` guide the robot for one step; return the resulting action, (A,) m."""
         raise NotImplementedError(f"{type(self).__name__} cannot be guided by hand")

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from layflat.tests.factories import HANGER, ROBOT_SPECS
 from layflat.data import SessionRecorder, open_session
 from layflat.data.errors import DataError
 from layflat.data.exchange import optional_imports
 from layflat.data.exchange.lerobot import export_lerobot
 from layflat.data.types import OUTCOMES
+from layflat.tests.factories import HANGER, ROBOT_SPECS
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 pandas = pytest.importorskip("pandas")

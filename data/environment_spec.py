@@ -1,0 +1,43 @@
+"""EnvironmentSpec: what an environment is, for policies, recorders and files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from layflat.data.robot import RobotSpec
+from layflat.data.types import STEP_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClothShape:
+    """The size of a cloth as it lies flat, and its mesh."""
+
+    length_m: float
+    """From the free edge to the held edge."""
+    width_m: float
+    """Along the held edge."""
+    held_width_m: float
+    """Distance at which a robot holds the two corners."""
+    rows: int
+    columns: int
+    """Nodes of the ground truth: ``rows`` x ``columns``, the free edge first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentSpec:
+    """What policies and recorders need to know of an environment before it starts."""
+
+    robot: RobotSpec
+    cloth: str
+    """Name of the cloth."""
+    task: str = "place"
+    physics: str = "bullet"
+    descriptor: str = "word"
+    """What the observations' WORD comes from."""
+    step_s: float = STEP_S
+    """Duration of a control step, s."""
+    cloth_shape: ClothShape | None = None
+    """None where nobody has measured the cloth."""
+    config: Mapping[str, str | float | bool] = field(default_factory=dict)
+    """Further settings, by name, that make the same environment again."""
