@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
+from layflat.data.environment_spec import ClothShape, EnvironmentSpec
 from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
-from layflat.sim.cloth.cloth import ClothSpec, cloth_spec
+from layflat.sim.cloth.cloth import HELD_STRETCH, ClothSpec, cloth_spec
 from layflat.sim.cloth.starts import STARTS, Start
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import robot_spec
@@ -33,7 +34,7 @@ class SimConfig:
     noise: bool = True
     """Depth noise of the camera."""
     step_s: float = STEP_S
-    spec: ClothSpec = field(init=False)
+    cloth_spec: ClothSpec = field(init=False)
 
     def __post_init__(self) -> None:
         robot = robot_spec(self.robot)
@@ -45,12 +46,31 @@ class SimConfig:
             raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
         if not 0.01 <= self.step_s <= 1.0:
             raise SimError(f"step_s is {self.step_s}; it must be between 0.01 and 1")
-        object.__setattr__(self, "spec", cloth_spec(self.cloth))
+        object.__setattr__(self, "cloth_spec", cloth_spec(self.cloth))
 
     def described(self) -> dict[str, str | float | bool]:
-        """All but robot, cloth and step_s, by name: ``SimConfig(robot=..., cloth=..., step_s=..., **described)``."""
-        names = [item.name for item in fields(self) if item.init]
-        return {name: getattr(self, name) for name in names if name not in ("robot", "cloth", "step_s")}
+        """Return the settings, by name, that an `EnvironmentSpec` has no field for."""
+        apart = ("robot", "cloth", "descriptor", "step_s")
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.init and item.name not in apart}
+
+    def environment_spec(self) -> EnvironmentSpec:
+        """Return what policies and recorders need to know of this simulation."""
+        cloth = self.cloth_spec
+        shape = ClothShape(
+            length_m=cloth.length_m,
+            width_m=cloth.width_m,
+            held_width_m=HELD_STRETCH * cloth.width_m,
+            rows=cloth.rows,
+            columns=cloth.columns,
+        )
+        return EnvironmentSpec(
+            robot=self.robot_spec,
+            cloth=self.cloth,
+            descriptor=self.descriptor,
+            step_s=self.step_s,
+            cloth_shape=shape,
+            config=self.described(),
+        )
 
     @property
     def robot_spec(self) -> RobotSpec:
@@ -59,4 +79,4 @@ class SimConfig:
 
     @property
     def substeps(self) -> int:
-        return max(1, round(self.step_s * self.spec.rate_hz))
+        return max(1, round(self.step_s * self.cloth_spec.rate_hz))

@@ -71,7 +71,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         if disturbance is not None:
             disturbance_spec(disturbance)
         self.render_mode = render_mode
-        self.bench = ClothSimulation(
+        self.simulation = ClothSimulation(
             SimConfig(robot=robot, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
         )
         self._images = images
@@ -79,7 +79,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self._disturb_step = disturb_step
         self._step_index = 0
         self._seed = 0
-        self._size = self.bench.settings.robot_spec.size
+        self._size = self.simulation.spec.robot.size
         self._spaces = self._make_spaces()
         self.action_space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
         self.observation_space = spaces.Dict({**self._spaces})  # type: ignore[assignment]  # gymnasium types it Dict[Any]
@@ -104,21 +104,21 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         """Hang up the cloth: the start of ``seed``, the same as the program's; without one, a start drawn at random."""
         super().reset(seed=seed)
         self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
-        self.bench.reset(self._seed)
+        self.simulation.reset(self._seed)
         self._step_index = 0
-        self._seen = self.bench.observe(images=self._images)
+        self._seen = self.simulation.observe(images=self._images)
         return self._as_dict(self._seen), self._info(None)
 
     def step(self, action: NDArray[np.float32]) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
         displacement = self._checked(action)
         if self._step_index == self._disturb_step and self._disturbance is not None:
-            self.bench.disturb(self._disturbance, self._seed)
+            self.simulation.disturb(self._disturbance)
         self._step_index += 1
-        self.bench.step(displacement)
-        unstable = self.bench.instability()
+        self.simulation.step(displacement)
+        unstable = self.simulation.divergence_reason()
         if unstable is not None:
             return self._as_dict(self._seen), 0.0, True, False, self._info(unstable)
-        before, self._seen = self._seen, self.bench.observe(images=self._images)
+        before, self._seen = self._seen, self.simulation.observe(images=self._images)
         reward = self._seen.contact_portion - before.contact_portion
         return self._as_dict(self._seen), reward, False, False, self._info(None)
 
@@ -145,8 +145,12 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         if unstable is not None:
             portion, area, success = 0.0, 0.0, False
         else:
-            ground_truth = self.bench.ground_truth()
-            portion, area, success = ground_truth.contact_portion_true, ground_truth.flat_area, self.bench.success()
+            ground_truth = self.simulation.ground_truth()
+            portion, area, success = (
+                ground_truth.contact_portion_true,
+                ground_truth.flat_area,
+                self.simulation.success(),
+            )
         return {
             "contact_portion_true": portion,
             "flat_area": area,
@@ -159,9 +163,9 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         """(480, 640, 3) picture for people, or None without a render mode."""
         if self.render_mode is None:
             return None
-        if self.bench.world is None:
+        if self.simulation.world is None:
             raise SimError("there is nothing to render yet; call reset() first")
-        return self.bench.camera.render(*RENDER_SIZE)
+        return self.simulation.camera.render(*RENDER_SIZE)
 
     def close(self) -> None:
-        self.bench.close()
+        self.simulation.close()

@@ -1,4 +1,4 @@
-"""The robot: a cloth hangs in the air after 20 random moves, and is to lie flat on the table (chapter 4-2-2)."""
+"""ClothSimulation: a robot, a cloth and a table as an environment (chapter 4-2-2)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import FLAT_AREA, GroundTruth, Observation
+from layflat.data.types import FLAT_AREA, DisturbanceRecord, DragTarget, GroundTruth, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import descriptor
 from layflat.sim.camera.camera import D435_NOISE, Camera, default_pinhole
@@ -28,40 +28,43 @@ DISTURBANCE_STREAM = 0xD157
 
 
 class ClothSimulation:
-    """The bench: one world at a time, made anew by each ``reset``. One per process."""
+    """A simulated environment, which implements `layflat.policy.environment.Environment`.
 
-    def __init__(self, settings: SimConfig) -> None:
-        self.settings = settings
+    Each `reset` makes a new world. Use one simulation per process.
+    """
+
+    def __init__(self, config: SimConfig) -> None:
+        self.config = config
+        self.spec = config.environment_spec()
         self.world: World | None = None
-        self.percept: ClothState | None = None
-        """What perception made of the last observation; None without a camera."""
+        self.cloth_state: ClothState | None = None
+        """Output of the perception for the last observation; None without a camera."""
         self._pinhole = default_pinhole()
-        self._perceiver = PerceptionPipeline(
-            self._pinhole, PerceptionConfig(descriptor=descriptor(settings.descriptor))
-        )
+        self._perception = PerceptionPipeline(self._pinhole, PerceptionConfig(descriptor=descriptor(config.descriptor)))
 
     def reset(self, seed: int) -> None:
-        """Hang the cloth and make the start's random moves; the same seed in a fresh process gives the same bits."""
+        """Start an episode; the same seed in a fresh process gives the same bits."""
         self.close()
-        settings = self.settings
-        spec = settings.spec
+        config = self.config
+        spec = config.cloth_spec
+        self._seed = seed
         rng = np.random.default_rng([seed, 0x57A7])
-        self.world = World(substep_s=1.0 / spec.rate_hz, table_friction=settings.table_friction)
-        first = starts.sample_initial_state(settings.start, spec, rng)
+        self.world = World(substep_s=1.0 / spec.rate_hz, table_friction=config.table_friction)
+        first = starts.sample_initial_state(config.start, spec, rng)
         self.cloth = Cloth(self.world, spec, first.nodes)
         self.air = AirDrag(self.cloth)
         starts.attach(self.cloth, first.corners, self.air)
-        self.robot: Robot = robot_type(settings.robot)(self.cloth, first.corners, control=settings.control)
+        self.robot: Robot = robot_type(config.robot)(self.cloth, first.corners, control=config.control)
         self.disturbance: DisturbanceController | None = None
-        self._pull: MouseDrag | None = None
-        self._pull_target: FloatArray | None = None
+        self._drag: MouseDrag | None = None
+        self._drag_target_m: FloatArray | None = None
         self._force_n = np.zeros(3)
         self._nodes = self.cloth.nodes()
-        if settings.camera:
+        if config.camera:
             self._start_camera(seed)
         self.robot.grip()
         drawn = starts.run_start_motion(
-            settings.start, self.cloth, self.robot, self.step, partial(self._befall, rng=rng), rng
+            config.start, self.cloth, self.robot, self.step, partial(self._start_disturbance_at_random, rng=rng), rng
         )
         self._halves_before = self.world.halves_done
         self.start = self._describe_start() | dict(first.about) | dict(drawn)
@@ -72,15 +75,18 @@ class ClothSimulation:
             self._running(),
             self.cloth,
             pinhole=self._pinhole,
-            noise=D435_NOISE if self.settings.noise else None,
+            noise=D435_NOISE if self.config.noise else None,
             seed=seed,
         )
-        flat = self._perceiver.perceive(*self.camera.capture(self.settings.spec.flat_nodes()))
-        self._calibrated = self._perceiver.with_flat_pixels(flat.cloth_pixels)
+        flat = self._perception.perceive(*self.camera.capture(self.config.cloth_spec.flat_nodes()))
+        self._calibrated = self._perception.with_flat_pixels(flat.cloth_pixels)
 
     def _describe_start(self) -> dict[str, float]:
         """What the random moves left behind, for the record: nothing of it is hidden from the reader of a file."""
-        spec, nodes = self.settings.spec, self._nodes.reshape(self.settings.spec.rows, self.settings.spec.columns, 3)
+        spec, nodes = (
+            self.config.cloth_spec,
+            self._nodes.reshape(self.config.cloth_spec.rows, self.config.cloth_spec.columns, 3),
+        )
         centre = self.robot.position()
         hem = nodes[-1]
         return {
@@ -89,19 +95,19 @@ class ClothSimulation:
             "swing_m": float(nodes[0, :, 0].mean() - centre[0]),
             "hem_side_m": float(hem[spec.columns // 2, 0] - centre[0]),
             "hem_sag_m": float(hem[[0, -1], 2].max() - hem[:, 2].min()),
-            "table_friction": self.settings.table_friction,
+            "table_friction": self.config.table_friction,
         }
 
     def observe(self, *, images: bool = True) -> Observation:
         """What the camera and the holder tell now."""
         rgb = depth = None
         word, strength, contact, lowest = np.zeros(2), 0.0, 0.0, None
-        if self.settings.camera:
+        if self.config.camera:
             rgb, depth = self.camera.capture(self._nodes)
-            percept = self.percept = self._calibrated.perceive(rgb, depth)
-            word, strength = percept.word, percept.strength
-            contact = min(1.0, percept.contact_portion)
-            lowest = percept.lowest_m
+            state = self.cloth_state = self._calibrated.perceive(rgb, depth)
+            word, strength = state.word, state.strength
+            contact = min(1.0, state.contact_portion)
+            lowest = state.lowest_m
         return Observation(
             time_s=self.time_s,
             corner_positions=self.robot.corner_positions(),
@@ -128,20 +134,20 @@ class ClothSimulation:
         self.robot.start_step(np.asarray(action, dtype=float), substeps)
         self._advance(substeps)
 
-    def guide(self, hand_target_m: FloatArray | None) -> FloatArray:
+    def guide(self, hand_m: FloatArray | None) -> FloatArray:
         """One step of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
 
-        ``hand_target_m``: where the hand is to be at the step's end, (3,) m for the hanger, which follows it along x
+        ``hand_m``: where the hand is to be at the step's end, (3,) m for the hanger, which follows it along x
         and z on a spring of bounded force, (2, 3) m for the pickers, which follow it at a bounded speed. None: nobody
         holds on, and a hanger stays where it was left.
         """
         self._running()
         shape = self.robot.spec.hand_shape
-        hand = None if hand_target_m is None else np.array(hand_target_m, dtype=float)
+        hand = None if hand_m is None else np.array(hand_m, dtype=float)
         if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
             raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
         before = self._held_at()
-        spec = self.settings.spec
+        spec = self.config.cloth_spec
         # A cloth that leaves the table along it is held up by its holder alone.
         load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
         substeps = self._substeps()
@@ -156,20 +162,21 @@ class ClothSimulation:
 
     def _substeps(self) -> int:
         """Of the step to come: twice as many where cloth lies on cloth; at the usual step it diverges when lifted."""
-        return self.settings.substeps * self._running().refine(self.cloth.layered(self._nodes))
+        return self.config.substeps * self._running().refine(self.cloth.layered(self._nodes))
 
     def _advance(self, substeps: int) -> None:
         """The substeps of one step."""
         world = self._running()
-        self._follow_pull()
+        if self._drag is not None and self._drag_target_m is not None:
+            self._drag.start_step(self._drag_target_m, self.config.substeps * world.coarse_substep_s)
         impulse = self._impulse_n_s()
         for _ in range(substeps):
             # What sets gravity comes first: the arm carries its weight in the gravity of now.
             self.air.before_substep()
             if self.disturbance is not None:
                 self.disturbance.before_substep()
-            if self._pull is not None:
-                self._pull.before_substep()
+            if self._drag is not None:
+                self._drag.before_substep()
             self.robot.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
@@ -179,80 +186,99 @@ class ClothSimulation:
 
     def _impulse_n_s(self) -> FloatArray:
         """(3,) N s that the disturbance and the pull of now have given so far."""
-        acting = (self.disturbance, self._pull)
+        acting = (self.disturbance, self._drag)
         return sum((given.impulse_n_s for given in acting if given is not None), np.zeros(3))
 
     def force_n(self) -> FloatArray:
         """(3,) N, world: mean total force of disturbances and pulls on the cloth in the last step."""
         return self._force_n.copy()
 
-    def disturb(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> None:
-        """Begin a disturbance, by name or as it is; it acts in the following steps until ``disturbed`` is false.
+    def disturb(
+        self, disturbance: str | DisturbanceSpec | DisturbanceRecord, repeat: int = 0
+    ) -> DisturbanceRecord | None:
+        """Start a disturbance, which acts in the following steps while `disturbed`; a previous one is cut off.
 
-        ``repeat`` counts the disturbances of one episode, so that each has a chance of its own. One that still acts
-        is cut off.
+        Parameters
+        ----------
+        disturbance
+            A name, a `DisturbanceSpec`, or a `DisturbanceRecord`, whose plan is repeated exactly. A record without a
+            plan is drawn again by its name.
+        repeat
+            Number of disturbances of this episode before it, so that each is drawn independently.
+
+        Returns
+        -------
+        DisturbanceRecord or None
+            The name and the trajectory that was drawn, with ``first_step`` 0; None where it does nothing.
         """
+        world, cloth = self._running(), self.config.cloth_spec
+        if isinstance(disturbance, DisturbanceRecord) and disturbance.plan:
+            plan = DisturbanceTrajectory.recorded(disturbance.plan, cloth)
+        else:
+            named = disturbance.name if isinstance(disturbance, DisturbanceRecord) else disturbance
+            spec = disturbance_spec(named) if isinstance(named, str) else named
+            plan = spec.sample(_disturbance_rng(self._seed, repeat), cloth)
         if self.disturbance is not None:
             self.disturbance.stop()
-        self._befall(_spec(what), _chance(seed, repeat))
+        self.disturbance = DisturbanceController(world, self.cloth, plan)
+        if not plan.acts:
+            return None
+        name = disturbance if isinstance(disturbance, str) else disturbance.name
+        return DisturbanceRecord(name=name, first_step=0, plan=plan.described())
 
-    def _befall(self, spec: DisturbanceSpec, rng: np.random.Generator) -> DisturbanceTrajectory:
-        self.disturbance = DisturbanceController(self._running(), self.cloth, spec, rng)
-        return self.disturbance.plan
+    def _start_disturbance_at_random(self, spec: DisturbanceSpec, rng: np.random.Generator) -> DisturbanceTrajectory:
+        plan = spec.sample(rng, self.config.cloth_spec)
+        self.disturbance = DisturbanceController(self._running(), self.cloth, plan)
+        return plan
 
-    def disturbance_plan(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> DisturbanceTrajectory:
-        """What ``disturb`` would do."""
-        return _spec(what).schedule(_chance(seed, repeat), self.settings.spec)
+    def drag(self, node: int, target_m: FloatArray) -> None:
+        """Pull the cloth's ``node`` towards ``target_m``, (3,) m, world, with a bounded force, until `release`.
 
-    def pull(self, node: int, target_m: FloatArray) -> None:
-        """From the next step on a hand of bounded force draws ``node`` to ``target_m`` (3,) m, world.
-
-        Call it again, at most once a step, to lead the hand on; it stays at its target until ``let_go``. Another node
-        is another hand: the first lets go. Works at any time, also beside a disturbance.
+        Call it again, at most once a step, to move the target. A drag of another node releases the first one. It works
+        at any time, also during a disturbance.
         """
         world, target = self._running(), np.array(target_m, dtype=float)
         if target.shape != (3,) or not np.isfinite(target).all():
-            raise SimError(f"the pull's target is {target.tolist()}; it must be three finite numbers: x, y, z in m")
-        if self._pull is not None and self._pull.node != node:
-            self.let_go()
-        if self._pull is None:
-            self._pull = MouseDrag(world, self.cloth, node)
-        self._pull_target = target
+            raise SimError(f"the drag's target is {target.tolist()}; it must be three finite numbers: x, y, z in m")
+        if self._drag is not None and self._drag.node != node:
+            self.release()
+        if self._drag is None:
+            self._drag = MouseDrag(world, self.cloth, node)
+        self._drag_target_m = target
 
-    def _follow_pull(self) -> None:
-        if self._pull is not None and self._pull_target is not None:
-            self._pull.start_step(self._pull_target, self.settings.substeps * self._running().coarse_substep_s)
-
-    def let_go(self) -> None:
-        """End the pull, if there is one."""
-        if self._pull is not None:
-            self._pull.let_go()
-        self._pull = self._pull_target = None
+    def release(self) -> None:
+        """End the drag, if there is one."""
+        if self._drag is not None:
+            self._drag.release()
+        self._drag = self._drag_target_m = None
 
     @property
-    def pulled(self) -> int | None:
-        """The node that is pulled at, or None."""
-        return None if self._pull is None else self._pull.node
-
-    @property
-    def pulling(self) -> tuple[int, FloatArray] | None:
-        """The node that is pulled at and its target (3,) m, or None."""
-        if self._pull is None or self._pull_target is None:
+    def drag_target(self) -> DragTarget | None:
+        """The dragged node and its target, or None."""
+        if self._drag is None or self._drag_target_m is None:
             return None
-        return self._pull.node, self._pull_target
+        return DragTarget(node=self._drag.node, target_m=self._drag_target_m)
 
-    def pick(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
-        """The node that a ray (3,) m, (3,) points at, or None where it passes the cloth by more than 3 cm."""
+    def hand_positions(self) -> FloatArray:
+        """Return where a disturbance holds the cloth now, (K, 3) m, world."""
+        return np.zeros((0, 3)) if self.disturbance is None else self.disturbance.hand_positions()
+
+    def joint_angles(self) -> FloatArray:
+        """Return the joint angles of the arm, (J,) rad; empty where there is no arm."""
+        return self.robot.joint_angles()
+
+    def pick_node(self, ray_origin: FloatArray, ray_direction: FloatArray) -> int | None:
+        """Return the node at which a ray (3,) m, (3,) points, or None where it misses the cloth by more than 3 cm."""
         self._running()
-        return pick_node(self._nodes, self.settings.spec.triangles(), ray_origin, ray_direction)
+        return pick_node(self._nodes, self.config.cloth_spec.triangles(), ray_origin, ray_direction)
 
     @property
     def disturbed(self) -> bool:
         return self.disturbance is not None
 
-    def instability(self) -> str | None:
-        """Why the cloth has diverged, or None; call once a step."""
-        return self.cloth.instability(self._nodes)
+    def divergence_reason(self) -> str | None:
+        """Return why the cloth has diverged, or None; call once a step."""
+        return self.cloth.divergence_reason(self._nodes)
 
     @property
     def time_s(self) -> float:
@@ -274,10 +300,6 @@ class ClothSimulation:
             self.world = None
 
 
-def _spec(what: str | DisturbanceSpec) -> DisturbanceSpec:
-    return disturbance_spec(what) if isinstance(what, str) else what
-
-
-def _chance(seed: int, repeat: int) -> np.random.Generator:
-    """The first of an episode draws what it always drew."""
+def _disturbance_rng(seed: int, repeat: int) -> np.random.Generator:
+    """Return the random numbers of the disturbance ``repeat`` of an episode."""
     return np.random.default_rng([seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])])

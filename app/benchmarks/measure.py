@@ -82,7 +82,7 @@ def seeing(robot: str, cloth: str, folder: Path | None = None, n_steps: int = SE
 
 
 def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
-    robot = bench.settings.robot
+    robot = bench.config.robot
     policies: dict[str, Policy] = {
         "drag": DragPolicy(robot_spec(robot), name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
         "flat": ZeroPolicy(robot_spec(robot)),
@@ -152,7 +152,7 @@ def random_model(robot: str, points: int = GP_POINTS) -> GpModel:
 
 def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
     """Down until the free edge touches, then forward and down until the held edge is at rest height."""
-    robot, spec = bench.settings.robot, bench.settings.spec
+    robot, spec = bench.config.robot, bench.config.cloth_spec
     forward, down = LAY_STEP_M
     for _ in range(most_steps):
         height = float(bench.robot.position()[2])
@@ -169,7 +169,7 @@ def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
 
 def _side_by_side(bench: ClothSimulation, name: str, blocks: int, n_steps: int) -> dict[str, FloatArray]:
     """Steps without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
-    zeros = _moves(bench.settings.robot, 0.0, 0.0)
+    zeros = _moves(bench.config.robot, 0.0, 0.0)
     walls = [(_bare(bench, n_steps), _ours(bench, zeros, n_steps)) for _ in range(blocks)]
     bare, ours = np.array(walls).T
     return {name: ours, f"{name} bare": bare}
@@ -187,7 +187,7 @@ def _ours(bench: ClothSimulation, action: FloatArray, n_steps: int) -> float:
 
 def _bare(bench: ClothSimulation, n_steps: int) -> float:
     """Wall s per step of stepping alone."""
-    world, substeps = bench.cloth.world, bench.settings.substeps
+    world, substeps = bench.cloth.world, bench.config.substeps
     bench.robot.rest()
     for _ in range(SETTLE_STEPS * substeps):
         world.step()

@@ -121,7 +121,7 @@ def _check_can_run(recorded: Episode) -> None:
             validators.one_of("disturbance", record.name, DISTURBANCES)
             continue
         try:
-            DisturbanceTrajectory.recorded(record.plan, settings.spec)
+            DisturbanceTrajectory.recorded(record.plan, settings.cloth_spec)
         except SimError as error:
             raise UsageError(str(error)) from None
 
@@ -146,7 +146,8 @@ def settings_of(recorded: Episode) -> SimConfig:
         if known.get(name) is not type(value):
             raise UsageError(f"the episode's bench has {name} {value!r}, which this version does not know")
     try:
-        return SimConfig(**(told | {"robot": recorded.robot.name, "cloth": recorded.cloth, "step_s": recorded.step_s}))
+        own = {"robot": recorded.robot.name, "cloth": recorded.cloth, "descriptor": recorded.descriptor}
+        return SimConfig(**(told | own | {"step_s": recorded.step_s}))
     except SimError as error:
         raise UsageError(f"the episode's bench is none of this version: {error}") from None
 

@@ -30,8 +30,8 @@ def make_policy(
     The demonstrator, who alone sees the mesh, is shown that of ``bench``. ``decorators`` come around it in their order.
     """
     if controller is not None:
-        return wrinkle_removal.controller(controller, bench.settings.robot_spec)
-    robot = bench.settings.robot_spec
+        return wrinkle_removal.controller(controller, bench.spec.robot)
+    robot = bench.spec.robot
     if model is None:
         policy = _scripted(bench) if made in (None, SCRIPTED) else registry.make(str(made), robot)
     else:
@@ -42,11 +42,11 @@ def make_policy(
 
 
 def _scripted(bench: ClothSimulation) -> Policy:
-    spec = bench.settings.spec
+    cloth = bench.config.cloth_spec
     return ScriptedDemonstrator(
-        bench.settings.robot_spec,
-        length_m=spec.length_m,
-        columns=spec.columns,
-        held_width_m=HELD_STRETCH * spec.width_m,
+        bench.spec.robot,
+        length_m=cloth.length_m,
+        columns=cloth.columns,
+        held_width_m=HELD_STRETCH * cloth.width_m,
         look=bench.ground_truth,
     )

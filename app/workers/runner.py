@@ -13,7 +13,7 @@ from layflat.app.support.provenance import capture_provenance
 from layflat.data.arrays import FloatArray
 from layflat.data.types import DisturbanceRecord, DragTarget, Episode, Observation, Outcome, Phase, Step, StoppedBy
 from layflat.policy.base import Policy
-from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
+from layflat.sim.disturbances.presets import DisturbanceSpec
 from layflat.sim.simulation import ClothSimulation
 
 
@@ -58,7 +58,7 @@ class EpisodeRunner:
         self.disturbances: list[DisturbanceRecord] = []
         self._images = images
         self._hooks = tuple(hooks)
-        self._zeros = bench.settings.robot_spec.zeros()
+        self._zeros = bench.spec.robot.zeros()
         self._pulling = False
         self.began_s = time.monotonic()
         """By the machine's clock, for the wall time of the whole."""
@@ -109,7 +109,7 @@ class EpisodeRunner:
             hand_m=hand,
         )
         self.steps.append(step)
-        if self.bench.instability() is not None:
+        if self.bench.divergence_reason() is not None:
             # The nodes of a diverged cloth may not even be finite: the last sane ones stand for the end.
             return "unstable"
         if not self.bench.disturbed:
@@ -121,18 +121,11 @@ class EpisodeRunner:
 
     def disturb(self, what: str | DisturbanceSpec, repeat: int = 0) -> None:
         """Begin a disturbance; it acts from the next step on. Each ``repeat`` has a chance of its own."""
-        self.bench.disturb(what, self.seed, repeat)
-        self._note_beginning(what if isinstance(what, str) else what.name)
+        self._note_beginning(self.bench.disturb(what, repeat))
 
     def disturb_as(self, record: DisturbanceRecord) -> None:
         """Begin a recorded disturbance again as it was, whatever its name stands for by now."""
-        if not record.plan:
-            self.disturb(record.name)
-            return
-        self.bench.disturb(DisturbanceSpec(name=record.name, kind="none"), self.seed)
-        if self.bench.disturbance is not None:
-            self.bench.disturbance.plan = DisturbanceTrajectory.recorded(record.plan, self.bench.settings.spec)
-        self._note_beginning(record.name)
+        self._note_beginning(self.bench.disturb(record))
 
     def phase(self, phase: Phase, n_steps: int) -> StoppedBy:
         """Steps until the phase is over; says why."""
@@ -162,10 +155,10 @@ class EpisodeRunner:
 
     def _describe_beginning(self, disturbance: str) -> Episode:
         """The episode as far as it is known before its first step."""
-        bench, settings = self.bench, self.bench.settings
+        bench, spec = self.bench, self.bench.spec
         return Episode(
-            robot=settings.robot_spec,
-            cloth=settings.cloth,
+            robot=spec.robot,
+            cloth=spec.cloth,
             seed=self.seed,
             source=self.policy.name,
             steps=(),
@@ -173,12 +166,14 @@ class EpisodeRunner:
             final_ground_truth=self.ground_truth,
             stopped_by="interrupted",
             outcome="partial",
-            step_s=settings.step_s,
-            descriptor=settings.descriptor,
+            step_s=spec.step_s,
+            task=spec.task,
+            physics=spec.physics,
+            descriptor=spec.descriptor,
             disturbance=disturbance,
             start=bench.start,
-            sim_config=settings.described(),
-            initial_joints=bench.robot.joint_angles(),
+            sim_config=spec.config,
+            initial_joints=bench.joint_angles(),
             provenance=capture_provenance(),
         )
 
@@ -189,9 +184,9 @@ class EpisodeRunner:
 
     def _pull(self, pull: DragTarget | None) -> None:
         if pull is not None:
-            self.bench.pull(pull.node, pull.target_m)
+            self.bench.drag(pull.node, pull.target_m)
         elif self._pulling:
-            self.bench.let_go()
+            self.bench.release()
         self._pulling = pull is not None
 
     def _force(self) -> FloatArray:
@@ -199,13 +194,11 @@ class EpisodeRunner:
         force = self.bench.force_n()
         return force if np.isfinite(force).all() else np.zeros(3)
 
-    def _note_beginning(self, name: str) -> None:
+    def _note_beginning(self, record: DisturbanceRecord | None) -> None:
         """One that still acts gives way to the new one."""
         self._note_end()
-        acting = self.bench.disturbance
-        if acting is not None:
-            record = DisturbanceRecord(name=name, first_step=len(self.steps), plan=acting.plan.described())
-            self.disturbances.append(record)
+        if record is not None:
+            self.disturbances.append(replace(record, first_step=len(self.steps)))
             self._tell()
 
     def _note_end(self) -> None:

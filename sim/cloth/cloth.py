@@ -232,7 +232,7 @@ class Cloth:
         ends = nodes[self._edges]
         return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / self._rest_lengths
 
-    def instability(self, nodes: FloatArray) -> str | None:
+    def divergence_reason(self, nodes: FloatArray) -> str | None:
         """Why the cloth has diverged, or None. Call once a step: a diverging cloth is 10 to 100 times slower."""
         if not np.isfinite(nodes).all():
             return "a node is not finite"

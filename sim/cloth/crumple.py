@@ -60,7 +60,7 @@ def crumple(
 
     def move(action: FloatArray) -> None:
         step(action)
-        why = cloth.instability(cloth.nodes())
+        why = cloth.divergence_reason(cloth.nodes())
         if why is not None:
             raise SimError(f"the cloth diverged while it was crumpled ({why}); take another seed")
 

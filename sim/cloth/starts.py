@@ -87,7 +87,7 @@ def attach(cloth: Cloth, corners: FloatArray, air: AirDrag) -> None:
         air.before_substep()
         fingers.before_substep()
         world.step()
-    fingers.let_go()
+    fingers.release()
 
 
 def run_start_motion(

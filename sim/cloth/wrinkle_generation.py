@@ -83,7 +83,7 @@ def settled_wrinkles(
         for _ in range(round(settle_s * spec.rate_hz)):
             world.step()
         nodes = cloth.nodes()
-        wrong = cloth.instability(nodes)
+        wrong = cloth.divergence_reason(nodes)
         if wrong is not None:
             raise SimError(f"the wrinkled cloth diverged: {wrong}")
         return nodes

@@ -11,7 +11,7 @@ import numpy as np
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.disturbances.force_anchors import ForceAnchors
-from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
+from layflat.sim.disturbances.presets import DisturbanceTrajectory
 from layflat.sim.physics.bullet.world import World
 
 ARRIVED_M = 0.008
@@ -21,12 +21,11 @@ ARRIVED_M = 0.008
 class DisturbanceController:
     """One disturbance of one cloth; made when it begins, spent when ``done``."""
 
-    def __init__(self, world: World, cloth: Cloth, spec: DisturbanceSpec, rng: np.random.Generator) -> None:
-        """Draw place, heading and size from ``rng``; the cloth is touched at the first ``before_substep``."""
+    def __init__(self, world: World, cloth: Cloth, plan: DisturbanceTrajectory) -> None:
+        """Prepare the disturbance; the cloth is touched at the first ``before_substep``."""
         self._world = world
         self._cloth = cloth
-        self.spec = spec
-        self.plan: DisturbanceTrajectory = spec.schedule(rng, cloth.spec)
+        self.plan = plan
         self._began: int | None = None
         self._finished: int | None = None
         self._now = 0
@@ -92,7 +91,7 @@ class DisturbanceController:
     def _finish(self) -> None:
         self._impulse = self.impulse_n_s
         if self._hands is not None:
-            self._hands.let_go()
+            self._hands.release()
         if self._gust is not None:
             self._gust.end()
         self._hands = self._gust = None

@@ -75,7 +75,7 @@ class ForceAnchors:
             bullet.applyExternalForce(body, -1, newtons, place, bullet.WORLD_FRAME, physicsClientId=self._world.client)
         self._forces_n_s += force.sum(axis=0) * self._world.substep_s
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Take the hands away; use them no more."""
         for anchor, body in zip(self._anchors, self._bodies, strict=True):
             self._cloth.release(anchor)

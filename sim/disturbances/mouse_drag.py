@@ -29,7 +29,7 @@ PICK_RADIUS_M = 0.03
 
 
 class MouseDrag:
-    """One hand on one node, from when it is made until ``let_go``."""
+    """One hand on one node, from when it is made until ``release``."""
 
     def __init__(self, world: World, cloth: Cloth, node: int) -> None:
         """Take hold of ``node`` where it is.
@@ -79,8 +79,8 @@ class MouseDrag:
         place: FloatArray = self._hands.positions()[0]
         return place
 
-    def let_go(self) -> None:
-        self._hands.let_go()
+    def release(self) -> None:
+        self._hands.release()
 
 
 def free_node(cloth: ClothSpec, node: int) -> int:

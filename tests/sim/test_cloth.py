@@ -190,20 +190,20 @@ def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
     world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     cloth = Cloth(world, SMALL)
     rest = SMALL.flat_nodes()
-    assert cloth.instability(rest) is None
+    assert cloth.divergence_reason(rest) is None
     for _ in range(24):
         world.step()
-    assert cloth.instability(rest + np.array([0.0, 0.0, 0.3])) is None  # 3 m/s
+    assert cloth.divergence_reason(rest + np.array([0.0, 0.0, 0.3])) is None  # 3 m/s
     for _ in range(24):
         world.step()
-    assert "moves" in (cloth.instability(rest + np.array([5.0, 0.0, 0.0])) or "")
+    assert "moves" in (cloth.divergence_reason(rest + np.array([5.0, 0.0, 0.0])) or "")
     far = rest.copy()
     far[7] += [0.0, 0.0, 0.2]
-    assert "stretched" in (cloth.instability(far) or "")
+    assert "stretched" in (cloth.divergence_reason(far) or "")
     for wrong in (np.nan, np.inf):
         broken = rest.copy()
         broken[3, 1] = wrong
-        assert "finite" in (cloth.instability(broken) or "")
+        assert "finite" in (cloth.divergence_reason(broken) or "")
     world.close()
 
 

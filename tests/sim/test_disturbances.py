@@ -73,7 +73,7 @@ def test_a_wrong_field_is_named_in_one_sentence(wrong: dict, said: str) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_corner_is_folded_inwards_on_either_side(seed: int) -> None:
     """The hands take nodes of one corner and carry them forward and towards the other side."""
-    plan = disturbance_spec("fold-corner").schedule(np.random.default_rng(seed), TOWEL)
+    plan = disturbance_spec("fold-corner").sample(np.random.default_rng(seed), TOWEL)
     side = np.sign(TOWEL.flat_nodes()[list(plan.nodes), 1].mean())
     assert 0 in plan.nodes or TOWEL.columns - 1 in plan.nodes
     assert plan.path_m[-1, 0] > 0.05
@@ -83,7 +83,7 @@ def test_a_corner_is_folded_inwards_on_either_side(seed: int) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_hand_turns_the_corner_over_as_one_turns_a_page(seed: int) -> None:
     """What lies behind in the heading is above on the way, and ahead at the end; what lies beside stays beside."""
-    plan = disturbance_spec("fold-corner").schedule(np.random.default_rng(seed), TOWEL)
+    plan = disturbance_spec("fold-corner").sample(np.random.default_rng(seed), TOWEL)
     ahead = plan.path_m[-1] * [1.0, 1.0, 0.0]
     ahead /= np.linalg.norm(ahead)
     up, duration_s = np.array([0.0, 0.0, 1.0]), np.linalg.norm(np.diff(plan.path_m, axis=0), axis=1).sum() / 0.25
@@ -94,13 +94,13 @@ def test_the_hand_turns_the_corner_over_as_one_turns_a_page(seed: int) -> None:
         np.testing.assert_allclose(plan.turned(time_s) @ up, -up, atol=1e-9)
     on_the_spot = replace(plan, path_m=0 * plan.path_m)
     np.testing.assert_allclose(on_the_spot.turned(0.0) @ -ahead, ahead, atol=1e-9)
-    straight = disturbance_spec("push").schedule(np.random.default_rng(seed), TOWEL)
+    straight = disturbance_spec("push").sample(np.random.default_rng(seed), TOWEL)
     np.testing.assert_array_equal(straight.turned(0.4), np.eye(3))
 
 
 def test_both_sides_occur() -> None:
     sides = {
-        bool(0 in disturbance_spec("fold-corner").schedule(np.random.default_rng(seed), TOWEL).nodes)
+        bool(0 in disturbance_spec("fold-corner").sample(np.random.default_rng(seed), TOWEL).nodes)
         for seed in range(20)
     }
     assert sides == {True, False}
@@ -108,7 +108,7 @@ def test_both_sides_occur() -> None:
 
 def test_repeats_differ_and_the_first_is_what_it_always_was() -> None:
     bench = ClothSimulation(SimConfig(robot="hanger", cloth="towel", camera=False))
-    known = disturbance_spec("thesis").schedule(np.random.default_rng([7, 0xD157]), TOWEL)
+    known = disturbance_spec("thesis").sample(np.random.default_rng([7, 0xD157]), TOWEL)
     first, named, second, again = (
         bench.disturbance_plan(what, 7, repeat).path_m
         for what, repeat in (("thesis", 0), (disturbance_spec("thesis"), 0), ("thesis", 1), ("thesis", 1))

@@ -155,7 +155,7 @@ class TestOnTheBench:
             for step_index in range(16):
                 hand = hand + (np.array([0.006, 0.0, -0.006]) if step_index < 12 else 0.0)
                 actions.append(bench.guide(hand))
-                assert bench.instability() is None
+                assert bench.divergence_reason() is None
             end = bench.holder.position()
             np.testing.assert_allclose(np.sum(actions, axis=0), (end - start)[AXES], atol=1e-9)
             assert np.linalg.norm((end - hand)[AXES]) < 0.004
@@ -187,7 +187,7 @@ class TestOnTheBench:
             hands = bench.holder.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
             first = bench.guide(hands)
             assert first.shape == (6,)
-            fastest = hand_guiding.HAND_SPEED_M_S * bench.settings.step_s
+            fastest = hand_guiding.HAND_SPEED_M_S * bench.config.step_s
             np.testing.assert_allclose(np.linalg.norm(first.reshape(2, 3), axis=1), fastest, rtol=1e-6)
             for _ in range(3):
                 bench.guide(hands)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from layflat.sim.cloth.cloth import HELD_STRETCH
-from layflat.sim.cloth.starts import START_MOVES, START_STEP_M, home_corners
+from layflat.sim.cloth.starts import START_MOVES, home_corners
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS, robot_spec
@@ -29,7 +29,7 @@ lowest = 1.0
 for _ in range(15):
     bench.step(down + rng.uniform(-0.001, 0.001, robot_spec(robot).size))
     lowest = min(lowest, bench.truth().nodes[:, 2].min())
-assert bench.instability() is None and lowest < 0.006, lowest
+assert bench.divergence_reason() is None and lowest < 0.006, lowest
 print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
 """
 
@@ -53,20 +53,18 @@ def started(request: pytest.FixtureRequest) -> ClothSimulation:
 
 
 def test_a_start_hangs_free_of_the_table_near_home(started: ClothSimulation) -> None:
-    spec, home = started.settings.spec, home_corners(started.settings.spec)
+    spec, home = started.config.cloth_spec, home_corners(started.config.cloth_spec)
     ground_truth, seen = started.ground_truth(), started.observe()
     assert started.time_s == 0.0
     assert ground_truth.contact_portion_true == 0.0
     assert ground_truth.flat_area == 0.0
     assert ground_truth.nodes[:, 2].min() > 0.03
-    assert np.abs(seen.corner_positions - home).max() < START_MOVES * START_STEP_M[started.settings.robot]
+    assert np.abs(seen.corner_positions - home).max() < START_MOVES * started.robot.start_step_m
     held = np.linalg.norm(np.diff(seen.corner_positions, axis=0))
-    assert held == pytest.approx(
-        HELD_STRETCH * spec.width_m, rel=0.05 if started.settings.robot == "pickers" else 0.005
-    )
+    assert held == pytest.approx(HELD_STRETCH * spec.width_m, rel=0.05 if started.config.robot == "pickers" else 0.005)
     np.testing.assert_allclose(ground_truth.nodes[list(spec.corners)], seen.corner_positions, atol=0.002)
     assert seen.contact_portion == pytest.approx(0.0, abs=0.02)
-    assert started.instability() is None
+    assert started.divergence_reason() is None
 
 
 def test_observations_keep_images_only_when_asked(started: ClothSimulation) -> None:
@@ -79,7 +77,7 @@ def test_observations_keep_images_only_when_asked(started: ClothSimulation) -> N
 
 def test_a_step_is_a_tenth_of_a_second_and_moves_the_holder(started: ClothSimulation) -> None:
     before, time_s = started.observe(images=False).holder_position, started.time_s
-    up = np.zeros(robot_spec(started.settings.robot).size).reshape(-1, 2 if started.settings.robot == "hanger" else 3)
+    up = np.zeros(robot_spec(started.config.robot).size).reshape(-1, 2 if started.config.robot == "hanger" else 3)
     up[:, -1] = 0.008
     for _ in range(4):
         started.step(up.ravel())

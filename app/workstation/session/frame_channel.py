@@ -113,8 +113,8 @@ class FrameChannel:
             told_s=time.monotonic(),
             input_s=input_s,
             work_s=work_s,
-            cloth=bench.settings.cloth,
-            robot=bench.settings.robot,
+            cloth=bench.spec.cloth,
+            robot=bench.spec.robot.name,
             node_count=len(ground_truth.nodes),
             nodes=nodes,
             corners=seen.corner_positions,
@@ -138,24 +138,24 @@ class FrameChannel:
 def _holding(bench: ClothSimulation) -> dict[str, Any]:
     """Joints, hands and pull."""
     joints, hands = np.zeros(JOINTS_MAX), np.zeros((HANDS_MAX, 3))
-    angles = bench.robot.joint_angles()
+    angles = bench.joint_angles()
     joints[: len(angles)] = angles
-    places = np.zeros((0, 3)) if bench.disturbance is None else bench.disturbance.hand_positions()[:HANDS_MAX]
+    places = bench.hand_positions()[:HANDS_MAX]
     hands[: len(places)] = places
-    pull = bench.pulling
+    pull = bench.drag_target
     return {
         "joint_count": len(angles),
         "joints": joints,
         "hand_count": len(places),
         "hands": hands,
-        "pulled": -1 if pull is None else pull[0],
-        "pull_target": np.zeros(3) if pull is None else pull[1],
+        "pulled": -1 if pull is None else pull.node,
+        "pull_target": np.zeros(3) if pull is None else pull.target_m,
     }
 
 
 def _seeing(bench: ClothSimulation, seen: Observation) -> dict[str, Any]:
     """The camera's image and what perception made of it."""
-    percept = bench.percept
+    percept = bench.cloth_state
     if seen.rgb is None or percept is None or percept.cloth_mask.shape != (_GRID.height, _GRID.width):
         return {"has_image": False}
     return {

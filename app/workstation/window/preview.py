@@ -16,7 +16,7 @@ from layflat.sim.robots.panda import inverse_kinematics
 def preview(robot: str, cloth: str) -> BenchFrame:
     """What one would see, without a simulator."""
     settings = SimConfig(robot=robot, cloth=cloth)
-    home = home_corners(settings.spec)
+    home = home_corners(settings.cloth_spec)
     centre = home.mean(axis=0)
     return BenchFrame(
         episode=-1,
@@ -28,7 +28,7 @@ def preview(robot: str, cloth: str) -> BenchFrame:
         work_s=0.0,
         robot=robot,
         cloth=cloth,
-        nodes=settings.spec.hanging_nodes(home),
+        nodes=settings.cloth_spec.hanging_nodes(home),
         corners=home,
         holder=centre,
         joints=inverse_kinematics(centre) if robot == "hanger" else np.zeros(0),

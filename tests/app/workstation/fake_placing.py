@@ -18,7 +18,7 @@ class LyingBench(FakeBench):
     """Its cloth lies flat where its holder is, so that it can be drawn."""
 
     def ground_truth(self) -> GroundTruth:
-        nodes = self.settings.spec.flat_nodes(x_m=float(self._holder_m[0]))
+        nodes = self.config.cloth_spec.flat_nodes(x_m=float(self._holder_m[0]))
         return GroundTruth(nodes=nodes, contact_portion_true=self._contact(), flat_area=self._contact())
 
 

@@ -114,7 +114,7 @@ def test_a_towel_is_laid_flat_with_the_sticks(robot, tmp_path):
         recording = RecordingSession(
             recorder, make_handle_factory(recorder, settings, "gamepad"), episodes=2, countdown_s=0.5
         )
-        acts = Layer(recording, pad, sides, settings.spec.length_m).acts()
+        acts = Layer(recording, pad, sides, settings.cloth_spec.length_m).acts()
 
         def sleep(seconds: float) -> None:
             time.sleep(seconds)
