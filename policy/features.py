@@ -86,7 +86,8 @@ class FeatureLayout:
 
 
 def columns_of(robot: RobotSpec) -> Mapping[str, Column]:
-    """Return every column that a layout may use: the coordinates that an action displaces, and what is seen of the cloth."""
+    """Return every column that a layout may use: the coordinates that an action displaces, and what is seen of the
+    cloth."""
     return {name: _coordinate(robot, k) for k, name in enumerate(robot.coordinates)} | _CLOTH_COLUMNS
 
 

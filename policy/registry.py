@@ -111,7 +111,8 @@ def train(
     progress: Callable[[int, int, str], None] | None = None,
     intervention_weight: int = 1,
 ) -> TrainedModel:
-    """A model of a trainable policy; ``intervention_weight`` is as in layflat.policy.gp.fit.FitOptions, for Gaussian processes."""
+    """A model of a trainable policy; ``intervention_weight`` is as in layflat.policy.gp.fit.FitOptions, for Gaussian
+    processes."""
     if name not in TRAINERS:
         raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE_POLICIES)}")
     options: dict[str, Any] = {}

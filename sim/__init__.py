@@ -1,6 +1,7 @@
 """The bench: cloth, table, holders, camera and disturbances in PyBullet, and two gymnasium environments.
 
-``import sim`` registers ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``; what they are is in ``layflat.sim.env``.
+``import sim`` registers ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``; what they are is in
+``layflat.sim.env``.
 """
 
 from gymnasium.envs.registration import register

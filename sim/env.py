@@ -35,10 +35,12 @@ ObsDict = dict[str, NDArray[Any]]
 class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     """Lay the cloth flat on the table.
 
-    Action: Box(-1, 1, (2,) or (6,)), displacement of this step / ACTION_LIMIT_M in the order of the robot's axes; cut off
+    Action: Box(-1, 1, (2,) or (6,)), displacement of this step / ACTION_LIMIT_M in the order of the robot's axes; cut
+    off
     at the limits. SimError for a wrong shape or a value that is not finite.
 
-    Observation: what a policy may see (``layflat.data.types.Observation``), float64; with ``images`` also rgb and depth.
+    Observation: what a policy may see (``layflat.data.types.Observation``), float64; with ``images`` also rgb and
+    depth.
 
     Reward: gain of the camera's contact portion in this step, so that an episode's rewards add up to the portion at its
     end less that at its start. The flat area, which is what counts, is in ``info`` and not in the reward: it is the

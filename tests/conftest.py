@@ -100,5 +100,6 @@ def _differences(a: Any, b: Any, where: str) -> list[str]:
 
 @pytest.fixture(scope="session")
 def differences() -> Callable[[Any, Any], list[str]]:
-    """``differences(a, b)``: where two values of layflat.data.types differ, arrays bit by bit; empty where they are equal."""
+    """``differences(a, b)``: where two values of layflat.data.types differ, arrays bit by bit; empty where they are
+    equal."""
     return lambda a, b: _differences(a, b, type(a).__name__)

@@ -1,6 +1,7 @@
 """How right each descriptor is, by light and sensor: the tables and plots of docs/word.md.
 
-``python -m layflat.app.benchmarks.word_study --out DIR`` draws sheets of known wrinkles as the bench's camera would see them, spoils the
+``python -m layflat.app.benchmarks.word_study --out DIR`` draws sheets of known wrinkles as the bench's camera would see
+them, spoils the
 depth as a D435 does, and holds every descriptor's direction against the wrinkles that were drawn.
 """
 

@@ -1,6 +1,7 @@
 """`layflat doctor`: what this machine has, what is missing, what to do about it.
 
-Standard library only, so that it speaks where nothing is installed: ``python3 -m layflat.app.commands.doctor`` in the source folder.
+Standard library only, so that it speaks where nothing is installed: ``python3 -m layflat.app.commands.doctor`` in the
+source folder.
 """
 
 from __future__ import annotations

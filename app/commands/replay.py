@@ -236,7 +236,8 @@ def print_state(episode: Episode) -> None:
             str(last - first),
             f"{seen[first].time_s:.1f} to {seen[last].time_s:.1f} s",
             f"{100 * seen[first].contact_portion:.1f} to {100 * seen[last].contact_portion:.1f} %",
-            f"{100 * ground_truths[first].contact_portion_true:.1f} to {100 * ground_truths[last].contact_portion_true:.1f} %",
+            f"{100 * ground_truths[first].contact_portion_true:.1f} to "
+            f"{100 * ground_truths[last].contact_portion_true:.1f} %",
             f"{ground_truths[first].flat_area:.3f} to {ground_truths[last].flat_area:.3f}",
         )
     out = console()

@@ -1,6 +1,7 @@
 """A warm process that runs groups for another one: what is forked must have no threads, and a Ray worker has many.
 
-``python -m layflat.app.evaluation.fork_server FD`` answers on the socket that it has been given, and ends when its owner does.
+``python -m layflat.app.evaluation.fork_server FD`` answers on the socket that it has been given, and ends when its
+owner does.
 """
 
 from __future__ import annotations

@@ -42,7 +42,8 @@ class PolicySpec:
     robot: str
     model: TrainedModel | None = None
     made: str | None = None
-    """A name of layflat.policy.registry.BUILTIN_POLICIES, or "scripted"; with a model: who takes over after a disturbance."""
+    """A name of layflat.policy.registry.BUILTIN_POLICIES, or "scripted"; with a model: who takes over after a
+    disturbance."""
     controller: str | None = None
     """A name of layflat.policy.scripted.wrinkle_removal.CONTROLLERS; it begins from a crumpled cloth."""
     decorators: tuple[str, ...] = ()

@@ -9,7 +9,8 @@ A suite is a list of cases, each of which is an episode of its own beside the un
     name = "early"                  # with a single case the suite's own name will do
 
     [[case.disturbance]]
-    like = "push"                   # one of layflat.sim.disturbances.presets, of which the lines below change something; or kind = ...
+    like = "push"                   # one of layflat.sim.disturbances.presets, of which the lines below change
+                                    # something; or kind = ...
     scale = [0.5, 1.5]              # ranges are drawn by the episode's seed: the same for every policy
     when = { contact = 0.5 }        # or { step = 30 }, or "stopped", which is what it is without a line
     repeats = 2

@@ -70,8 +70,8 @@ QUESTIONS = (
 """What is asked of each pair: name, column, and in which episodes."""
 PAIRED_HEADER = ("adds", "n", *(name for name, _, _ in QUESTIONS))
 NOTE = (
-    "PairedComparison over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), with "
-    "the 95 % bootstrap interval. "
+    "PairedComparison over the same starts and disturbances, a less b, in points (flat area: hundredths of the cloth), "
+    "with the 95 % bootstrap interval. "
     "Of twenty intervals one leaves 0 out by chance."
 )
 

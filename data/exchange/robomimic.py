@@ -91,7 +91,8 @@ def import_robomimic(
 ) -> Imported:
     """Make the session ``target`` of a robomimic data set in our layout, as a whole or not at all.
 
-    An intact session, such as an export of ours, is copied. Anything else is read demo by demo (see layflat.data.exchange.robomimic_import);
+    An intact session, such as an export of ours, is copied. Anything else is read demo by demo (see
+    layflat.data.exchange.robomimic_import);
     its demos are numbered anew and get identities of their own. ``cloth`` is taken where the file names none.
     """
     source = Path(path)
@@ -131,7 +132,8 @@ def _convert(path: Path, target: str | Path, cloth: str | None, *, force: bool) 
 
 
 def _probe(path: Path) -> None:
-    """Other programs' text lies where damage may keep HDF5 in a loop for ever (layflat.data.format.attributes): not here, then."""
+    """Other programs' text lies where damage may keep HDF5 in a loop for ever (layflat.data.format.attributes): not
+    here, then."""
     open_file(path).close()
     try:
         isolated(partial(_read_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)

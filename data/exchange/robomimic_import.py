@@ -41,7 +41,8 @@ UNKNOWN_SEED = -1
 """Of an episode whose file does not tell: it can be shown and learned from, but its start cannot be made again."""
 UNKNOWN_SOURCE = "imported"
 _TOLD = (
-    schema.ROBOT, schema.ACTION_AXES, schema.TASK, schema.PHYSICS, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR, schema.SEED, schema.SOURCE, schema.DISTURBANCE,
+    schema.ROBOT, schema.ACTION_AXES, schema.TASK, schema.PHYSICS, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR,
+    schema.SEED, schema.SOURCE, schema.DISTURBANCE,
     schema.DISTURBANCES, schema.OUTCOME, schema.STOPPED_BY, schema.WALL_S, schema.START, schema.SIM_CONFIG,
     schema.FIRST_STEP, schema.PROVENANCE,
 )  # fmt: skip

@@ -23,7 +23,8 @@ from layflat.data.robot import RobotSpec
 
 SCHEMA = "layflat-session"
 SCHEMA_VERSION = 3
-"""Raised by one whenever a reader of the old form would misread the new one; layflat.data.format.migrate reads the older ones."""
+"""Raised by one whenever a reader of the old form would misread the new one; layflat.data.format.migrate reads the
+older ones."""
 
 DATA = "data"
 MASK = "mask"
@@ -226,7 +227,8 @@ OBSERVATION_FIELDS: tuple[Field, ...] = (
         packed=True,
     ),
 )
-"""Under ``obs`` as it was before a step, under ``next_obs`` after it; keys are the names in layflat.data.types.Observation."""
+"""Under ``obs`` as it was before a step, under ``next_obs`` after it; keys are the names in
+layflat.data.types.Observation."""
 
 
 def _under(group: str) -> tuple[Field, ...]:

@@ -2,9 +2,11 @@
 
 The only copy of an episode is never inside a file that is open for writing. ``keep`` makes each a finished file of its
 own in ``FILE.h5.parts``; from time to time, and on closing, ``FILE.h5`` is made anew from itself and these, written
-aside and renamed, and only then are the parts removed. Readers see every kept episode in between, too (``layflat.data.session.reader``).
+aside and renamed, and only then are the parts removed. Readers see every kept episode in between, too
+(``layflat.data.session.reader``).
 
-A running episode has a journal there (``layflat.data.session.journal``). After a killed recording the next recorder tidies up, and
+A running episode has a journal there (``layflat.data.session.journal``). After a killed recording the next recorder
+tidies up, and
 keeps what the journals hold: whole episodes that had not been reported yet, and what there is of others as ``partial``.
 """
 

@@ -70,7 +70,8 @@ class ClothState:
     contact_pixels: int
     """P_contact of Eq. 4-7."""
     contact_portion: float
-    """Eq. 4-7 for a cloth that may be stretched: see layflat.perception.cloth.contact. NaN if flat_pixels is not known."""
+    """Eq. 4-7 for a cloth that may be stretched: see layflat.perception.cloth.contact. NaN if flat_pixels is not
+    known."""
     word: NDArray[np.float64]
     """(2,) wrinkle contraction direction by the descriptor: unit vector in table coordinates with x >= 0, or zeros
     where there is no direction."""

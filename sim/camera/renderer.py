@@ -1,7 +1,8 @@
 """A picture from one pinhole: the table and floor behind, solid bodies, and the cloth in front.
 
 The table and floor do not change, so they are computed once. Solid bodies (an arm, a hanger) come from TinyRenderer,
-which costs 2 ms where there is nothing to draw. The cloth comes from layflat.sim.camera.rasterizer, shaded by its own smooth normals.
+which costs 2 ms where there is nothing to draw. The cloth comes from layflat.sim.camera.rasterizer, shaded by its own
+smooth normals.
 """
 
 from __future__ import annotations

@@ -349,7 +349,8 @@ def test_outputs_are_not_replaced_unasked(command, run, folder):
 
 def test_help_imports_nothing_heavy():
     program = (
-        "import sys\nfrom layflat.app.cli.main import main\ntry:\n    main(['data', '--help'])\nexcept SystemExit:\n    pass\n"
+        "import sys\nfrom layflat.app.cli.main import main\ntry:\n    main(['data', '--help'])\n"
+        "except SystemExit:\n    pass\n"
         "print([m for m in ('numpy', 'h5py', 'pyarrow', 'matplotlib') if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -63,7 +63,10 @@ def test_nothing_raised_is_zero():
 
 
 def test_a_reader_that_closes_stdout_sees_no_traceback():
-    program = "from layflat.app.support.errors import run_command; run_command(lambda: [print(i) for i in range(200000)] and 0)"
+    program = (
+        "from layflat.app.support.errors import run_command; "
+        "run_command(lambda: [print(i) for i in range(200000)] and 0)"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as child:

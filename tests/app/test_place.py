@@ -21,8 +21,8 @@ from layflat.policy import model_io as model_files
 def _beginning(episode):
     first = episode.steps[0]
     return replace(
-        episode, steps=(), final_observation=first.observation, final_ground_truth=first.ground_truth, stopped_by="interrupted",
-        outcome="partial",
+        episode, steps=(), final_observation=first.observation, final_ground_truth=first.ground_truth,
+        stopped_by="interrupted", outcome="partial",
     )  # fmt: skip
 
 

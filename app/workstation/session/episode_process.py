@@ -1,6 +1,7 @@
 """A take in a process of its own, forked from one that has never stepped a simulation.
 
-Bullet is only reproducible there (as in ``app/workers/episode_pool.py``): otherwise no recorded episode but the first could be
+Bullet is only reproducible there (as in ``app/workers/episode_pool.py``): otherwise no recorded episode but the first
+could be
 replayed. A crash costs one take, whose journal gives back all but its last moments. The parent may have windows and
 pads open: the fork server is a process beside it, which has neither.
 """

@@ -1,4 +1,5 @@
-"""ClothSimulation as the bench process does it: a policy places the cloth, and whoever watches may disturb it at any time."""
+"""ClothSimulation as the bench process does it: a policy places the cloth, and whoever watches may disturb it at any
+time."""
 
 from __future__ import annotations
 
@@ -37,7 +38,8 @@ class PlaceTask:
     """One episode of a policy.
 
     The order: ``robot, cloth, seed, policy`` (``scripted``, a name that needs no training, or the path of a model),
-    ``with`` (names of layflat.policy.registry.DECORATORS), ``descriptor, noise, step_s, speed, hurry`` (as fast as it goes
+    ``with`` (names of layflat.policy.registry.DECORATORS), ``descriptor, noise, step_s, speed, hurry`` (as fast as it
+    goes
     until the cloth is placed), ``record`` (a session's path, or empty), ``images`` and ``source`` (the device of a
     person who may take over, or empty).
     """

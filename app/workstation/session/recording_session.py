@@ -1,6 +1,7 @@
 """Recording as a state machine: what the controls do, whoever has them, and what is said about it.
 
-It knows no device, no window and no simulator: readings come in by ``hear``, episodes run behind the seam ``EpisodeHandle``.
+It knows no device, no window and no simulator: readings come in by ``hear``, episodes run behind the seam
+``EpisodeHandle``.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ from layflat.data.session.reader import open_session
 
 
 def discarded_line(seed: int, n_steps: int, contact: float, path: Path) -> str:
-    """As ``layflat.app.commands.record.kept_line`` of what was not kept: it has no name in the session, so it goes by its seed."""
+    """As ``layflat.app.commands.record.kept_line`` of what was not kept: it has no name in the session, so it goes by
+    its seed."""
     return f"discarded seed {seed} {n_steps} steps contact {min(1.0, contact):.2f} {path}"
 
 

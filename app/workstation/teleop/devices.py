@@ -1,4 +1,5 @@
-"""GamepadRegistry that are plugged in: SDL's controllers first, then what was calibrated, then the known raw layouts."""
+"""GamepadRegistry that are plugged in: SDL's controllers first, then what was calibrated, then the known raw
+layouts."""
 
 from __future__ import annotations
 

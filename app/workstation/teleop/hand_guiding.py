@@ -1,4 +1,5 @@
-"""HandGuidingTeleoperator teaching in the window: the mouse takes hold of what holds the cloth and leads it, as the thesis's hand
+"""HandGuidingTeleoperator teaching in the window: the mouse takes hold of what holds the cloth and leads it, as the
+thesis's hand
 leads the robot's arm, which gives way (chapter 3-3)."""
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """One person in a process of its own, in the middle of something, until the process is ended from outside.
 
-``python -m layflat.tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it is. On
+``python -m layflat.tests.app.workstation.sitting FOLDER record|place|train|replay [close]``; says ``at work`` when it
+is. On
 whatever display there is; ``close`` clicks the window away at that moment. ``FOLDER once`` is `layflat record --source
 keyboard --episodes 1` with a person at its window, on a real display; more options may follow.
 """

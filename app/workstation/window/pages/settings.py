@@ -14,8 +14,8 @@ from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
 
 ABOUT = (
-    ("Robot", "hanger: a Panda arm holds the cloth by two clips and moves forth, back, up and down, as in chapter 4-3 of"
-     " the thesis. pickers: two free hands, one at each corner, three axes each (chapter 4-2)."),
+    ("Robot", "hanger: a Panda arm holds the cloth by two clips and moves forth, back, up and down, as in chapter 4-3 "
+     "of the thesis. pickers: two free hands, one at each corner, three axes each (chapter 4-2)."),
     ("Cloth", "towel: 35 by 35 cm. napkin: 27.5 by 21.5 cm, thinner. towel-fine: the towel with a finer mesh, slower."),
     ("Descriptor", "What says in which direction the wrinkles contract. A session has one, and so has a model."),
     ("Speed", "Simulated over wall time, at most. Data are the same at any speed: a step is a step."),
