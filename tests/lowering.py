@@ -5,7 +5,6 @@ from __future__ import annotations
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Observation
 from layflat.policy.base import Decision
-from layflat.policy.scripted.baselines import along_z
 
 
 class Down:
@@ -23,4 +22,4 @@ class Down:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Decision:
-        return Decision(action=along_z(self.robot, -0.01), reason="down")
+        return Decision(action=self.robot.pack([0.0, 0.0, -0.01]), reason="down")

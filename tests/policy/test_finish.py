@@ -13,7 +13,6 @@ from layflat.policy.features import input_set
 from layflat.policy.finishing_policy import FinishingPolicy
 from layflat.policy.gp import fit
 from layflat.policy.model_policy import ModelPolicy
-from layflat.policy.scripted.baselines import along_x
 from layflat.policy.stopping import AnyOf
 from layflat.tests.factories import HANGER
 
@@ -91,7 +90,7 @@ def test_the_mean_alone_fades_and_this_does_not(model, observe):
 
 def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
     policy = FinishingPolicy(model, stop=AnyOf())
-    useful = np.linalg.norm(along_x(HANGER, finishing_policy.USEFUL_M))
+    useful = np.linalg.norm(HANGER.pack([finishing_policy.USEFUL_M, 0.0, 0.0]))
     places = model.inputs + 0.003
     taught = places[np.linalg.norm(model.predict(places)[0], axis=1) >= useful]
     assert len(taught) > 20
@@ -127,7 +126,7 @@ def test_on_the_table_nothing_is_pushed_back(model, observe):
 def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
     still = FinishingPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
     wrinkled = still.act(observe(*GOAL, contact=0.9))
-    np.testing.assert_allclose(wrinkled.action, along_x(HANGER, finishing_policy.USEFUL_M), atol=1e-9)
+    np.testing.assert_allclose(wrinkled.action, HANGER.pack([finishing_policy.USEFUL_M, 0.0, 0.0]), atol=1e-9)
     assert not still.act(observe(*GOAL, contact=0.995)).action.any()
 
 

@@ -13,7 +13,7 @@ from layflat.policy.gp.kernel import JITTER, Hyperparameters, held_out_errors, w
 from layflat.policy.gp.model import GpModel
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
-from layflat.tests.factories import HANGER
+from layflat.tests.factories import HANGER, ROBOT_SPECS
 
 
 def random_problem(seed: int, points: int, dims: int, ard: bool) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
@@ -43,7 +43,7 @@ def targets_of(model: GpModel, output: int) -> np.ndarray:
     return kernel @ model.alpha[output]
 
 
-@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 @pytest.mark.parametrize("inputs", ["position", "all"])
 def test_posterior_is_that_of_scikit_learn(robot, inputs, model_of):
     model = model_of(robot, inputs, points=40)
@@ -73,7 +73,7 @@ def test_nothing_is_known_without_the_only_demonstration():
     np.testing.assert_allclose(held_out_errors(inputs, targets, np.zeros(15), hyper), targets, atol=1e-8)
 
 
-@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(robot, model_of):
     model = model_of(robot)
     start = model.inputs[0]

@@ -32,5 +32,5 @@ def test_reset_hands_back_to_the_first(handover, observe):
 
 
 def test_policies_of_different_robots_are_refused():
-    with pytest.raises(PolicyError, match=PICKERS):
+    with pytest.raises(PolicyError, match="pickers"):
         SequentialPolicy(registry.make("hold", HANGER), registry.make("hold", PICKERS), name="both")

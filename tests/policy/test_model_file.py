@@ -15,7 +15,7 @@ from layflat.policy import model_io as model_file
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.gp.model import GpModel
-from layflat.tests.factories import HANGER
+from layflat.tests.factories import HANGER, ROBOT_SPECS
 
 ARRAYS = GpModel.ARRAYS
 
@@ -40,7 +40,7 @@ def rewrite(path: Path, arrays: dict[str, np.ndarray], **header_changes: object)
     np.savez(path, **{**arrays, "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)})
 
 
-@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 @pytest.mark.parametrize("inputs", ["position", "position+word", "all"])
 def test_round_trip_predicts_bit_for_bit(robot, inputs, tmp_path, model_of):
     model = replace(
@@ -62,7 +62,7 @@ def test_round_trip_predicts_bit_for_bit(robot, inputs, tmp_path, model_of):
         assert getattr(again, name) == getattr(model, name)
 
 
-@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", ROBOT_SPECS)
 @pytest.mark.parametrize("name", registry.TRAINABLE_POLICIES)
 def test_every_method_comes_back_as_it_was(name, robot, tmp_path, learned_of, observe):
     model = replace(learned_of(name, robot), provenance=Provenance(versions={"numpy": "2"}, command="train"))
@@ -210,7 +210,8 @@ def test_a_changed_header_is_noticed(saved):
         ({"schema": 1}, "schema is 1"),
         ({"descriptor": "sift"}, "descriptor is 'sift'"),
         ({"kernel": "os.system"}, "must be one of se"),
-        ({"robot": "table"}, "robot is 'table'"),
+        ({"robot": "The Table"}, "robot is named 'The Table'"),
+        ({"action_axes": "[[1, 2]]"}, "action axes are"),
         ({"features": ["x", "z", "word_x", "word_y", "secret"]}, "feature 'secret' is unknown"),
         ({"outputs": ["dx", "dy"]}, "outputs"),
         ({"stop_steps": "8"}, "stop_steps is '8'"),

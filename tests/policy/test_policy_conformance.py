@@ -33,13 +33,13 @@ PLACERS = [
 ]
 
 
-@pytest.fixture(params=[*PLACERS, *((FLATTEN + name, PICKERS) for name in CONTROLLERS)], ids="-".join)
+@pytest.fixture(params=[*PLACERS, *((FLATTEN + name, PICKERS) for name in CONTROLLERS)], ids=lambda param: f"{param[0]}-{param[1]}")
 def policy(request, model_of, learned_of, make_episode) -> Policy:
     name, robot = request.param
     if name == RECORDED:
         return ReplayPolicy(make_episode(robot, n_steps=50))
     if name.startswith(FLATTEN):
-        return controller(name.removeprefix(FLATTEN))
+        return controller(name.removeprefix(FLATTEN), robot)
     if name.startswith(AROUND):
         return registry.wrap(registry.make("hold", robot), [name.removeprefix(AROUND)])
     if name == HANDOVER:

@@ -10,7 +10,6 @@ import pytest
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision
-from layflat.policy.scripted.baselines import along_x, along_z
 from layflat.policy.wrappers.recovery import (
     CLEAR_M,
     FLAT_CONTACT,
@@ -45,7 +44,7 @@ class Layer:
         zeros = np.zeros(self.robot.size)
         if observation.holder_position[2] <= 0.006:
             return Decision(action=zeros, stop="converged", reason="laid")
-        return Decision(action=along_x(self.robot, 0.008) + along_z(self.robot, -0.01))
+        return Decision(action=self.robot.pack([0.008, 0.0, -0.01]))
 
 
 class Toy:
@@ -169,7 +168,7 @@ class Forward(Layer):
     """Drags to the front for ever."""
 
     def act(self, observation: Observation) -> Decision:
-        return Decision(action=along_x(self.robot, 0.004))
+        return Decision(action=self.robot.pack([0.004, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize(("slope", "undone"), [(0.0, True), (0.004, False)])
