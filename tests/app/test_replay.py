@@ -100,7 +100,7 @@ if __name__ == "__main__":
 """
 
 
-PLAN = DISTURBANCES["push"].schedule(np.random.default_rng(0), cloth_spec("towel")).described()
+PLAN = DISTURBANCES["push"].sample(np.random.default_rng(0), cloth_spec("towel")).described()
 
 
 def _replay(path: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -300,7 +300,7 @@ def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
 @pytest.mark.parametrize("name", DISTURBANCES)
 def test_a_plan_survives_its_description(name):
     cloth = cloth_spec("towel")
-    plan = DISTURBANCES[name].schedule(np.random.default_rng(4), cloth)
+    plan = DISTURBANCES[name].sample(np.random.default_rng(4), cloth)
     again = DisturbanceTrajectory.recorded(json.loads(json.dumps(plan.described())), cloth)
     assert again.described() == plan.described()
     assert all(type(getattr(again, key)) is type(value) for key, value in vars(plan).items())

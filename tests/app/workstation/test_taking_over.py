@@ -25,11 +25,12 @@ from layflat.data.session.reader import open_session
 from layflat.data.types import ACTION_LIMIT_M, DragTarget
 from layflat.policy.registry import wrap
 from layflat.policy.wrappers.takeover import REST_STEPS
+from layflat.sim.robots.registry import robot_spec
 from layflat.tests.app.fake_bench import FakeBench, Forward
 
 PUSH = TeleopInput(motion=np.array([-1.0, 0.0]), speed=0.5, device="a pad")
-REST = zero_input("hanger", device="a pad")
-GONE = zero_input("hanger", connected=False, problem="a pad is gone; plug it in again")
+REST = zero_input(robot_spec("hanger"), device="a pad")
+GONE = zero_input(robot_spec("hanger"), connected=False, problem="a pad is gone; plug it in again")
 
 
 class Table:
@@ -37,7 +38,7 @@ class Table:
 
     def __init__(self, record: Path | None, source: str, policy: Forward, around: tuple[str, ...] = ()) -> None:
         context = get_context("spawn")
-        self.channels = Channels(context, "hanger")
+        self.channels = Channels(context, robot_spec("hanger"))
         self._connection, theirs = context.Pipe()
         self.policy = policy
         order = {
