@@ -33,7 +33,9 @@ PLACERS = [
 ]
 
 
-@pytest.fixture(params=[*PLACERS, *((FLATTEN + name, PICKERS) for name in CONTROLLERS)], ids=lambda param: f"{param[0]}-{param[1]}")
+@pytest.fixture(
+    params=[*PLACERS, *((FLATTEN + name, PICKERS) for name in CONTROLLERS)], ids=lambda param: f"{param[0]}-{param[1]}"
+)
 def policy(request, model_of, learned_of, make_episode) -> Policy:
     name, robot = request.param
     if name == RECORDED:
