@@ -61,7 +61,7 @@ def record(
     """
     validators.require_simulator()
     from layflat.app.commands.record import record as run
-    from layflat.app.commands.record_config import RecordConfig
+    from layflat.app.workers.record_config import RecordConfig
 
     run(
         RecordConfig(

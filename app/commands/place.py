@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.table import Table
 
-from layflat.app.commands.record import kept_line, run_kept
+from layflat.app.commands.record import run_kept
 from layflat.app.media.frames import video_frames
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.video import write_video
@@ -19,6 +19,7 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import crashed_metrics, episode_metrics, write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
+from layflat.app.support.session_lines import kept_line
 from layflat.app.workers.episode_collector import EpisodeCollector
 from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_episodes
 from layflat.data.session.recorder import SessionRecorder

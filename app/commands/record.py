@@ -6,11 +6,12 @@ from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
 
-from layflat.app.commands.record_config import RecordConfig
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
+from layflat.app.support.session_lines import kept_line
 from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_enumerated
+from layflat.app.workers.record_config import RecordConfig
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 from layflat.data.types import Episode
@@ -103,12 +104,3 @@ def ticket_of(job: EpisodeConfig) -> JournalHandle:
     if job.ticket is None:
         raise ValueError(f"the job of seed {job.seed} has no ticket")
     return job.ticket
-
-
-def kept_line(kept: SavedEpisode) -> str:
-    """What was kept, in the words of the contract; it is durable by then."""
-    return f"kept {kept.name} {kept.outcome} {kept.n_steps} steps contact {end_contact(kept):.2f} {kept.path}"
-
-
-def end_contact(kept: SavedEpisode) -> float:
-    return min(1.0, kept.contact_final)

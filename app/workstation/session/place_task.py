@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from typing import Any, Literal, TypeAlias
 
-from layflat.app.commands.record import kept_line
+from layflat.app.support.session_lines import kept_line
 from layflat.app.workers.episode_pool import EpisodeConfig, policy_of
 from layflat.app.workers.make_policy import SCRIPTED
 from layflat.app.workers.runner import EpisodeRunner

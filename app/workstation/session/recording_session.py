@@ -9,11 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection
 
-from layflat.app.commands.record import kept_line
+from layflat.app.support.session_lines import discarded_line, kept_line
 from layflat.app.workstation.session.control_actions import ACTIVE, OUTCOMES, VERBS, SessionState, control_action
 from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
 from layflat.app.workstation.session.intervention import led_sentence
-from layflat.app.workstation.session.session_queries import discarded_line, stored
+from layflat.app.workstation.session.session_queries import stored
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.recorder import SavedEpisode, SessionRecorder
 from layflat.data.types import DragTarget, Outcome, StoppedBy

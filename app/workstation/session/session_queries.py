@@ -8,12 +8,6 @@ from layflat.data.format.opening import part_files
 from layflat.data.session.reader import open_session
 
 
-def discarded_line(seed: int, n_steps: int, contact: float, path: Path) -> str:
-    """As ``layflat.app.commands.record.kept_line`` of what was not kept: it has no name in the session, so it goes by
-    its seed."""
-    return f"discarded seed {seed} {n_steps} steps contact {min(1.0, contact):.2f} {path}"
-
-
 def stored(path: Path) -> int:
     """How many episodes a session has, those included that are kept and not yet in the one file."""
     if not _exists(path):

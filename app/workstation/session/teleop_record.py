@@ -7,9 +7,9 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
-from layflat.app.commands.record_config import RecordConfig
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workstation.session.episode_process import make_handle_factory
 from layflat.app.workstation.session.recording_session import COUNTDOWN_S, RecordingSession
 from layflat.app.workstation.session.session_queries import recorded_seeds

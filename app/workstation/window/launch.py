@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from layflat.app.commands.record_config import RecordConfig
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError
+from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workstation.session.teleop_record import has_display
 from layflat.app.workstation.teleop import sdl
 
