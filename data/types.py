@@ -63,7 +63,7 @@ class Observation:
     """(H, W, 3) camera image."""
     depth: NDArray[np.float32] | None = None
     """(H, W) m along the optical axis; 0 where the sensor has no value."""
-    lowest_m: FloatArray | None = None
+    free_edge_m: FloatArray | None = None
     """(3,) m, world: mean place of the lowest twentieth of the cloth that the camera sees; of a hanging cloth its free
     edge. For the policy of now: files do not keep it."""
 
@@ -77,8 +77,8 @@ class Observation:
             _set(self, "rgb", frozen_array(self.rgb, (None, None, 3), "rgb", np.uint8))
         if self.depth is not None:
             _set(self, "depth", frozen_array(self.depth, (None, None), "depth", np.float32))
-        if self.lowest_m is not None:
-            _set(self, "lowest_m", frozen_array(self.lowest_m, (3,), "lowest_m"))
+        if self.free_edge_m is not None:
+            _set(self, "free_edge_m", frozen_array(self.free_edge_m, (3,), "free_edge_m"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,8 +32,8 @@ _SHIFT = 4
 """Fractional bits of the drawing coordinates: outlines on a small image would else step by whole pixels."""
 
 
-def draw_percept(
-    rgb: NDArray[np.uint8], percept: ClothState, camera: PinholeCamera, scale: int = 1, label: str = "WORD"
+def draw_cloth_state(
+    rgb: NDArray[np.uint8], cloth_state: ClothState, camera: PinholeCamera, scale: int = 1, label: str = "WORD"
 ) -> NDArray[np.uint8]:
     """The image (H, W, 3) enlarged ``scale`` times, with contact tinted, the cloth outlined, WORD as an arrow.
 
@@ -46,21 +46,21 @@ def draw_percept(
         raise PerceptionError(f"scale is {scale}; it must be at least 1")
     size = (camera.width * scale, camera.height * scale)
     canvas = np.array(cv2.resize(rgb, size, interpolation=cv2.INTER_CUBIC) if scale > 1 else rgb, dtype=np.uint8)
-    to_canvas = _grid_to_canvas(percept, camera, scale)
+    to_canvas = _grid_to_canvas(cloth_state, camera, scale)
     pen = max(1, round(canvas.shape[1] / PEN_WIDTH))
-    _tint(canvas, percept.contact_mask, to_canvas)
-    _outline(canvas, percept.cloth_mask, to_canvas, CLOTH, pen)
-    _outline(canvas, percept.contact_mask, to_canvas, CONTACT, pen)
-    _draw_word(canvas, percept, to_canvas, pen)
-    _write_numbers(canvas, percept, pen, label)
+    _tint(canvas, cloth_state.contact_mask, to_canvas)
+    _outline(canvas, cloth_state.cloth_mask, to_canvas, CLOTH, pen)
+    _outline(canvas, cloth_state.contact_mask, to_canvas, CONTACT, pen)
+    _draw_word(canvas, cloth_state, to_canvas, pen)
+    _write_numbers(canvas, cloth_state, pen, label)
     return canvas
 
 
-def _grid_to_canvas(percept: ClothState, camera: PinholeCamera, scale: int) -> NDArray[np.float64]:
+def _grid_to_canvas(cloth_state: ClothState, camera: PinholeCamera, scale: int) -> NDArray[np.float64]:
     """(3, 3) homography from grid pixels to the enlarged image (pixel centres at whole numbers in both)."""
     shift = (scale - 1) / 2
     enlarge = np.array([[scale, 0.0, shift], [0.0, scale, shift], [0.0, 0.0, 1.0]])
-    return enlarge @ camera.table_to_pixel @ percept.grid.pixel_to_table
+    return enlarge @ camera.table_to_pixel @ cloth_state.grid.pixel_to_table
 
 
 def _tint(canvas: NDArray[np.uint8], mask: BoolArray, to_canvas: NDArray[np.float64]) -> None:
@@ -89,13 +89,13 @@ def _outline(
         cv2.polylines(canvas, [fixed], True, colour, max(1, scale // 2), cv2.LINE_AA, _SHIFT)
 
 
-def _draw_word(canvas: NDArray[np.uint8], percept: ClothState, to_canvas: NDArray[np.float64], scale: int) -> None:
+def _draw_word(canvas: NDArray[np.uint8], cloth_state: ClothState, to_canvas: NDArray[np.float64], scale: int) -> None:
     """WORD as an arrow on the table from the contact's centroid; nothing where there is no direction."""
-    if percept.contact_pixels == 0 or not percept.word.any():
+    if cloth_state.contact_pixels == 0 or not cloth_state.word.any():
         return
-    rows, columns = np.nonzero(percept.contact_mask)
-    start = percept.grid.to_table([columns.mean(), rows.mean()])[0]
-    tail, head = _warp(percept.grid.to_pixel([start, start + ARROW_M * percept.word]), to_canvas)
+    rows, columns = np.nonzero(cloth_state.contact_mask)
+    start = cloth_state.grid.to_table([columns.mean(), rows.mean()])[0]
+    tail, head = _warp(cloth_state.grid.to_pixel([start, start + ARROW_M * cloth_state.word]), to_canvas)
     for colour, extra in ((INK, 2), (ARROW, 0)):
         _arrow(canvas, tail, head, colour, width=2 * scale, extra=extra)
 
@@ -125,16 +125,21 @@ def _arrow(
     cv2.fillPoly(canvas, [fixed], colour, cv2.LINE_AA, _SHIFT)
 
 
-def _write_numbers(canvas: NDArray[np.uint8], percept: ClothState, scale: int, label: str) -> None:
+def _write_numbers(canvas: NDArray[np.uint8], cloth_state: ClothState, scale: int, label: str) -> None:
     """Contact portion, WORD's direction and strength, and a warning, on a dark strip at the bottom left."""
-    known = not math.isnan(percept.contact_portion)
+    known = not math.isnan(cloth_state.contact_portion)
     lines = [
-        (f"contact {100 * percept.contact_portion:.1f} %" if known else f"contact {percept.contact_pixels} px", CONTACT)
+        (
+            f"contact {100 * cloth_state.contact_portion:.1f} %"
+            if known
+            else f"contact {cloth_state.contact_pixels} px",
+            CONTACT,
+        )
     ]
-    if percept.word.any():
-        angle = math.degrees(math.atan2(percept.word[1], percept.word[0]))
-        lines.append((f"{label} {angle:+.0f} deg  {percept.strength:.3f}", ARROW))
-    if percept.out_of_view:
+    if cloth_state.word.any():
+        angle = math.degrees(math.atan2(cloth_state.word[1], cloth_state.word[0]))
+        lines.append((f"{label} {angle:+.0f} deg  {cloth_state.strength:.3f}", ARROW))
+    if cloth_state.out_of_view:
         lines.append(("out of view", WARNING))
     font, size, weight = cv2.FONT_HERSHEY_SIMPLEX, 0.36 * scale, max(1, round(0.5 * scale))
     pitch, pad = 13 * scale, 5 * scale

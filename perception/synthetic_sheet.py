@@ -60,7 +60,7 @@ class Wave:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sheet:
+class SyntheticSheet:
     """A rectangular sheet; lengths in metres, angles in rad, table coordinates."""
 
     centre: tuple[float, float] = (0.25, 0.0)
@@ -132,7 +132,7 @@ class Light:
 
 
 @dataclass(frozen=True)
-class Frame:
+class RgbdFrame:
     """What a camera sees."""
 
     rgb: NDArray[np.uint8]
@@ -142,7 +142,7 @@ class Frame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawing:
+class RenderConfig:
     """How a sheet is drawn."""
 
     light: Light = field(default_factory=Light)
@@ -158,14 +158,14 @@ class Drawing:
     samples: int = 2
     """Rays per pixel along each axis."""
 
-    def noisy(self, seed: int) -> Drawing:
+    def noisy(self, seed: int) -> RenderConfig:
         """The same with the noise of a small colour camera and of a D435 at 1 m."""
         return replace(self, rgb_noise=3.0, depth_noise_m=0.0025, missing=0.02, seed=seed)
 
 
-def draw_sheet(camera: PinholeCamera, sheet: Sheet | None, drawing: Drawing | None = None) -> Frame:
+def render_sheet(camera: PinholeCamera, sheet: SyntheticSheet | None, drawing: RenderConfig | None = None) -> RgbdFrame:
     """What ``camera`` sees of the sheet on its table; None draws the table alone."""
-    how = Drawing() if drawing is None else drawing
+    how = RenderConfig() if drawing is None else drawing
     x, y, depth = _meet(camera, 0.0, how.samples)
     brightness = np.full(x.shape, how.light.ambient) + (1 - how.light.ambient) * _unshaded(how.light, y)
     albedo = np.broadcast_to(np.array(how.table_rgb), (*x.shape, 3))
@@ -181,7 +181,7 @@ def draw_sheet(camera: PinholeCamera, sheet: Sheet | None, drawing: Drawing | No
     return _sensed(_pooled(camera, colour, how.samples), _pooled(camera, depth, how.samples), how)
 
 
-def _shading(sheet: Sheet, light: Light, x: Array, y: Array) -> Array:
+def _shading(sheet: SyntheticSheet, light: Light, x: Array, y: Array) -> Array:
     """Brightness at points of the sheet; 1 for one that faces the lamp, ambient for one in shadow."""
     lamp = light.towards
     gx, gy = sheet.slopes(x, y)
@@ -190,7 +190,7 @@ def _shading(sheet: Sheet, light: Light, x: Array, y: Array) -> Array:
     return light.ambient + (1 - light.ambient) * lit
 
 
-def _self_shadow(sheet: Sheet, light: Light, x: Array, y: Array) -> NDArray[np.bool_]:
+def _self_shadow(sheet: SyntheticSheet, light: Light, x: Array, y: Array) -> NDArray[np.bool_]:
     """Where a crest stands between the sheet and the lamp."""
     lamp = light.towards
     level = math.hypot(lamp[0], lamp[1])
@@ -212,7 +212,7 @@ def _unshaded(light: Light, y: Array) -> Array:
     return np.clip((light.shaded_from_m - y) / 0.010 + 0.5, 0.0, 1.0)
 
 
-def _sensed(rgb: Array, depth: Array, how: Drawing) -> Frame:
+def _sensed(rgb: Array, depth: Array, how: RenderConfig) -> RgbdFrame:
     rng = np.random.default_rng(how.seed)
     if how.rgb_noise:
         rgb = rgb + rng.normal(0.0, how.rgb_noise, rgb.shape)
@@ -220,7 +220,7 @@ def _sensed(rgb: Array, depth: Array, how: Drawing) -> Frame:
         depth = np.round((depth + rng.normal(0.0, how.depth_noise_m, depth.shape)) / 0.001) * 0.001
     if how.missing:
         depth = np.where(rng.random(depth.shape) < how.missing, 0.0, depth)
-    return Frame(np.clip(np.rint(rgb), 0, 255).astype(np.uint8), depth.astype(np.float32))
+    return RgbdFrame(np.clip(np.rint(rgb), 0, 255).astype(np.uint8), depth.astype(np.float32))
 
 
 @lru_cache(maxsize=8)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from layflat.data.arrays import FloatArray, frozen_array
 from layflat.data.types import ACTION_LIMIT_M, STEP_S, Provenance
-from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
 
@@ -42,7 +42,7 @@ class TrainedModel:
     layout: FeatureLayout
     cloth: str
     """Cloth of the demonstrations."""
-    descriptor: str = DEFAULT
+    descriptor: str = DEFAULT_DESCRIPTOR
     """What the observations' WORD was and is to be taken from."""
     step_s: float = STEP_S
     action_limit_m: float = ACTION_LIMIT_M

@@ -8,7 +8,7 @@ from typing import Literal
 from layflat.data.environment_spec import ClothShape, EnvironmentSpec
 from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
-from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
 from layflat.sim.cloth.cloth import HELD_STRETCH, ClothSpec, cloth_spec
 from layflat.sim.cloth.starts import STARTS, Start
 from layflat.sim.errors import SimError
@@ -23,7 +23,7 @@ class SimConfig:
     start: Start = "hanging"
     """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
     flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
-    descriptor: str = DEFAULT
+    descriptor: str = DEFAULT_DESCRIPTOR
     """Which direction an observation's ``word`` holds, by its name in layflat.perception.descriptors.registry."""
     cloth: str = "towel"
     table_friction: float = 1.0

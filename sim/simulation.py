@@ -9,7 +9,7 @@ import numpy as np
 from layflat.data.arrays import FloatArray
 from layflat.data.types import FLAT_AREA, DisturbanceRecord, DragTarget, GroundTruth, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
-from layflat.perception.descriptors.registry import descriptor
+from layflat.perception.descriptors.registry import make_descriptor
 from layflat.sim.camera.camera import D435_NOISE, Camera, default_pinhole
 from layflat.sim.cloth import starts
 from layflat.sim.cloth.cloth import Cloth
@@ -40,7 +40,7 @@ class ClothSimulation:
         self.cloth_state: ClothState | None = None
         """Output of the perception for the last observation; None without a camera."""
         self._pinhole = default_pinhole()
-        self._perception = PerceptionPipeline(self._pinhole, PerceptionConfig(descriptor=descriptor(config.descriptor)))
+        self._perception = PerceptionPipeline(self._pinhole, PerceptionConfig(descriptor=make_descriptor(config.descriptor)))
 
     def reset(self, seed: int) -> None:
         """Start an episode; the same seed in a fresh process gives the same bits."""
@@ -107,7 +107,7 @@ class ClothSimulation:
             state = self.cloth_state = self._calibrated.perceive(rgb, depth)
             word, strength = state.word, state.strength
             contact = min(1.0, state.contact_portion)
-            lowest = state.lowest_m
+            lowest = state.free_edge_m
         return Observation(
             time_s=self.time_s,
             corner_positions=self.robot.corner_positions(),
@@ -117,7 +117,7 @@ class ClothSimulation:
             contact_portion=contact,
             rgb=rgb if images else None,
             depth=depth if images else None,
-            lowest_m=lowest,
+            free_edge_m=lowest,
         )
 
     def ground_truth(self) -> GroundTruth:

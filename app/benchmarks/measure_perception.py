@@ -21,17 +21,17 @@ from layflat.perception.cloth.segmentation import segment
 from layflat.perception.descriptors.gabor import gabor_bank
 from layflat.perception.descriptors.how import HowConfig, HowDescriptor
 from layflat.perception.descriptors.preprocess import PreprocessConfig
-from layflat.perception.descriptors.registry import descriptor
+from layflat.perception.descriptors.registry import make_descriptor
 from layflat.perception.descriptors.word import (
-    AXIAL,
+    AXIAL_CONFIG,
     WordConfig,
-    counting_masks,
-    less_noise,
-    light_image,
-    relief_image,
-    wrinkle_sums,
+    brightness_image,
+    height_image,
+    orientation_responses,
+    response_masks,
+    subtract_noise,
 )
-from layflat.perception.synthetic_sheet import Drawing, Frame, Sheet, Wave, draw_sheet
+from layflat.perception.synthetic_sheet import RenderConfig, RgbdFrame, SyntheticSheet, Wave, render_sheet
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 
@@ -44,24 +44,28 @@ def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
     camera = default_pinhole()
     frame = wrinkled_frame()
     perceivers = {
-        name: PerceptionPipeline(camera, PerceptionConfig(descriptor=descriptor(key)), flat_pixels=19600)
+        name: PerceptionPipeline(camera, PerceptionConfig(descriptor=make_descriptor(key)), flat_pixels=19600)
         for name, key in (("percept", "word-axial"), ("how", "how"), ("word", "word"), ("hog", "hog"))
     }
     works: dict[str, Callable[[], object]] = {
         name: partial(by.perceive, frame.rgb, frame.depth) for name, by in perceivers.items()
     }
-    works["plain"] = partial(plain_percept, perceivers["percept"], frame, AXIAL)
+    works["plain"] = partial(plain_percept, perceivers["percept"], frame, AXIAL_CONFIG)
     works["plain how"] = partial(plain_how, perceivers["percept"], frame)
     return alternating(works, frames)
 
 
-def wrinkled_frame(seed: int = 0) -> Frame:
+def wrinkled_frame(seed: int = 0) -> RgbdFrame:
     """The bench's camera over a towel with wrinkles, sensor noise on."""
-    drawn = draw_sheet(default_pinhole(), Sheet(waves=(Wave(normal=0.5),)), Drawing(rgb_noise=3.0, seed=seed))
-    return Frame(drawn.rgb, DepthSensor(DepthNoise(), seed=seed).measure(drawn.depth))
+    drawn = render_sheet(
+        default_pinhole(), SyntheticSheet(waves=(Wave(normal=0.5),)), RenderConfig(rgb_noise=3.0, seed=seed)
+    )
+    return RgbdFrame(drawn.rgb, DepthSensor(DepthNoise(), seed=seed).measure(drawn.depth))
 
 
-def plain_percept(perceiver: PerceptionPipeline, frame: Frame, config: WordConfig) -> tuple[int, NDArray[np.float64]]:
+def plain_percept(
+    perceiver: PerceptionPipeline, frame: RgbdFrame, config: WordConfig
+) -> tuple[int, NDArray[np.float64]]:
     """Contact pixels and L of Algorithm 1, (n,), as one would write it down: each step on the whole image.
 
     What ``PerceptionPipeline.perceive`` computes of a part of the image and by transforms; the numbers are the same.
@@ -70,15 +74,15 @@ def plain_percept(perceiver: PerceptionPipeline, frame: Frame, config: WordConfi
     return int(np.count_nonzero(view.contact)), plain_sums(view, config)
 
 
-def plain_how(perceiver: PerceptionPipeline, frame: Frame) -> NDArray[np.float64]:
+def plain_how(perceiver: PerceptionPipeline, frame: RgbdFrame) -> NDArray[np.float64]:
     """HOW as it is published: every filter over the whole image at its full resolution."""
     return HowDescriptor(HowConfig(preprocess=PreprocessConfig(decimation=1))).describe(plain_view(perceiver, frame))
 
 
-def plain_view(perceiver: PerceptionPipeline, frame: Frame) -> ClothView:
+def plain_view(perceiver: PerceptionPipeline, frame: RgbdFrame) -> ClothView:
     """The whole table view."""
     settings, camera = perceiver.config, perceiver.camera
-    cloth_seen = segment(frame.rgb, settings.colour, settings.min_area_px)
+    cloth_seen = segment(frame.rgb, settings.color, settings.min_area_px)
     height_seen = smooth_height(camera.height_above_table(frame.depth), cloth_seen, settings.smoothing_px)
     cloth = perceiver.view.rectify_mask(cloth_seen)
     height = perceiver.view.rectify(height_seen)
@@ -93,12 +97,12 @@ def plain_view(perceiver: PerceptionPipeline, frame: Frame) -> ClothView:
 
 def plain_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:
     """L of Algorithm 1, (n,), with one ``filter2D`` of the whole view for each orientation."""
-    masks = counting_masks(view, config)
+    masks = response_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations)
-    sums = _plain_channel(light_image(view, config), masks[0], view, config)
+    sums = _plain_channel(brightness_image(view, config), masks[0], view, config)
     if config.relief:
-        sums = sums + _plain_channel(relief_image(view, config), masks[0], view, config)
+        sums = sums + _plain_channel(height_image(view, config), masks[0], view, config)
     return sums
 
 
@@ -111,10 +115,10 @@ def _plain_channel(
         size = np.maximum(response, 0) if config.half_wave else np.abs(response)
         seen = size[counted].astype(np.float64)
         means.append(float(np.sqrt(np.mean(seen**2)) if config.rms else seen.mean()))
-    return less_noise(np.array(means), config) if config.fill else np.array(means)
+    return subtract_noise(np.array(means), config) if config.fill else np.array(means)
 
 
-def same_numbers(config: WordConfig = AXIAL) -> float:
+def same_numbers(config: WordConfig = AXIAL_CONFIG) -> float:
     """Largest relative difference of L between the fast and the plain way, over frames."""
     perceiver = PerceptionPipeline(default_pinhole())
     worst = 0.0
@@ -122,6 +126,6 @@ def same_numbers(config: WordConfig = AXIAL) -> float:
         frame = wrinkled_frame(seed)
         view = perceiver.cloth_view(frame.rgb, frame.depth)
         assert view is not None
-        fast, plain = wrinkle_sums(view, config)[0], plain_percept(perceiver, frame, config)[1]
+        fast, plain = orientation_responses(view, config)[0], plain_percept(perceiver, frame, config)[1]
         worst = max(worst, float(np.abs(fast - plain).max() / plain.max()))
     return worst

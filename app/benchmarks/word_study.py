@@ -26,8 +26,8 @@ from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.base import Descriptor
 from layflat.perception.descriptors.registry import DESCRIPTORS
-from layflat.perception.descriptors.word import AXIAL, LETTER, WordDescriptor
-from layflat.perception.synthetic_sheet import Drawing, Sheet, Wave, draw_sheet
+from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG, WordDescriptor
+from layflat.perception.synthetic_sheet import RenderConfig, SyntheticSheet, Wave, render_sheet
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 
@@ -44,18 +44,22 @@ PRINTED_MM = 17.0
 """8 pixels where a 0.35 m cloth is 165 pixels wide, as in a camera of 320x240 (figure 3-1 does not give its scale)."""
 LADDER: Mapping[str, WordDescriptor] = {
     "Algorithm 1, kernel of Eq. 3-1 as it stands, lambda 17 mm (8 px)": WordDescriptor(
-        config=replace(LETTER, wavelength_mm=PRINTED_MM, zero_mean=False)
+        config=replace(THESIS_CONFIG, wavelength_mm=PRINTED_MM, zero_mean=False)
     ),
-    "the same, lambda 60 mm": WordDescriptor(config=replace(LETTER, zero_mean=False)),
+    "the same, lambda 60 mm": WordDescriptor(config=replace(THESIS_CONFIG, zero_mean=False)),
     "`word`: the same, kernel of mean zero": WordDescriptor(),
-    "outline filled, edge left out": WordDescriptor(config=replace(LETTER, fill=True, erosion_mm=14.0)),
-    "the same responses, mean axis": WordDescriptor(config=replace(LETTER, fill=True, erosion_mm=14.0), axial=True),
-    "round even kernel": WordDescriptor(
-        config=replace(AXIAL, relief=False, most_contrast=math.inf, rms=False), axial=True
+    "outline filled, edge left out": WordDescriptor(config=replace(THESIS_CONFIG, fill=True, erosion_mm=14.0)),
+    "the same responses, mean axis": WordDescriptor(
+        config=replace(THESIS_CONFIG, fill=True, erosion_mm=14.0), axial=True
     ),
-    "relief beside brightness": WordDescriptor(config=replace(AXIAL, most_contrast=math.inf, rms=False), axial=True),
-    "local contrast, cut": WordDescriptor(config=replace(AXIAL, rms=False), axial=True),
-    "`word-axial`: root mean square instead of the sum": WordDescriptor(config=AXIAL, axial=True),
+    "round even kernel": WordDescriptor(
+        config=replace(AXIAL_CONFIG, relief=False, max_contrast=math.inf, rms=False), axial=True
+    ),
+    "relief beside brightness": WordDescriptor(
+        config=replace(AXIAL_CONFIG, max_contrast=math.inf, rms=False), axial=True
+    ),
+    "local contrast, cut": WordDescriptor(config=replace(AXIAL_CONFIG, rms=False), axial=True),
+    "`word-axial`: root mean square instead of the sum": WordDescriptor(config=AXIAL_CONFIG, axial=True),
 }
 """Each row has all that the rows above it have."""
 
@@ -70,7 +74,7 @@ class Condition:
     """Its normal and phase are varied."""
     across: float | None = None
     """A second wave at this share of the first's amplitude, at right angles."""
-    drawing: Drawing = field(default_factory=lambda: Drawing(rgb_noise=RGB_NOISE))
+    drawing: RenderConfig = field(default_factory=lambda: RenderConfig(rgb_noise=RGB_NOISE))
     depth_noise: float = 1.0
     """Factor on a D435's disparity error."""
 
@@ -105,7 +109,7 @@ def conditions() -> Iterator[Condition]:
         yield replace(usual, group="colour", name=name).light(tint=tint)
 
 
-def sheets(condition: Condition, phases: int = PHASES) -> Iterator[tuple[float, Sheet, int]]:
+def sheets(condition: Condition, phases: int = PHASES) -> Iterator[tuple[float, SyntheticSheet, int]]:
     """Angle of the wrinkles' perpendicular, rad; the sheet; a seed of its own."""
     for k in range(ANGLES * phases):
         normal = -math.pi / 2 + math.pi * (k // phases) / ANGLES
@@ -117,7 +121,7 @@ def sheets(condition: Condition, phases: int = PHASES) -> Iterator[tuple[float, 
             phase = float(rng.uniform(0, 2 * math.pi))
             waves.append(replace(wave, normal=normal + math.pi / 2, amplitude_m=smaller, phase=phase))
         centre = (float(rng.uniform(0.2, 0.3)), float(rng.uniform(-0.03, 0.03)))
-        yield normal, Sheet(waves=tuple(waves), centre=centre), k
+        yield normal, SyntheticSheet(waves=tuple(waves), centre=centre), k
 
 
 class SyntheticCamera:
@@ -127,8 +131,8 @@ class SyntheticCamera:
         self.camera = default_pinhole()
         self.perceiver = PerceptionPipeline(self.camera)
 
-    def view(self, sheet: Sheet, condition: Condition, seed: int) -> ClothView | None:
-        drawn = draw_sheet(self.camera, sheet, replace(condition.drawing, seed=seed))
+    def view(self, sheet: SyntheticSheet, condition: Condition, seed: int) -> ClothView | None:
+        drawn = render_sheet(self.camera, sheet, replace(condition.drawing, seed=seed))
         depth = drawn.depth
         if condition.depth_noise > 0:
             noise = replace(DepthNoise(), subpixel_px=condition.depth_noise * DepthNoise().subpixel_px)

@@ -22,8 +22,8 @@ from layflat.perception.cloth.color_calibration import hue_name
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.descriptors.base import Descriptor
-from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
-from layflat.perception.overlay import draw_percept
+from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
+from layflat.perception.overlay import draw_cloth_state
 
 MOST_CONTACT = 1.05
 """A contact portion that noise does not explain."""
@@ -53,8 +53,8 @@ def analyze_frame_files(
     """
     if hsv is not None and cloth_at is not None:
         raise UsageError("--hsv and --cloth-at both say what colour the cloth has; give one of them")
-    colour, at = parse_hsv(hsv), parse_point(cloth_at)
-    known = descriptor(validators.one_of("descriptor", descriptor_name, DESCRIPTORS))
+    color, at = parse_hsv(hsv), parse_point(cloth_at)
+    known = make_descriptor(validators.one_of("descriptor", descriptor_name, DESCRIPTORS))
     contact_m = contact_height(contact_mm)
     _check_outputs(json, overlay, (rgb_path, depth_path), force=force)
     rgb, depth = read_rgb(rgb_path), read_depth(depth_path, depth_scale)
@@ -64,7 +64,7 @@ def analyze_frame_files(
         rgb,
         depth,
         lens,
-        colour=colour,
+        color=color,
         cloth_at=at,
         contact_height_m=contact_m,
         flat_pixels=flat_pixels,
@@ -151,8 +151,8 @@ def _check_outputs(json: Path | None, overlay: Path | None, inputs: tuple[Path, 
 def _drawn(rgb: NDArray[np.uint8], seen: FrameResult, known: Descriptor) -> NDArray[np.uint8]:
     """The frame with the direction that this descriptor gives."""
     direction = known.direction(seen.view)
-    shown = replace(seen.percept, word=direction.vector, strength=direction.strength)
-    return draw_percept(rgb, shown, seen.camera, label="WORD" if known.name == "word" else known.name)
+    shown = replace(seen.cloth_state, word=direction.vector, strength=direction.strength)
+    return draw_cloth_state(rgb, shown, seen.camera, label="WORD" if known.name == "word" else known.name)
 
 
 def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
@@ -165,18 +165,18 @@ def content(
     seen: FrameResult, known: Descriptor, lens: Intrinsics, *, assumed: bool, flat_pixels: int | None
 ) -> dict[str, Any]:
     """The JSON object without its schema number; directions in image axes, x right, y up."""
-    percept, plane = seen.percept, seen.plane
-    portion = None if math.isnan(percept.contact_portion) else min(1.0, percept.contact_portion)
-    direction, axial = known.direction(seen.view), descriptor("word-axial").direction(seen.view)
+    cloth_state, plane = seen.cloth_state, seen.plane
+    portion = None if math.isnan(cloth_state.contact_portion) else min(1.0, cloth_state.contact_portion)
+    direction, axial = known.direction(seen.view), make_descriptor("word-axial").direction(seen.view)
     return {
-        "word": _or_none(descriptor("word").describe(seen.view)),
+        "word": _or_none(make_descriptor("word").describe(seen.view)),
         "word_axial": _or_none(axial.vector),
         "coherence": axial.coherence,
         "strength": axial.strength,
-        "cloth_pixels": percept.cloth_pixels,
-        "contact_pixels": percept.contact_pixels,
+        "cloth_pixels": cloth_state.cloth_pixels,
+        "contact_pixels": cloth_state.contact_pixels,
         "contact_portion": portion,
-        "mm_per_pixel": percept.grid.mm_per_px,
+        "mm_per_pixel": cloth_state.grid.mm_per_px,
         "descriptor": {
             "name": known.name,
             "vector": known.describe(seen.view),
@@ -184,7 +184,7 @@ def content(
             "coherence": direction.coherence,
             "strength": direction.strength,
         },
-        "hsv": {**asdict(seen.config.colour), "source": seen.colour_source},
+        "hsv": {**asdict(seen.config.color), "source": seen.color_source},
         "plane": {
             "normal": plane.normal,
             "distance_mm": 1000 * plane.distance_m,
@@ -195,16 +195,16 @@ def content(
         "intrinsics": {**asdict(lens), "assumed": assumed},
         "contact_mm": 1000 * seen.config.contact_height_m,
         "flat_pixels": flat_pixels,
-        "warnings": [*seen.warnings, *_doubts(percept, flat_pixels)],
+        "warnings": [*seen.warnings, *_doubts(cloth_state, flat_pixels)],
     }
 
 
-def _doubts(percept: ClothState, flat_pixels: int | None) -> list[str]:
+def _doubts(cloth_state: ClothState, flat_pixels: int | None) -> list[str]:
     """What makes the contact portion doubtful."""
-    if flat_pixels is None or percept.contact_portion <= MOST_CONTACT:
+    if flat_pixels is None or cloth_state.contact_portion <= MOST_CONTACT:
         return []
     return [
-        f"{percept.contact_pixels} pixels lie on the table, more than {flat_pixels} flat pixels: "
+        f"{cloth_state.contact_pixels} pixels lie on the table, more than {flat_pixels} flat pixels: "
         "were these counted with this cloth?"
     ]
 

@@ -32,7 +32,7 @@ from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, proc
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
-from layflat.perception.descriptors.registry import DEFAULT
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
 from layflat.policy.trained_model import RegressionModel, TrainedModel
@@ -136,7 +136,7 @@ def _demonstrate(out: Path, robot: str, cloth: str, seed: int, workers: int, pro
     missing = [s for s in wanted if s not in there]
     progress.phase(f"{robot}: demonstrations", items=DEMONSTRATIONS)
     progress.advance(len(wanted) - len(missing))
-    with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT) as recorder:
+    with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
         jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=s) for s in missing]
         lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
     if lost:

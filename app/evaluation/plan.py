@@ -15,7 +15,7 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.validators import one_of
 from layflat.app.workers.make_policy import SCRIPTED
 from layflat.app.workers.schedule import ScheduledDisturbance
-from layflat.perception.descriptors.registry import DEFAULT
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.registry import BUILTIN_POLICIES, WRAPPERS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.trained_model import TrainedModel
@@ -66,7 +66,7 @@ class PolicySpec:
 
     @property
     def descriptor(self) -> str:
-        return DEFAULT if self.model is None else self.model.descriptor
+        return DEFAULT_DESCRIPTOR if self.model is None else self.model.descriptor
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from layflat.data.types import Observation
 from layflat.perception.cloth.pipeline import PerceptionPipeline
-from layflat.perception.overlay import draw_percept
+from layflat.perception.overlay import draw_cloth_state
 from layflat.sim.camera.camera import default_pinhole
 
 SCALE = 2
@@ -26,11 +26,11 @@ class PerceptionOverlay:
         """(H, W, 3) uint8 RGB, twice the camera's size."""
         if observation.rgb is None or observation.depth is None:
             raise ValueError("the observation has no images; record it with images")
-        percept = self._perceiver.perceive(observation.rgb, observation.depth)
+        cloth_state = self._perceiver.perceive(observation.rgb, observation.depth)
         shown = replace(
-            percept,
+            cloth_state,
             contact_portion=observation.contact_portion,
             word=observation.word,
             strength=observation.word_strength,
         )
-        return draw_percept(observation.rgb, shown, self._camera, scale=SCALE)
+        return draw_cloth_state(observation.rgb, shown, self._camera, scale=SCALE)

@@ -16,7 +16,7 @@ from layflat.app.workers.episode_pool import EpisodeConfig, process_pool
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
-from layflat.perception.descriptors.registry import DEFAULT
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
 from layflat.policy.trained_model import TrainedModel
@@ -79,7 +79,7 @@ class ArtifactStore:
             seeds = {episode.seed for episode in there}
             first = DEMONSTRATION_SEED + self._seed
             missing = [seed for seed in range(first, first + len(there) + short) if seed not in seeds]
-            with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT) as recorder:
+            with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
                 jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=seed) for seed in missing]
                 progress.status(f"{len(jobs)} demonstrations, {robot}, {cloth}")
                 lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)

@@ -24,7 +24,7 @@ from layflat.app.workers.interrupts import defer_interrupts
 from layflat.app.workers.make_policy import SCRIPTED, make_policy
 from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.types import Episode
-from layflat.perception.descriptors.registry import DEFAULT
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.base import Policy
 from layflat.policy.scripted import wrinkle_removal
 from layflat.policy.trained_model import TrainedModel
@@ -54,7 +54,7 @@ class EpisodeConfig:
     images: bool = False
     flatten: str | None = None
     """A controller of wrinkle removal: from a crumpled start, instead of placing."""
-    descriptor: str = DEFAULT
+    descriptor: str = DEFAULT_DESCRIPTOR
     """What the observations' ``word`` comes from; a model has its own."""
     ticket: JournalHandle | None = None
     """Leave to write a journal while the episode runs, beside the session that it is for."""

@@ -179,8 +179,8 @@ class EpisodeRunner:
 
     def _kept(self, observation: Observation) -> Observation:
         if self._images:
-            return replace(observation, lowest_m=None)
-        return replace(observation, lowest_m=None, rgb=None, depth=None)
+            return replace(observation, free_edge_m=None)
+        return replace(observation, free_edge_m=None, rgb=None, depth=None)
 
     def _pull(self, pull: DragTarget | None) -> None:
         if pull is not None:

@@ -77,7 +77,7 @@ class TableGrid:
         return (np.asarray(points, dtype=np.float64).reshape(-1, 2) - affine[:2, 2]) / np.diag(affine)[:2]
 
 
-class RectifiedView:
+class TableRectifier:
     """Resamples camera images into a table grid; the maps are made once."""
 
     def __init__(self, camera: PinholeCamera, grid: TableGrid) -> None:

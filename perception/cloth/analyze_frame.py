@@ -1,4 +1,4 @@
-"""One RGB-D frame of a camera whose place nobody knows: colour, table and pose from the frame, then its ClothState."""
+"""One RGB-D frame of a camera whose place nobody knows: color, table and pose from the frame, then its ClothState."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, Perc
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.perception.errors import PerceptionError
 
-ColourSource: TypeAlias = Literal["given", "learned", "suggested"]
+ColorSource: TypeAlias = Literal["given", "learned", "suggested"]
 
 TABLE_RANGE_M = (0.15, 6.0)
 """Distances of a table that a camera of the D4xx kind can see cloth on; outside, the unit of the depth is wrong."""
@@ -45,13 +45,13 @@ HOLES_SHARE = 0.3
 class FrameResult:
     """A frame, what was found out about its camera, and what it says about the cloth."""
 
-    percept: ClothState
+    cloth_state: ClothState
     """In table coordinates that are the image's: x right, y up (``TablePlane.camera``)."""
     camera: PinholeCamera
     plane: TablePlane
     config: PerceptionConfig
-    """With the cloth's colour, and lengths that fit the picture's size."""
-    colour_source: ColourSource
+    """With the cloth's color, and lengths that fit the picture's size."""
+    color_source: ColorSource
     cloth: BoolArray
     """(H, W) of the image: what was taken for the cloth."""
     view: ClothView
@@ -65,7 +65,7 @@ def analyze_frame(
     depth: FloatArray,
     lens: Intrinsics,
     *,
-    colour: HsvRange | None = None,
+    color: HsvRange | None = None,
     cloth_at: tuple[int, int] | None = None,
     contact_height_m: float = PerceptionConfig.contact_height_m,
     flat_pixels: int | None = None,
@@ -77,23 +77,23 @@ def analyze_frame(
     where there is no cloth, no table, or only part of the cloth.
     """
     _check(rgb, depth, lens)
-    source: ColourSource = "given" if colour else "learned" if cloth_at else "suggested"
-    if colour is None:
-        colour = learn_hsv(rgb, cloth_at) if cloth_at else suggest_hsv(rgb, _on_table(depth, lens, rng))
+    source: ColorSource = "given" if color else "learned" if cloth_at else "suggested"
+    if color is None:
+        color = learn_hsv(rgb, cloth_at) if cloth_at else suggest_hsv(rgb, _on_table(depth, lens, rng))
     scale = max(1.0, lens.width / DETAIL_WIDTH)
     min_area_px = round(PerceptionConfig.min_area_px * scale**2)
-    found = segment(rgb, colour, min_area_px)
+    found = segment(rgb, color, min_area_px)
     cloth = _one_cloth(found, cloth_at)
     if not cloth.any():
         raise PerceptionError(
-            f"no cloth: no piece of the image has a hue of {colour.hue_min:g} to {colour.hue_max:g} degrees with a "
-            f"saturation from {colour.saturation_min:g} and a value from {colour.value_min:g}"
+            f"no cloth: no piece of the image has a hue of {color.hue_min:g} to {color.hue_max:g} degrees with a "
+            f"saturation from {color.saturation_min:g} and a value from {color.value_min:g}"
         )
     plane = fit_table_plane(depth, lens, rng=rng, cloth=cloth)
     _check_distance(plane)
     camera = plane.camera(lens)
     config = PerceptionConfig(
-        colour=colour,
+        color=color,
         grid=grid_around(camera, cloth),
         contact_height_m=contact_height_m,
         smoothing_px=2 * round(PerceptionConfig.smoothing_px * scale / 2 - 0.5) + 1,
@@ -103,17 +103,17 @@ def analyze_frame(
     _check_lies(cloth, height)
     perceiver = PerceptionPipeline(camera, config, flat_pixels)
     alone = _without(rgb, found & ~cloth)
-    percept, view = perceiver.perceive(alone, depth), perceiver.cloth_view(alone, depth)
-    if view is None or percept.out_of_view:
+    cloth_state, view = perceiver.perceive(alone, depth), perceiver.cloth_view(alone, depth)
+    if view is None or cloth_state.out_of_view:
         raise PerceptionError(
             "the cloth is cut by the image's border; move the camera or the cloth so that all is seen"
         )
     return FrameResult(
-        percept=percept,
+        cloth_state=cloth_state,
         camera=camera,
         plane=plane,
         config=config,
-        colour_source=source,
+        color_source=source,
         cloth=cloth,
         view=view,
         warnings=tuple(_warnings(found, cloth, depth, plane, config)),
@@ -173,7 +173,7 @@ def _on_table(depth: FloatArray, lens: Intrinsics, rng: np.random.Generator) -> 
 
 
 def _one_cloth(mask: BoolArray, at: tuple[int, int] | None) -> BoolArray:
-    """The piece at ``at``, or else the largest, with what is near it; other things may have the cloth's colour."""
+    """The piece at ``at``, or else the largest, with what is near it; other things may have the cloth's color."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0

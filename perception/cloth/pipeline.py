@@ -12,16 +12,16 @@ from layflat.perception.camera.pinhole import FloatArray, PinholeCamera
 from layflat.perception.camera.rectified_view import (
     BoolArray,
     ClothView,
-    RectifiedView,
     TableGrid,
+    TableRectifier,
     bounding_window,
     touches_border,
 )
 from layflat.perception.cloth.contact import contact_mask, contact_portion, covered_pixels, smooth_height
 from layflat.perception.cloth.free_edge import free_edge
 from layflat.perception.cloth.segmentation import HsvRange, segment
-from layflat.perception.descriptors.base import Descriptor, Direction
-from layflat.perception.descriptors.registry import DEFAULT, descriptor
+from layflat.perception.descriptors.base import Descriptor, WrinkleDirection
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, make_descriptor
 from layflat.perception.errors import PerceptionError
 
 VIEW_MARGIN_MM = 45.0
@@ -32,9 +32,9 @@ VIEW_MARGIN_MM = 45.0
 class PerceptionConfig:
     """Everything about seeing that is not the camera."""
 
-    colour: HsvRange = field(default_factory=HsvRange)
+    color: HsvRange = field(default_factory=HsvRange)
     grid: TableGrid = field(default_factory=TableGrid)
-    descriptor: Descriptor = field(default_factory=lambda: descriptor(DEFAULT))
+    descriptor: Descriptor = field(default_factory=lambda: make_descriptor(DEFAULT_DESCRIPTOR))
     """What ``word`` is taken from."""
     contact_height_m: float = 0.008
     """Cloth no higher than this is in contact. A simulated cloth rests at 4 mm (its collision margin), and a D435 at
@@ -83,7 +83,7 @@ class ClothState:
     """True if cloth near the table touches the border of the image or of the grid, so that contact may go uncounted,
     or if no cloth is seen at all. A lifted part that leaves the image does not count."""
 
-    lowest_m: NDArray[np.float64] | None = None
+    free_edge_m: NDArray[np.float64] | None = None
     """(3,) m, world: mean place of the cloth's lowest twentieth, of a hanging cloth its free edge; None without cloth,
     or where nobody has measured it."""
 
@@ -95,8 +95,8 @@ class ClothState:
             ("word", np.float64, (2,)),
         ):
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype, wanted, name))
-        if self.lowest_m is not None:
-            object.__setattr__(self, "lowest_m", _frozen(self.lowest_m, np.float64, (3,), "lowest_m"))
+        if self.free_edge_m is not None:
+            object.__setattr__(self, "free_edge_m", _frozen(self.free_edge_m, np.float64, (3,), "free_edge_m"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +106,7 @@ class _Seen:
     cloth: BoolArray
     contact: BoolArray
     view: ClothView | None
-    lowest_m: NDArray[np.float64] | None
+    free_edge_m: NDArray[np.float64] | None
     out_of_view: bool
 
 
@@ -116,13 +116,13 @@ class PerceptionPipeline:
     def __init__(
         self, camera: PinholeCamera, config: PerceptionConfig | None = None, flat_pixels: int | None = None
     ) -> None:
-        """``flat_pixels`` is ``cloth_pixels`` of a percept of the flat cloth; without it contact_portion is NaN."""
+        """``flat_pixels`` is ``cloth_pixels`` of a cloth_state of the flat cloth; without it contact_portion is NaN."""
         if flat_pixels is not None and flat_pixels <= 0:
             raise PerceptionError(f"flat_pixels is {flat_pixels}; it must be positive, or None where it is not known")
         self.camera = camera
         self.config = PerceptionConfig() if config is None else config
         self.flat_pixels = flat_pixels
-        self.view = RectifiedView(camera, self.config.grid)
+        self.view = TableRectifier(camera, self.config.grid)
 
     def with_flat_pixels(self, flat_pixels: int) -> PerceptionPipeline:
         """The same perceiver, for a cloth that covers ``flat_pixels`` grid pixels when it is flat."""
@@ -131,7 +131,7 @@ class PerceptionPipeline:
     def perceive(self, rgb: NDArray[np.uint8], depth: FloatArray) -> ClothState:
         """Image (H, W, 3) uint8 and depth (H, W) m along the optical axis, 0 where missing -> ClothState."""
         seen = self._look(rgb, depth)
-        direction = Direction.none() if seen.view is None else self.config.descriptor.direction(seen.view)
+        direction = WrinkleDirection.none() if seen.view is None else self.config.descriptor.direction(seen.view)
         contact = int(np.count_nonzero(seen.contact))
         return ClothState(
             grid=self.config.grid,
@@ -143,7 +143,7 @@ class PerceptionPipeline:
             word=direction.vector,
             coherence=direction.coherence,
             strength=direction.strength,
-            lowest_m=seen.lowest_m,
+            free_edge_m=seen.free_edge_m,
             out_of_view=seen.out_of_view,
         )
 
@@ -163,7 +163,7 @@ class PerceptionPipeline:
         self._check(rgb)
         grid = self.config.grid
         contact = np.zeros((grid.height, grid.width), dtype=np.bool_)
-        cloth_seen = segment(rgb, self.config.colour, self.config.min_area_px)
+        cloth_seen = segment(rgb, self.config.color, self.config.min_area_px)
         height_seen, cut_by_image = self._cloth_height(cloth_seen, depth)
         lowest = free_edge(self.camera, cloth_seen, depth)
         cloth = np.zeros_like(contact)
@@ -173,7 +173,7 @@ class PerceptionPipeline:
         window = bounding_window(cloth, margin=math.ceil(VIEW_MARGIN_MM / grid.mm_per_px))
         if window is None:
             out_of_view = cut_by_image or not cloth_seen.any()
-            return _Seen(cloth=cloth, contact=contact, view=None, lowest_m=lowest, out_of_view=out_of_view)
+            return _Seen(cloth=cloth, contact=contact, view=None, free_edge_m=lowest, out_of_view=out_of_view)
         height = self.view.rectify(height_seen, window)
         contact[window] = contact_mask(cloth[window], height, self.config.contact_height_m)
         near = np.zeros_like(cloth)
@@ -186,7 +186,7 @@ class PerceptionPipeline:
             mm_per_px=grid.mm_per_px,
         )
         out_of_view = cut_by_image or touches_border(near)
-        return _Seen(cloth=cloth, contact=contact, view=view, lowest_m=lowest, out_of_view=out_of_view)
+        return _Seen(cloth=cloth, contact=contact, view=view, free_edge_m=lowest, out_of_view=out_of_view)
 
     def _cloth_height(self, cloth: BoolArray, depth: FloatArray) -> tuple[NDArray[np.float32], bool]:
         """(H, W) m smoothed height of the cloth in the camera's image; and whether low cloth touches its border."""

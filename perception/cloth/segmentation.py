@@ -41,7 +41,7 @@ class HsvRange:
         return [((first, *rest), (last, 255, 255)) for first, last in spans]
 
 
-def segment(rgb: NDArray[np.uint8], colour: HsvRange, min_area_px: int = 40) -> BoolArray:
+def segment(rgb: NDArray[np.uint8], color: HsvRange, min_area_px: int = 40) -> BoolArray:
     """Image (H, W, 3) -> cloth mask (H, W).
 
     A 5x5 majority vote closes pinholes and removes single pixels; what is left in pieces smaller than ``min_area_px``
@@ -49,7 +49,7 @@ def segment(rgb: NDArray[np.uint8], colour: HsvRange, min_area_px: int = 40) -> 
     """
     hsv = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)
     mask = np.zeros(rgb.shape[:2], dtype=np.uint8)
-    for lower, upper in colour.bounds():
+    for lower, upper in color.bounds():
         mask |= np.asarray(cv2.inRange(hsv, np.array(lower), np.array(upper)), dtype=np.uint8)
     window = bounding_window(mask > 0, margin=2)
     if window is None:

@@ -13,7 +13,7 @@ from layflat.perception.camera.rectified_view import ClothView
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Direction:
+class WrinkleDirection:
     """Which way to pull the wrinkles out, and what that is worth. Without wrinkles all numbers are 0, never NaN."""
 
     vector: NDArray[np.float64]
@@ -24,7 +24,7 @@ class Direction:
     """>= 0: depth of the wrinkles in the descriptor's own unit; 0 where there is no direction."""
 
     @classmethod
-    def none(cls) -> Direction:
+    def none(cls) -> WrinkleDirection:
         """No wrinkles, or no cloth."""
         return cls(vector=np.zeros(2), coherence=0.0, strength=0.0)
 
@@ -44,7 +44,7 @@ class Descriptor(Protocol):
     def describe(self, view: ClothView) -> NDArray[np.float64]:
         """(size,) finite numbers; all zeros for a view without cloth."""
 
-    def direction(self, view: ClothView) -> Direction:
+    def direction(self, view: ClothView) -> WrinkleDirection:
         """The wrinkle contraction direction by this descriptor; none on a flat, a lifted or an absent cloth."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.perception.camera.rectified_view import ClothView, bounding_window
-from layflat.perception.descriptors.base import Direction, axial_mean
+from layflat.perception.descriptors.base import WrinkleDirection, axial_mean
 from layflat.perception.descriptors.preprocess import PreprocessConfig, PreprocessedImage, preprocess
 from layflat.perception.errors import PerceptionError
 
@@ -75,7 +75,7 @@ class HogDescriptor:
             return np.zeros(self.size)
         return np.asarray(self._hog.compute(self._grey(prepared)), dtype=np.float64).ravel()
 
-    def direction(self, view: ClothView) -> Direction:
+    def direction(self, view: ClothView) -> WrinkleDirection:
         """Axial mean over the histogram of what lies on the table: a gradient points across its wrinkle.
 
         From the votes before the blocks are normalised, since normalising makes noise as strong as wrinkles. Strength
@@ -83,24 +83,24 @@ class HogDescriptor:
         """
         prepared = preprocess(view, self.config.preprocess)
         if prepared is None or not prepared.lying.any():
-            return Direction.none()
+            return WrinkleDirection.none()
         lying = _fitted(prepared.lying.astype(np.float32), prepared, self.config.window_px, 0.0) > 0.5
         if not lying.any():
-            return Direction.none()
+            return WrinkleDirection.none()
         # Each pixel votes for the two bins beside its angle; a central difference spans two pixels.
         votes, nearest = self._hog.computeGradient(self._grey(prepared), None, None)
         counts = np.bincount(nearest[lying].ravel(), votes[lying].ravel(), self.config.bins)
         histogram = np.asarray(counts, dtype=np.float64)
         if not histogram.any():
-            return Direction.none()
+            return WrinkleDirection.none()
         # Bins are centred on half steps; the window's rows run against y.
         angle = (np.arange(self.config.bins) + 0.5) * math.pi / self.config.bins
         vector, coherence = axial_mean(histogram, np.column_stack([np.cos(angle), -np.sin(angle)]))
         # Noise has gradients in all directions, as large as those of shallow wrinkles: what they share does not count.
         strength = float(coherence * histogram.sum() / np.count_nonzero(lying) / 2 / GREY)
         if strength <= self.config.noise_floor:
-            return Direction.none()
-        return Direction(vector=vector, coherence=coherence, strength=strength)
+            return WrinkleDirection.none()
+        return WrinkleDirection(vector=vector, coherence=coherence, strength=strength)
 
     def _grey(self, prepared: PreprocessedImage) -> NDArray[np.uint8]:
         """(window, window) the cloth, its mean brightness at GREY."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.perception.camera.rectified_view import BoolArray, ClothView, bounding_window
-from layflat.perception.descriptors.base import Direction, axial_mean, wrinkle_normals
+from layflat.perception.descriptors.base import WrinkleDirection, axial_mean, wrinkle_normals
 from layflat.perception.descriptors.gabor import GaborParams, gabor_bank
 from layflat.perception.descriptors.preprocess import PreprocessConfig, PreprocessedImage, preprocess
 from layflat.perception.errors import PerceptionError
@@ -93,20 +93,20 @@ class HowDescriptor:
         ]
         return np.concatenate([cell.ravel() for cell in cells]).astype(np.float64)
 
-    def direction(self, view: ClothView) -> Direction:
+    def direction(self, view: ClothView) -> WrinkleDirection:
         """Axial mean over the orientations' energies, summed over wavelengths, of what lies on the table.
 
         Strength is the root of the strongest orientation's energy: rms response, relative brightness.
         """
         prepared = preprocess(view, self.config.preprocess)
         if prepared is None or not prepared.lying.any():
-            return Direction.none()
+            return WrinkleDirection.none()
         energies = self._energies(prepared, prepared.lying)
         strength = math.sqrt(energies.max())
         if strength <= self.config.noise_floor:
-            return Direction.none()
+            return WrinkleDirection.none()
         vector, coherence = axial_mean(energies, wrinkle_normals(self.config.orientations))
-        return Direction(vector=vector, coherence=coherence, strength=strength)
+        return WrinkleDirection(vector=vector, coherence=coherence, strength=strength)
 
     def _energies(self, prepared: PreprocessedImage, counted: BoolArray) -> NDArray[np.float64]:
         """(n,) mean squared response of each orientation, the wavelengths' added up."""

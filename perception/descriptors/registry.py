@@ -17,11 +17,11 @@ DESCRIPTORS: Mapping[str, Callable[[], Descriptor]] = {
     "hog": HogDescriptor,
 }
 
-DEFAULT = "word-axial"
+DEFAULT_DESCRIPTOR = "word-axial"
 """By the tables of docs/word.md."""
 
 
-def descriptor(name: str) -> Descriptor:
+def make_descriptor(name: str) -> Descriptor:
     """A descriptor with its default settings; PerceptionError lists the known ones."""
     if name not in DESCRIPTORS:
         raise PerceptionError(f"descriptor {name!r} is unknown; it must be one of {', '.join(DESCRIPTORS)}")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.perception.camera.rectified_view import BoolArray, ClothView, bounding_window
-from layflat.perception.descriptors.base import Direction, axial_mean, wrinkle_normals
+from layflat.perception.descriptors.base import WrinkleDirection, axial_mean, wrinkle_normals
 from layflat.perception.descriptors.gabor import GaborParams, responses
 from layflat.perception.descriptors.preprocess import dilated, eroded, fill_holes, local_contrast, relative_brightness
 from layflat.perception.errors import PerceptionError
@@ -54,7 +54,7 @@ class WordConfig:
     noise on the rest. Goes with ``fill``."""
     fill: bool = False
     """Put the cloth's local mean outside its silhouette, so that its outline is not a wrinkle."""
-    most_contrast: float = math.inf
+    max_contrast: float = math.inf
     """Where finite, and with ``fill``: brightness relative to its local mean, and no more than so far from it."""
     relief: bool = False
     """Filter the height above the table, too, and add its responses as slopes."""
@@ -68,7 +68,7 @@ class WordConfig:
     """Means up to this many times that of the weakest orientation are noise, which has no orientation, whatever the
     sensor, its distance and the exposure: 40 flat sheets under 0.25 to 1.5 of the exposure and 0.5 to 3 times a D435's
     noise showed at most 2.0 (and 1.7 with the kernel of ``word-axial``)."""
-    least_response: float = 0.002
+    min_response: float = 0.002
     """Nor do means below this count, relative brightness or slope: rounding to grey levels makes 0.0005."""
     min_area_mm2: float = 2500.0
     """There is no direction on less cloth than this: about a square of one wavelength."""
@@ -76,7 +76,7 @@ class WordConfig:
     def __post_init__(self) -> None:
         if self.orientations < 2:
             raise PerceptionError(f"orientations is {self.orientations}; at least 2 are needed")
-        distances = (self.erosion_mm, self.near_contact_mm, self.least_response, self.min_area_mm2, self.most_contrast)
+        distances = (self.erosion_mm, self.near_contact_mm, self.min_response, self.min_area_mm2, self.max_contrast)
         if min(distances) < 0:
             raise PerceptionError(f"{self}: distances, areas and responses must not be negative")
         self.gabor(1.0)
@@ -103,10 +103,10 @@ class WordConfig:
         return tuple(-math.atan2(y, x) for x, y in self.normals)
 
 
-LETTER = WordConfig()
+THESIS_CONFIG = WordConfig()
 """Algorithm 1 to the letter."""
 
-AXIAL = WordConfig(
+AXIAL_CONFIG = WordConfig(
     sigma=1 / 3,
     gamma=1.0,
     psi=math.pi / 2,
@@ -114,7 +114,7 @@ AXIAL = WordConfig(
     half_wave=False,
     rms=True,
     fill=True,
-    most_contrast=0.06,
+    max_contrast=0.06,
     relief=True,
     erosion_mm=14.0,
     near_contact_mm=25.0,
@@ -149,7 +149,7 @@ class Word:
 
 def compute_word(view: ClothView, config: WordConfig) -> Word:
     """Algorithm 1 on a table view."""
-    sums, strength = wrinkle_sums(view, config)
+    sums, strength = orientation_responses(view, config)
     if strength == 0.0:
         none = np.zeros(2)
         return Word(direction=none, axial=none, coherence=0.0, strength=0.0, weights=np.zeros(config.orientations))
@@ -164,16 +164,16 @@ def compute_word(view: ClothView, config: WordConfig) -> Word:
     )
 
 
-def wrinkle_sums(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], float]:
+def orientation_responses(view: ClothView, config: WordConfig) -> tuple[NDArray[np.float64], float]:
     """L of Algorithm 1, (n,) per counted pixel, for each orientation; and the strength, 0 where there is no wrinkle."""
     view = _cropped(view, config)
-    masks = counting_masks(view, config)
+    masks = response_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations), 0.0
-    light = light_image(view, config)
+    light = brightness_image(view, config)
     sums, strength = _channel(light, masks, view.mm_per_px, config)
     if config.relief:
-        relief, slope = _channel(relief_image(view, config), masks, view.mm_per_px, config)
+        relief, slope = _channel(height_image(view, config), masks, view.mm_per_px, config)
         sums, strength = sums + relief, strength + slope
     return sums, strength if sums.max() > 0 else 0.0
 
@@ -219,20 +219,20 @@ def _channel(
         else:
             means.append(cv2.norm(response, cv2.NORM_L1, counted) / pixels)
         inners.append(means[-1] if config.fill else cv2.norm(response, cv2.NORM_L1, inner) / inner_pixels)
-    without_noise = less_noise(np.array(inners), config)
+    without_noise = subtract_noise(np.array(inners), config)
     strength = float(without_noise.max())
     if config.fill:
         return without_noise, strength
     return np.array(means) if strength > 0 else np.zeros(len(means)), strength
 
 
-def less_noise(means: NDArray[np.float64], config: WordConfig) -> NDArray[np.float64]:
+def subtract_noise(means: NDArray[np.float64], config: WordConfig) -> NDArray[np.float64]:
     """(n,) mean responses without what is noise among them, 0 where that is all."""
-    floor = max(config.least_response, config.noise_ratio * float(means.min()))
+    floor = max(config.min_response, config.noise_ratio * float(means.min()))
     return np.sqrt(np.maximum(means**2 - floor**2, 0.0))
 
 
-def counting_masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
+def response_masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, BoolArray] | None:
     """Where responses count, and where of that the outline has no part in them; None where that is too little."""
     scale = 1 / view.mm_per_px
     counted = eroded(view.cloth, config.erosion_mm * scale) & dilated(view.contact, config.near_contact_mm * scale)
@@ -242,18 +242,18 @@ def counting_masks(view: ClothView, config: WordConfig) -> tuple[BoolArray, Bool
     return (counted, inner) if cv2.countNonZero(inner.view(np.uint8)) >= least else None
 
 
-def light_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+def brightness_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) brightness relative to the cloth's mean, so that the exposure cancels."""
     image = relative_brightness(view.rgb, view.cloth)
     if not config.fill:
         return image
     inside, reach_px = eroded(view.cloth, 1.0), config.wavelength_mm / view.mm_per_px
-    if config.most_contrast < math.inf:
-        return local_contrast(image, inside, reach_px, config.most_contrast)
+    if config.max_contrast < math.inf:
+        return local_contrast(image, inside, reach_px, config.max_contrast)
     return fill_holes(image, inside, reach_px, beyond=1.0)
 
 
-def relief_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
+def height_image(view: ClothView, config: WordConfig) -> NDArray[np.float32]:
     """(h, w) height in units in which a wave of slope s and of the kernel's wavelength has amplitude s."""
     per_m = 2 * math.pi / (config.wavelength_mm / 1000)
     height = np.minimum(view.height, np.float32(config.max_height_m)) * np.float32(per_m)
@@ -271,7 +271,7 @@ class WordDescriptor:
 
     name: str = "word"
     size: int = 2
-    config: WordConfig = LETTER
+    config: WordConfig = THESIS_CONFIG
     axial: bool = False
     """The doubled-angle mean instead of Eq. 3-3."""
 
@@ -279,13 +279,13 @@ class WordDescriptor:
         """(2,) the direction."""
         return self.direction(view).vector
 
-    def direction(self, view: ClothView) -> Direction:
+    def direction(self, view: ClothView) -> WrinkleDirection:
         """WORD with its worth."""
         word = compute_word(view, self.config)
         vector = word.axial if self.axial else word.direction
-        return Direction(vector=vector, coherence=word.coherence, strength=word.strength)
+        return WrinkleDirection(vector=vector, coherence=word.coherence, strength=word.strength)
 
 
 def word_axial() -> WordDescriptor:
     """``word-axial`` with its settings."""
-    return WordDescriptor(name="word-axial", config=AXIAL, axial=True)
+    return WordDescriptor(name="word-axial", config=AXIAL_CONFIG, axial=True)

@@ -153,15 +153,15 @@ class RecoveryWrapper:
             yield from self._rise()
         offsets: deque[float] = deque(maxlen=STILL_STEPS)
         for _ in range(SETTLE_STEPS):
-            if self._seen.lowest_m is not None:
-                offsets.append(float(self._seen.lowest_m[0] - self._seen.holder_position[0]))
+            if self._seen.free_edge_m is not None:
+                offsets.append(float(self._seen.free_edge_m[0] - self._seen.holder_position[0]))
             if len(offsets) == STILL_STEPS and np.ptp(offsets) < STILL_M:
                 break
             yield self._move(0.0, 0.0, "letting the cloth hang still")
         self._policy.reset(self._seed)
 
     def _wipe(self) -> Iterator[Decision]:
-        low = self._seen.lowest_m
+        low = self._seen.free_edge_m
         down = WIPE_BELOW_M + (CLEAR_M if low is None else float(low[2]))
         for k in range(int(np.ceil(down / LIFT_M))):
             yield self._move(0.0, -LIFT_M * min(1.0, (k + 1) / 4), "letting the free edge down")
@@ -172,7 +172,7 @@ class RecoveryWrapper:
         """Up and back to where a placing begins, without a jerk."""
         speed = np.zeros(2)
         for _ in range(LIFT_STEPS):
-            place, low = self._seen.holder_position, self._seen.lowest_m
+            place, low = self._seen.holder_position, self._seen.free_edge_m
             rise = min(CLEAR_M - (CLEAR_M if low is None else float(low[2])), TOP_M - float(place[2]))
             back = HOME_X_M - float(place[0])
             if max(rise, abs(back)) < NEAR_M:

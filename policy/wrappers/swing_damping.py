@@ -53,7 +53,7 @@ class SwingDampingWrapper:
         self._policy.resume()
 
     def act(self, observation: Observation) -> Decision:
-        lowest = observation.lowest_m
+        lowest = observation.free_edge_m
         if lowest is None or self._waited == WAIT_STEPS:
             return self._policy.act(observation)
         ahead = float(lowest[0] - observation.holder_position[0])

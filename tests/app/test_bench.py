@@ -19,7 +19,7 @@ from layflat.app.benchmarks import (
 )
 from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS
 from layflat.data.types import STEP_S
-from layflat.perception.descriptors.word import AXIAL, LETTER
+from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG
 from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.fakeplay import Scripted
 
@@ -113,7 +113,7 @@ def test_what_is_timed_beside_gpy_gives_gpys_numbers(robot):
         np.testing.assert_allclose(std[:, a], np.sqrt(variance[:, 0]), atol=1e-8)
 
 
-@pytest.mark.parametrize("config", [AXIAL, LETTER], ids=["word-axial", "word"])
+@pytest.mark.parametrize("config", [AXIAL_CONFIG, THESIS_CONFIG], ids=["word-axial", "word"])
 def test_the_fast_way_gives_the_plain_ways_numbers(config):
     assert measure_perception.same_numbers(config) < 1e-5
 

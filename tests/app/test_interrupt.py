@@ -18,7 +18,7 @@ from layflat.app.benchmarks.measure import random_model
 from layflat.data import repair, validate
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
-from layflat.perception.descriptors.registry import DEFAULT
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io as model_files
 
 LONG = 20
@@ -84,7 +84,7 @@ def _sources(path: Path) -> list[str]:
 def _may_be_recorded_again(path: Path, make_episode) -> bool:
     count = len(_sources(path))
     with SessionRecorder(path, robot="pickers", cloth="napkin") as recorder:
-        recorder.keep(make_episode(robot="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT))
+        recorder.keep(make_episode(robot="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT_DESCRIPTOR))
     return len(_sources(path)) == count + 1 and [p.name for p in path.parent.iterdir()] == [path.name]
 
 

@@ -24,7 +24,7 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
-from layflat.perception.descriptors.registry import DEFAULT
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import registry
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.trained_model import TrainedModel
@@ -200,9 +200,9 @@ def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_ep
     workshop = ArtifactStore(tmp_path, seed=0)
     path = workshop.session_path("hanger", "towel")
     path.parent.mkdir()
-    with SessionRecorder(path, robot="hanger", cloth="towel", descriptor=DEFAULT) as recorder:
+    with SessionRecorder(path, robot="hanger", cloth="towel", descriptor=DEFAULT_DESCRIPTOR) as recorder:
         for seed, outcome in ((1003, "success"), (1000, "success"), (1001, "failure"), (1002, "success")):
-            drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT)
+            drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT_DESCRIPTOR)
             recorder.keep(drawn)
     assert [episode.seed for episode in workshop.demonstrations("hanger", "towel", 2)] == [1000, 1002]
     taught = studies.ModelSpec(policy="nearest", robot="hanger", cloth="towel", demonstrations=2)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.synthetic_sheet import Drawing, Frame, Light, Sheet, Wave, draw_sheet
+from layflat.perception.synthetic_sheet import Light, RenderConfig, RgbdFrame, SyntheticSheet, Wave, render_sheet
 
 
 def one_wave(
@@ -20,28 +20,28 @@ def one_wave(
     rest: float = 0.004,
     lift_x: float = math.inf,
     **sheet: object,
-) -> Sheet:
+) -> SyntheticSheet:
     """A sheet with wrinkles in one direction, in the short words of the tests."""
     wave = Wave(amplitude_m=amplitude, wavelength_m=wavelength, normal=normal, phase=phase)
-    return Sheet(waves=(wave,), rest_m=rest, lift_x_m=lift_x, **sheet)  # type: ignore[arg-type]
+    return SyntheticSheet(waves=(wave,), rest_m=rest, lift_x_m=lift_x, **sheet)  # type: ignore[arg-type]
 
 
 def draw(
     camera: PinholeCamera,
-    sheet: Sheet | None,
+    sheet: SyntheticSheet | None,
     *,
     azimuth_deg: float = 45.0,
     elevation_deg: float = 45.0,
     exposure: float = 1.0,
     seed: int | None = None,
     missing: float = 0.0,
-) -> Frame:
+) -> RgbdFrame:
     """With a seed, sensor noise (3 grey levels, 2.5 mm) and missing depth."""
     light = Light(azimuth_deg=azimuth_deg, elevation_deg=elevation_deg, exposure=exposure)
     if seed is None:
-        return draw_sheet(camera, sheet, Drawing(light=light))
-    noise = Drawing(light=light, rgb_noise=3.0, depth_noise_m=0.0025, missing=missing, seed=seed)
-    return draw_sheet(camera, sheet, noise)
+        return render_sheet(camera, sheet, RenderConfig(light=light))
+    noise = RenderConfig(light=light, rgb_noise=3.0, depth_noise_m=0.0025, missing=missing, seed=seed)
+    return render_sheet(camera, sheet, noise)
 
 
 @pytest.fixture(scope="session")
@@ -51,10 +51,10 @@ def tilted_camera() -> PinholeCamera:
 
 
 @pytest.fixture(scope="session")
-def make_sheet() -> Callable[..., Sheet]:
+def make_sheet() -> Callable[..., SyntheticSheet]:
     return one_wave
 
 
-@pytest.fixture(scope="session", name="draw_sheet")
-def _draw_sheet() -> Callable[..., Frame]:
+@pytest.fixture(scope="session", name="render_sheet")
+def _draw_sheet() -> Callable[..., RgbdFrame]:
     return draw

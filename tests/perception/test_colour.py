@@ -19,9 +19,9 @@ def scene_of(cloth: str, table: tuple[float, float, float] = TABLES["white"], se
     return shoot(replace(Scene(cloth=CLOTHS[cloth], table=table), **changes), CAMERA, LENS, seed=seed)
 
 
-def overlap(shot: Shot, colour: HsvRange) -> float:
+def overlap(shot: Shot, color: HsvRange) -> float:
     """Intersection over union of what the range finds and the cloth."""
-    found = segment(shot.rgb, colour)
+    found = segment(shot.rgb, color)
     return float((found & shot.cloth).sum() / (found | shot.cloth).sum())
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from layflat.perception.camera.rectified_view import ClothView
-from layflat.perception.descriptors.base import Descriptor, Direction
-from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
+from layflat.perception.descriptors.base import Descriptor, WrinkleDirection
+from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
 from layflat.perception.errors import PerceptionError
 
 ALL = [pytest.param(make(), id=name) for name, make in DESCRIPTORS.items()]
@@ -70,22 +70,22 @@ def random_view(seed: int, cloth: bool = True) -> ClothView:
     return ClothView(rgb=rgb, cloth=mask, contact=mask, height=np.zeros(shape, np.float32), mm_per_px=2.5)
 
 
-def angle(direction: Direction) -> float:
+def angle(direction: WrinkleDirection) -> float:
     return math.atan2(direction.vector[1], direction.vector[0])
 
 
-def axis_error(direction: Direction, normal: float) -> float:
+def axis_error(direction: WrinkleDirection, normal: float) -> float:
     """Degrees between two axes, 0..90."""
     apart = math.degrees(angle(direction) - normal) % 180
     return min(apart, 180 - apart)
 
 
-def assert_none(direction: Direction) -> None:
+def assert_none(direction: WrinkleDirection) -> None:
     np.testing.assert_array_equal(direction.vector, np.zeros(2))
     assert direction.coherence == direction.strength == 0.0
 
 
-def assert_valid(direction: Direction) -> None:
+def assert_valid(direction: WrinkleDirection) -> None:
     """A unit vector in the half-plane, or nothing at all."""
     if direction.strength == 0.0:
         assert_none(direction)
@@ -220,4 +220,4 @@ def test_the_outline_of_the_cloth_is_not_a_wrinkle(one: Descriptor) -> None:
 
 def test_unknown_names_list_the_known_ones() -> None:
     with pytest.raises(PerceptionError, match=r"'sift' is unknown; it must be one of word"):
-        descriptor("sift")
+        make_descriptor("sift")

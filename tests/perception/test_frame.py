@@ -49,10 +49,10 @@ def test_as_with_the_true_pose(place: dict, scene: Scene) -> None:
     truth = TablePlane(normal=up, distance_m=float(shot.camera.position[2]), rms_m=0.0, share=1.0, pixels=9)
     expected = PerceptionPipeline(truth.camera(shot.lens), seen.config).perceive(shot.rgb, shot.depth)
     flat = scene.side**2 / 0.0025**2
-    assert seen.percept.contact_pixels / flat == pytest.approx(expected.contact_pixels / flat, abs=0.02)
-    assert degrees_between(seen.percept.word, expected.word) < 2.0
-    assert seen.percept.cloth_pixels == pytest.approx(expected.cloth_pixels, rel=0.01)
-    assert seen.colour_source == "suggested"
+    assert seen.cloth_state.contact_pixels / flat == pytest.approx(expected.contact_pixels / flat, abs=0.02)
+    assert degrees_between(seen.cloth_state.word, expected.word) < 2.0
+    assert seen.cloth_state.cloth_pixels == pytest.approx(expected.cloth_pixels, rel=0.01)
+    assert seen.color_source == "suggested"
 
 
 @pytest.mark.parametrize("roll", [0.0, 90.0, 180.0])
@@ -61,39 +61,39 @@ def test_directions_turn_with_the_image(roll: float) -> None:
     shot = shot_of(Scene(normal=35.0, amplitude=0.003), tilt=0.0, roll=roll)
     axis = math.radians(35.0 + roll)
     seen = see(shot)
-    assert degrees_between(seen.percept.word, np.array([math.cos(axis), math.sin(axis)])) < 4.0
-    assert seen.percept.word[0] >= 0
+    assert degrees_between(seen.cloth_state.word, np.array([math.cos(axis), math.sin(axis)])) < 4.0
+    assert seen.cloth_state.word[0] >= 0
 
 
 def test_flat_cloth_has_the_area_it_has_at_every_size_and_distance() -> None:
     for width, height, distance in ((320, 240, 0.7), (640, 480, 1.0), (424, 240, 0.8)):
         shot = shot_of(Scene(amplitude=0.0), width=width, height=height, distance=distance)
-        assert see(shot).percept.cloth_pixels == pytest.approx((0.35 / 0.0025) ** 2, rel=0.03)
+        assert see(shot).cloth_state.cloth_pixels == pytest.approx((0.35 / 0.0025) ** 2, rel=0.03)
 
 
 def test_the_descriptors_view_shows_the_same_cloth() -> None:
     seen = see(shot_of(Scene(lift_from=0.0)))
-    assert np.count_nonzero(seen.view.cloth) == seen.percept.cloth_pixels
-    assert np.count_nonzero(seen.view.contact) == seen.percept.contact_pixels
+    assert np.count_nonzero(seen.view.cloth) == seen.cloth_state.cloth_pixels
+    assert np.count_nonzero(seen.view.contact) == seen.cloth_state.contact_pixels
     assert (seen.view.height[seen.view.contact] < 0.0081).all()
 
 
 def test_other_things_of_the_cloths_colour_are_left_out() -> None:
     alone, beside = (shot_of(Scene(box=box), distance=0.9) for box in (None, CLOTHS["blue"]))
     at = (160, 120)
-    one, two = see(alone, colour=BLUE), see(beside, colour=BLUE)
-    assert two.percept.cloth_pixels == pytest.approx(one.percept.cloth_pixels, rel=0.01)
+    one, two = see(alone, color=BLUE), see(beside, color=BLUE)
+    assert two.cloth_state.cloth_pixels == pytest.approx(one.cloth_state.cloth_pixels, rel=0.01)
     assert not one.warnings
     assert "other things" in two.warnings[0]
-    assert see(beside, cloth_at=at).percept.cloth_pixels == pytest.approx(one.percept.cloth_pixels, rel=0.01)
+    assert see(beside, cloth_at=at).cloth_state.cloth_pixels == pytest.approx(one.cloth_state.cloth_pixels, rel=0.01)
 
 
 def test_a_bar_across_the_cloth_does_not_halve_it() -> None:
     shot = shot_of(Scene(amplitude=0.0))
     rgb = shot.rgb.copy()
     rgb[:, 155:161] = TABLES["grey"]
-    whole, barred = see(shot, colour=BLUE), see(replace(shot, rgb=rgb), colour=BLUE)
-    assert barred.percept.cloth_pixels > 0.9 * whole.percept.cloth_pixels
+    whole, barred = see(shot, color=BLUE), see(replace(shot, rgb=rgb), color=BLUE)
+    assert barred.cloth_state.cloth_pixels > 0.9 * whole.cloth_state.cloth_pixels
 
 
 def test_a_lifted_part_may_leave_the_picture_and_it_is_said() -> None:
@@ -112,15 +112,15 @@ def test_holes_and_noise_are_said() -> None:
 
 def test_a_cloth_in_the_air_has_no_contact_and_no_direction() -> None:
     seen = see(shot_of(Scene(rest=0.1)), flat_pixels=19600)
-    assert seen.percept.contact_portion == 0.0
-    assert not seen.percept.word.any()
-    assert seen.percept.strength == 0.0
+    assert seen.cloth_state.contact_portion == 0.0
+    assert not seen.cloth_state.word.any()
+    assert seen.cloth_state.strength == 0.0
 
 
 def test_what_cannot_be_seen_is_refused() -> None:
     shot = shot_of(Scene())
     with pytest.raises(PerceptionError, match="no cloth: no piece of the image has a hue of 0 to 20"):
-        see(shot, colour=HsvRange(hue_min=0, hue_max=20))
+        see(shot, color=HsvRange(hue_min=0, hue_max=20))
     with pytest.raises(PerceptionError, match="cut by the image's border"):
         see(shot_of(Scene(centre=(0.4, 0.0))))
     with pytest.raises(PerceptionError, match="no value at all"):
@@ -134,4 +134,4 @@ def test_what_cannot_be_seen_is_refused() -> None:
         see(replace(shot, depth=np.where(shot.cloth, np.float32(0), shot.depth)))
     sunken = np.where(shot.cloth, shot.depth + np.float32(0.1), shot.depth)
     with pytest.raises(PerceptionError, match="mm below the table"):
-        see(replace(shot, depth=sunken), colour=BLUE)
+        see(replace(shot, depth=sunken), color=BLUE)

@@ -52,7 +52,7 @@ def by_true_pose(seen: FrameResult, shot: Shot) -> FrameResult:
         pixels=1,
     )
     perceiver = PerceptionPipeline(truth.camera(shot.lens), seen.config)
-    return replace(seen, percept=perceiver.perceive(shot.rgb, shot.depth), plane=truth)
+    return replace(seen, cloth_state=perceiver.perceive(shot.rgb, shot.depth), plane=truth)
 
 
 def errors(seen: FrameResult, shot: Shot) -> tuple[float, float, float, float]:
@@ -63,8 +63,8 @@ def errors(seen: FrameResult, shot: Shot) -> tuple[float, float, float, float]:
     return (
         math.degrees(math.acos(min(1.0, float(seen.plane.normal @ expected.plane.normal)))),
         1000 * float(np.abs(local @ seen.plane.normal + seen.plane.distance_m).max()),
-        axis_error(seen.percept.word, expected.percept.word),
-        (seen.percept.contact_pixels - expected.percept.contact_pixels) / FLAT,
+        axis_error(seen.cloth_state.word, expected.cloth_state.word),
+        (seen.cloth_state.contact_pixels - expected.cloth_state.contact_pixels) / FLAT,
     )
 
 
@@ -111,11 +111,11 @@ def test_wrong_intrinsics(focal: float, centre_px: float) -> None:
         shot = shoot(scene, camera, lens, seed=k, missing=0.05)
         wrong = replace(lens, fx=focal * lens.fx, fy=focal * lens.fy, cx=lens.cx + centre_px, cy=lens.cy - centre_px)
         right, other = see(shot, lens), see(shot, wrong)
-        shares = [seen.percept.contact_pixels / seen.percept.cloth_pixels for seen in (right, other)]
+        shares = [seen.cloth_state.contact_pixels / seen.cloth_state.cloth_pixels for seen in (right, other)]
         found.append(
             (
                 right.plane.tilt_deg - other.plane.tilt_deg,
-                axis_error(right.percept.word, other.percept.word),
+                axis_error(right.cloth_state.word, other.cloth_state.word),
                 shares[1] - shares[0],
             )
         )
@@ -173,10 +173,10 @@ def _lit(
     return replace(shot, rgb=picture), rng
 
 
-def _overlap(shot: Shot, colour: HsvRange, at: tuple[int, int] | None) -> float:
+def _overlap(shot: Shot, color: HsvRange, at: tuple[int, int] | None) -> float:
     """Intersection over union of the cloth that is taken and the true one; 0 where the frame is refused."""
     try:
-        seen = analyze_frame(shot.rgb, shot.depth, shot.lens, colour=colour, cloth_at=at, rng=np.random.default_rng(0))
+        seen = analyze_frame(shot.rgb, shot.depth, shot.lens, color=color, cloth_at=at, rng=np.random.default_rng(0))
     except PerceptionError:
         return 0.0
     return float((seen.cloth & shot.cloth).sum() / (seen.cloth | shot.cloth).sum())

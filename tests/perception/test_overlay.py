@@ -11,7 +11,7 @@ import pytest
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.errors import PerceptionError
-from layflat.perception.overlay import ARROW, ARROW_M, CONTACT, draw_percept
+from layflat.perception.overlay import ARROW, ARROW_M, CONTACT, draw_cloth_state
 
 
 @pytest.mark.parametrize("scale", [1, 3])
@@ -20,8 +20,8 @@ def test_contact_is_tinted_where_it_is_and_nowhere_else(
 ) -> None:
     frame = draw_sheet(tilted_camera, make_sheet(lift_x=0.25))
     before = frame.rgb.copy()
-    percept = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
-    picture = draw_percept(frame.rgb, percept, tilted_camera, scale=scale)
+    cloth_state = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
+    picture = draw_cloth_state(frame.rgb, cloth_state, tilted_camera, scale=scale)
     assert picture.shape == (240 * scale, 320 * scale, 3)
     assert picture.dtype == np.uint8
     np.testing.assert_array_equal(frame.rgb, before)
@@ -37,11 +37,11 @@ def test_arrow_points_along_word_from_the_contact_centroid(
     tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
 ) -> None:
     frame = draw_sheet(tilted_camera, make_sheet(amplitude=0.0015, normal=0.6))
-    percept = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
-    picture = draw_percept(frame.rgb, percept, tilted_camera)
-    rows, columns = np.nonzero(percept.contact_mask)
-    start = percept.grid.to_table([columns.mean(), rows.mean()])[0]
-    middle = start + 0.4 * ARROW_M * percept.word
+    cloth_state = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
+    picture = draw_cloth_state(frame.rgb, cloth_state, tilted_camera)
+    rows, columns = np.nonzero(cloth_state.contact_mask)
+    start = cloth_state.grid.to_table([columns.mean(), rows.mean()])[0]
+    middle = start + 0.4 * ARROW_M * cloth_state.word
     (pixel,), _ = tilted_camera.project([(*middle, 0.0)])
     column, row = np.rint(pixel).astype(int)
     np.testing.assert_allclose(picture[row, column], ARROW, atol=12)
@@ -53,15 +53,15 @@ def test_every_kind_of_percept_can_be_drawn(
     perceiver = PerceptionPipeline(tilted_camera)
     for sheet in (None, make_sheet(), make_sheet(rest=0.2), make_sheet(centre=(0.7, 0.0), amplitude=0.003)):
         frame = draw_sheet(tilted_camera, sheet)
-        percept = perceiver.perceive(frame.rgb, frame.depth)
-        assert math.isnan(percept.contact_portion)
-        assert draw_percept(frame.rgb, percept, tilted_camera).shape == (240, 320, 3)
+        cloth_state = perceiver.perceive(frame.rgb, frame.depth)
+        assert math.isnan(cloth_state.contact_portion)
+        assert draw_cloth_state(frame.rgb, cloth_state, tilted_camera).shape == (240, 320, 3)
 
 
 def test_wrong_input_is_refused(tilted_camera: PinholeCamera, draw_sheet: Callable) -> None:
     frame = draw_sheet(tilted_camera, None)
-    percept = PerceptionPipeline(tilted_camera).perceive(frame.rgb, frame.depth)
+    cloth_state = PerceptionPipeline(tilted_camera).perceive(frame.rgb, frame.depth)
     with pytest.raises(PerceptionError, match="rgb has shape"):
-        draw_percept(frame.rgb[:10], percept, tilted_camera)
+        draw_cloth_state(frame.rgb[:10], cloth_state, tilted_camera)
     with pytest.raises(PerceptionError, match="scale is 0"):
-        draw_percept(frame.rgb, percept, tilted_camera, scale=0)
+        draw_cloth_state(frame.rgb, cloth_state, tilted_camera, scale=0)

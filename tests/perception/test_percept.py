@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.camera.rectified_view import TableGrid
+from layflat.perception.camera.table_grid import TableGrid
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.word import WordDescriptor
 from layflat.perception.errors import PerceptionError
-from layflat.perception.synthetic_sheet import Drawing, Light, Sheet, draw_sheet
+from layflat.perception.synthetic_sheet import Light, RenderConfig, SyntheticSheet, render_sheet
 
 FLAT = round(0.35**2 / 0.0025**2)
 
@@ -25,11 +25,11 @@ def perceiver(tilted_camera: PinholeCamera) -> PerceptionPipeline:
 
 
 @pytest.fixture(scope="module")
-def look(perceiver: PerceptionPipeline, draw_sheet: Callable, make_sheet: Callable) -> Callable[..., ClothState]:
-    """Draw a sheet (keywords of Sheet; those of draw in ``drawn``) and perceive it."""
+def look(perceiver: PerceptionPipeline, render_sheet: Callable, make_sheet: Callable) -> Callable[..., ClothState]:
+    """Draw a sheet (keywords of SyntheticSheet; those of draw in ``drawn``) and perceive it."""
 
     def see(drawn: dict | None = None, by: PerceptionPipeline = perceiver, **sheet: object) -> ClothState:
-        frame = draw_sheet(by.camera, make_sheet(**sheet), **(drawn or {}))
+        frame = render_sheet(by.camera, make_sheet(**sheet), **(drawn or {}))
         return by.perceive(frame.rgb, frame.depth)
 
     return see
@@ -42,12 +42,12 @@ def axis_degrees(vector: np.ndarray, normal: float) -> float:
 
 def test_flat_cloth_is_all_contact_and_has_no_direction(look: Callable[..., ClothState]) -> None:
     for drawn in ({}, {"seed": 3, "missing": 0.03}, {"seed": 4, "exposure": 0.6}):
-        percept = look(drawn)
-        assert percept.cloth_pixels == pytest.approx(FLAT, rel=0.02)
-        assert percept.contact_portion == pytest.approx(1.0, abs=0.02)
-        assert not percept.word.any()
-        assert percept.strength == 0.0
-        assert not percept.out_of_view
+        cloth_state = look(drawn)
+        assert cloth_state.cloth_pixels == pytest.approx(FLAT, rel=0.02)
+        assert cloth_state.contact_portion == pytest.approx(1.0, abs=0.02)
+        assert not cloth_state.word.any()
+        assert cloth_state.strength == 0.0
+        assert not cloth_state.out_of_view
 
 
 @pytest.mark.parametrize("depth_noise_m", [0.0, 0.001, 0.004, 0.008])
@@ -56,8 +56,8 @@ def test_noise_is_no_direction_whatever_the_sensor(
     perceiver: PerceptionPipeline, depth_noise_m: float, exposure: float
 ) -> None:
     for seed in range(3):
-        how = Drawing(light=Light(exposure=exposure), rgb_noise=4.0, depth_noise_m=depth_noise_m, seed=seed)
-        frame = draw_sheet(perceiver.camera, Sheet(size=(0.275, 0.215)), how)
+        how = RenderConfig(light=Light(exposure=exposure), rgb_noise=4.0, depth_noise_m=depth_noise_m, seed=seed)
+        frame = render_sheet(perceiver.camera, SyntheticSheet(size=(0.275, 0.215)), how)
         assert perceiver.perceive(frame.rgb, frame.depth).strength == 0.0
 
 
@@ -72,9 +72,9 @@ def test_flat_count_does_not_depend_on_place_or_turn(look: Callable[..., ClothSt
 
 def test_a_lifted_part_is_not_contact(look: Callable[..., ClothState]) -> None:
     # Rises from x = 0.25 at 1:2; it passes the threshold of 8 mm 8 mm farther on: half the cloth and 8 mm of 350.
-    percept = look({"seed": 0, "missing": 0.02}, lift_x=0.25)
-    assert percept.contact_portion == pytest.approx(0.5 + 0.008 / 0.35, abs=0.03)
-    assert percept.cloth_pixels > percept.contact_pixels
+    cloth_state = look({"seed": 0, "missing": 0.02}, lift_x=0.25)
+    assert cloth_state.contact_portion == pytest.approx(0.5 + 0.008 / 0.35, abs=0.03)
+    assert cloth_state.cloth_pixels > cloth_state.contact_pixels
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.01, 1.02])
@@ -93,22 +93,22 @@ def test_stretch_is_not_taken_for_contact(
 
 
 def test_a_cloth_in_the_air_has_no_contact_and_no_direction(look: Callable[..., ClothState]) -> None:
-    percept = look(rest=0.15, amplitude=0.004)
-    assert percept.contact_pixels == 0
-    assert percept.contact_portion == 0.0
-    assert not percept.word.any()
-    assert percept.strength == 0.0
+    cloth_state = look(rest=0.15, amplitude=0.004)
+    assert cloth_state.contact_pixels == 0
+    assert cloth_state.contact_portion == 0.0
+    assert not cloth_state.word.any()
+    assert cloth_state.strength == 0.0
 
 
 def test_without_cloth_there_is_nothing_and_it_is_said(
     perceiver: PerceptionPipeline, tilted_camera: PinholeCamera
 ) -> None:
-    frame = draw_sheet(tilted_camera, None, Drawing().noisy(0))
-    percept = perceiver.perceive(frame.rgb, frame.depth)
-    assert percept.cloth_pixels == percept.contact_pixels == 0
-    assert percept.contact_portion == percept.strength == percept.coherence == 0.0
-    assert not percept.word.any()
-    assert percept.out_of_view
+    frame = render_sheet(tilted_camera, None, RenderConfig().noisy(0))
+    cloth_state = perceiver.perceive(frame.rgb, frame.depth)
+    assert cloth_state.cloth_pixels == cloth_state.contact_pixels == 0
+    assert cloth_state.contact_portion == cloth_state.strength == cloth_state.coherence == 0.0
+    assert not cloth_state.word.any()
+    assert cloth_state.out_of_view
 
 
 def test_missing_depth_hardly_changes_contact(look: Callable[..., ClothState]) -> None:
@@ -134,21 +134,21 @@ def test_contact_grows_with_the_threshold(tilted_camera: PinholeCamera, look: Ca
 def test_wrinkles_across_the_light_give_their_axis(look: Callable[..., ClothState]) -> None:
     for degrees in (-80, -65, -15, 0, 20, 45, 70, 85):
         normal = math.radians(degrees)
-        percept = look({"seed": 7, "missing": 0.02}, normal=normal, amplitude=0.002)
-        assert axis_degrees(percept.word, normal) < 3.0
-        assert percept.word[0] >= 0
-        assert np.linalg.norm(percept.word) == pytest.approx(1.0)
-        assert percept.coherence > 0.3
+        cloth_state = look({"seed": 7, "missing": 0.02}, normal=normal, amplitude=0.002)
+        assert axis_degrees(cloth_state.word, normal) < 3.0
+        assert cloth_state.word[0] >= 0
+        assert np.linalg.norm(cloth_state.word) == pytest.approx(1.0)
+        assert cloth_state.coherence > 0.3
 
 
 def test_a_light_along_the_wrinkles_or_straight_above_hides_nothing(look: Callable[..., ClothState]) -> None:
     for azimuth, elevation in ((25.0, 20.0), (25.0, 45.0), (0.0, 90.0)):
-        percept = look(
+        cloth_state = look(
             {"seed": 7, "azimuth_deg": azimuth, "elevation_deg": elevation},
             normal=math.radians(azimuth + 90.0),
             amplitude=0.002,
         )
-        assert axis_degrees(percept.word, math.radians(azimuth + 90.0)) < 8.0
+        assert axis_degrees(cloth_state.word, math.radians(azimuth + 90.0)) < 8.0
 
 
 def test_deeper_wrinkles_are_stronger(look: Callable[..., ClothState]) -> None:
@@ -175,17 +175,17 @@ def test_out_of_view_at_the_image_and_at_the_grid(
 
 
 def test_a_lifted_part_may_leave_the_image(look: Callable[..., ClothState]) -> None:
-    percept = look(centre=(0.25, 0.0), size=(0.2, 1.2), rest=0.2)
-    assert percept.contact_pixels == 0
-    assert not percept.out_of_view
+    cloth_state = look(centre=(0.25, 0.0), size=(0.2, 1.2), rest=0.2)
+    assert cloth_state.contact_pixels == 0
+    assert not cloth_state.out_of_view
 
 
 def test_the_descriptor_can_be_chosen(
-    tilted_camera: PinholeCamera, look: Callable[..., ClothState], draw_sheet: Callable, make_sheet: Callable
+    tilted_camera: PinholeCamera, look: Callable[..., ClothState], render_sheet: Callable, make_sheet: Callable
 ) -> None:
     letter = PerceptionPipeline(tilted_camera, PerceptionConfig(descriptor=WordDescriptor()), FLAT)
     sheet = {"amplitude": 0.002, "normal": 1.2}
-    frame = draw_sheet(tilted_camera, make_sheet(**sheet))
+    frame = render_sheet(tilted_camera, make_sheet(**sheet))
     view = letter.cloth_view(frame.rgb, frame.depth)
     assert view is not None
     np.testing.assert_array_equal(look(by=letter, **sheet).word, WordDescriptor().describe(view))
@@ -196,9 +196,9 @@ def test_flat_pixels_are_needed_for_the_portion_only(
     tilted_camera: PinholeCamera, look: Callable[..., ClothState]
 ) -> None:
     blank = PerceptionPipeline(tilted_camera)
-    percept = look(by=blank)
-    assert math.isnan(percept.contact_portion)
-    known = blank.with_flat_pixels(percept.cloth_pixels)
+    cloth_state = look(by=blank)
+    assert math.isnan(cloth_state.contact_portion)
+    known = blank.with_flat_pixels(cloth_state.cloth_pixels)
     assert look(by=known).contact_portion == 1.0
     assert blank.flat_pixels is None
     with pytest.raises(PerceptionError, match="flat_pixels is 0"):
@@ -220,16 +220,16 @@ def test_wrong_frames_are_refused(perceiver: PerceptionPipeline) -> None:
 
 
 def test_depth_in_millimetres_by_mistake_does_not_pass_for_contact(
-    perceiver: PerceptionPipeline, tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
+    perceiver: PerceptionPipeline, tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
 ) -> None:
-    frame = draw_sheet(tilted_camera, make_sheet())
+    frame = render_sheet(tilted_camera, make_sheet())
     with pytest.raises(PerceptionError, match="metres"):
         perceiver.perceive(frame.rgb, frame.depth * 1000)
 
 
 def test_percepts_are_read_only_and_checked(look: Callable[..., ClothState]) -> None:
-    percept = look()
-    for array in (percept.cloth_mask, percept.contact_mask, percept.word):
+    cloth_state = look()
+    for array in (cloth_state.cloth_mask, cloth_state.contact_mask, cloth_state.word):
         assert not array.flags.writeable
     with pytest.raises(PerceptionError, match="word has shape"):
-        replace(percept, word=np.zeros(3))
+        replace(cloth_state, word=np.zeros(3))

@@ -10,14 +10,16 @@ import pytest
 
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
-from layflat.perception.synthetic_sheet import CLOTH_RGB, Drawing, Light, Sheet, Wave, draw_sheet
+from layflat.perception.synthetic_sheet import CLOTH_RGB, Light, RenderConfig, SyntheticSheet, Wave, render_sheet
 
-RIPPLED = Sheet(waves=(Wave(normal=0.6, amplitude_m=0.003), Wave(normal=-0.9, wavelength_m=0.09, amplitude_m=0.002)))
+RIPPLED = SyntheticSheet(
+    waves=(Wave(normal=0.6, amplitude_m=0.003), Wave(normal=-0.9, wavelength_m=0.09, amplitude_m=0.002))
+)
 
 
-def inside(camera: PinholeCamera, sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+def inside(camera: PinholeCamera, sheet: SyntheticSheet) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (N, 2) and world points (N, 3) well inside the sheet, of a drawing with one ray a pixel."""
-    frame = draw_sheet(camera, sheet, Drawing(samples=1))
+    frame = render_sheet(camera, sheet, RenderConfig(samples=1))
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     pixels = np.column_stack([u.ravel(), v.ravel()])
     points = camera.back_project(pixels, frame.depth.ravel())
@@ -45,7 +47,7 @@ def test_heights_of_waves_add_up_and_the_trough_is_at_rest() -> None:
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.0, 45.0), (130.0, 60.0), (-70.0, 35.0)])
 def test_brightness_is_lamberts_law(tilted_camera: PinholeCamera, azimuth: float, elevation: float) -> None:
     light = Light(azimuth_deg=azimuth, elevation_deg=elevation, ambient=0.25, exposure=0.8)
-    frame = draw_sheet(tilted_camera, RIPPLED, Drawing(light=light, samples=1))
+    frame = render_sheet(tilted_camera, RIPPLED, RenderConfig(light=light, samples=1))
     pixels, points = inside(tilted_camera, RIPPLED)
     gx, gy = RIPPLED.slopes(points[:, 0], points[:, 1])
     normals = np.column_stack([-gx, -gy, np.ones_like(gx)])
@@ -56,12 +58,12 @@ def test_brightness_is_lamberts_law(tilted_camera: PinholeCamera, azimuth: float
 
 
 def test_a_low_lamp_throws_the_shadows_of_crests_and_a_high_one_none(tilted_camera: PinholeCamera) -> None:
-    steep = Sheet(waves=(Wave(normal=0.0, amplitude_m=0.003),))  # 18 degrees
+    steep = SyntheticSheet(waves=(Wave(normal=0.0, amplitude_m=0.003),))  # 18 degrees
     ambient_only = np.rint(0.4 * np.array(CLOTH_RGB))
     shares = {}
     for elevation in (10.0, 16.0, 40.0):
-        frame = draw_sheet(
-            tilted_camera, steep, Drawing(light=Light(azimuth_deg=0.0, elevation_deg=elevation), samples=1)
+        frame = render_sheet(
+            tilted_camera, steep, RenderConfig(light=Light(azimuth_deg=0.0, elevation_deg=elevation), samples=1)
         )
         pixels, _ = inside(tilted_camera, steep)
         shares[elevation] = float((frame.rgb[pixels[:, 1], pixels[:, 0]] == ambient_only).all(axis=1).mean())
@@ -70,7 +72,9 @@ def test_a_low_lamp_throws_the_shadows_of_crests_and_a_high_one_none(tilted_came
 
 
 def test_what_stands_in_the_light_shades_one_side(tilted_camera: PinholeCamera) -> None:
-    frame = draw_sheet(tilted_camera, Sheet(), Drawing(light=Light(elevation_deg=90.0, shaded_from_m=0.05)))
+    frame = render_sheet(
+        tilted_camera, SyntheticSheet(), RenderConfig(light=Light(elevation_deg=90.0, shaded_from_m=0.05))
+    )
     (lit, shaded), _ = tilted_camera.project([(0.25, 0.0, 0.004), (0.25, 0.1, 0.004)])
     bright, dark = (frame.rgb[round(p[1]), round(p[0])].astype(float) for p in (lit, shaded))
     np.testing.assert_allclose(dark, 0.4 * bright, atol=1.0)
@@ -78,18 +82,21 @@ def test_what_stands_in_the_light_shades_one_side(tilted_camera: PinholeCamera) 
 
 def test_exposure_cuts_off_and_tint_colours(tilted_camera: PinholeCamera) -> None:
     light = Light(elevation_deg=90.0)
-    plain = draw_sheet(tilted_camera, Sheet(), Drawing(light=light)).rgb
-    tinted = draw_sheet(tilted_camera, Sheet(), Drawing(light=replace(light, tint=(0.5, 1.0, 1.0)))).rgb
+    plain = render_sheet(tilted_camera, SyntheticSheet(), RenderConfig(light=light)).rgb
+    tinted = render_sheet(tilted_camera, SyntheticSheet(), RenderConfig(light=replace(light, tint=(0.5, 1.0, 1.0)))).rgb
     np.testing.assert_allclose(tinted[..., 0], plain[..., 0] / 2, atol=0.6)
     np.testing.assert_array_equal(tinted[..., 1:], plain[..., 1:])
-    over = draw_sheet(tilted_camera, Sheet(), Drawing(light=replace(light, exposure=3.0))).rgb
+    over = render_sheet(tilted_camera, SyntheticSheet(), RenderConfig(light=replace(light, exposure=3.0))).rgb
     assert over[..., 2].max() == 255
     assert over[120, 160, 0] == 120
 
 
 def test_noise_has_its_size_and_its_seed(tilted_camera: PinholeCamera) -> None:
-    clean, noisy = draw_sheet(tilted_camera, Sheet()), draw_sheet(tilted_camera, Sheet(), Drawing().noisy(3))
-    again, other = (draw_sheet(tilted_camera, Sheet(), Drawing().noisy(seed)) for seed in (3, 4))
+    clean, noisy = (
+        render_sheet(tilted_camera, SyntheticSheet()),
+        render_sheet(tilted_camera, SyntheticSheet(), RenderConfig().noisy(3)),
+    )
+    again, other = (render_sheet(tilted_camera, SyntheticSheet(), RenderConfig().noisy(seed)) for seed in (3, 4))
     np.testing.assert_array_equal(noisy.rgb, again.rgb)
     np.testing.assert_array_equal(noisy.depth, again.depth)
     assert (noisy.rgb != other.rgb).any()
@@ -108,4 +115,4 @@ def test_what_cannot_be_drawn_is_refused(tilted_camera: PinholeCamera) -> None:
         Light(elevation_deg=0.0)
     level = PinholeCamera.look_at((0, 0, 0.5), (1, 0, 0.5), width=32, height=24, fx=30)
     with pytest.raises(PerceptionError, match="horizon"):
-        draw_sheet(level, None)
+        render_sheet(level, None)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.camera.rectified_view import RectifiedView, TableGrid, bounding_window, touches_border
+from layflat.perception.camera.rectified_view import TableGrid, TableRectifier, bounding_window, touches_border
 from layflat.perception.errors import PerceptionError
 
 GRID = TableGrid()
@@ -44,7 +44,7 @@ def test_columns_run_to_x_and_rows_against_y() -> None:
 @pytest.mark.parametrize("position", [(0.25, -0.6, 0.75), (0.5, -0.5, 0.6), (0.25, -0.01, 1.0)])
 def test_a_square_counts_the_same_wherever_it_lies(position: tuple[float, float, float]) -> None:
     camera = PinholeCamera.look_at(position, (0.25, 0.0, 0.0), width=320, height=240, fx=280.0)
-    view = RectifiedView(camera, GRID)
+    view = TableRectifier(camera, GRID)
     side = 0.2
     wanted = side**2 / GRID.metres_per_px**2
     for centre in [(0.25, 0.0), (0.1, -0.08), (0.4, 0.1), (0.15, 0.12), (0.4, -0.1)]:
@@ -52,7 +52,7 @@ def test_a_square_counts_the_same_wherever_it_lies(position: tuple[float, float,
 
 
 def test_a_small_square_lands_on_its_table_coordinates(tilted_camera: PinholeCamera) -> None:
-    view = RectifiedView(tilted_camera, GRID)
+    view = TableRectifier(tilted_camera, GRID)
     for centre in [(0.1, -0.1), (0.25, 0.0), (0.42, 0.15)]:
         rows, columns = np.nonzero(view.rectify_mask(square_mask(tilted_camera, centre, 0.05)))
         found = GRID.to_table([columns.mean(), rows.mean()])[0]
@@ -61,7 +61,7 @@ def test_a_small_square_lands_on_its_table_coordinates(tilted_camera: PinholeCam
 
 def test_beyond_the_image_and_behind_the_camera_is_empty() -> None:
     camera = PinholeCamera.look_at((0.0, 0.0, 0.3), (0.4, 0.0, 0.0), width=64, height=48, fx=60.0)
-    view = RectifiedView(camera, TableGrid(x_min=-2.0, x_max=2.0, y_min=-1.0, y_max=1.0, mm_per_px=20.0))
+    view = TableRectifier(camera, TableGrid(x_min=-2.0, x_max=2.0, y_min=-1.0, y_max=1.0, mm_per_px=20.0))
     seen = view.rectify(np.full((48, 64), 255, dtype=np.uint8))
     rows, columns = np.nonzero(seen)
     xy = view.grid.to_table(np.column_stack([columns, rows]))
@@ -71,7 +71,7 @@ def test_beyond_the_image_and_behind_the_camera_is_empty() -> None:
 
 def test_window_of_the_view_is_a_part_of_the_whole(tilted_camera: PinholeCamera, draw_sheet: Callable) -> None:
     rgb = draw_sheet(tilted_camera, None, seed=0).rgb
-    view = RectifiedView(tilted_camera, GRID)
+    view = TableRectifier(tilted_camera, GRID)
     window = (slice(30, 90), slice(101, 222))
     np.testing.assert_array_equal(view.rectify(rgb, window), view.rectify(rgb)[window])
 
@@ -97,7 +97,7 @@ def test_wrong_grids_are_refused() -> None:
 
 
 def test_a_mask_is_wholly_within_its_window(tilted_camera: PinholeCamera) -> None:
-    view = RectifiedView(tilted_camera, TableGrid())
+    view = TableRectifier(tilted_camera, TableGrid())
     rng = np.random.default_rng(5)
     for _ in range(30):
         top, left = rng.integers(0, 200), rng.integers(0, 280)

@@ -17,18 +17,18 @@ from layflat.perception.descriptors.base import axial_mean
 from layflat.perception.descriptors.gabor import gabor_bank
 from layflat.perception.descriptors.preprocess import relative_brightness
 from layflat.perception.descriptors.word import (
-    AXIAL,
-    LETTER,
+    AXIAL_CONFIG,
+    THESIS_CONFIG,
     WordConfig,
     WordDescriptor,
     compute_word,
+    orientation_responses,
     word_axial,
-    wrinkle_sums,
 )
 from layflat.perception.errors import PerceptionError
 
 FLAT_HEIGHT_M = 0.004
-CONFIG = AXIAL
+CONFIG = AXIAL_CONFIG
 
 
 def striped_view(
@@ -81,7 +81,7 @@ def test_axial_direction_is_right_for_all_angles_by_light_alone_and_by_relief_al
     for normal in np.linspace(-math.pi / 2, math.pi / 2, 24, endpoint=False):
         size = {"depth": 0.05, "slope": 0.2}[channel]  # of the brightness no more than 6 % count
         only = {"depth": 0.0, "slope": 0.0} | {channel: size}
-        word = compute_word(striped_view(normal, wavelength_mm=wavelength_mm, **only), AXIAL)
+        word = compute_word(striped_view(normal, wavelength_mm=wavelength_mm, **only), AXIAL_CONFIG)
         assert axis_error(word.axial, normal) < 1.0
         assert word.coherence > 0.4
         if wavelength_mm == 58.0:  # nearly the kernel's: gain 1
@@ -94,14 +94,14 @@ def test_what_one_channel_is_blind_to_the_other_sees() -> None:
         rgb=lit.rgb, cloth=lit.cloth, contact=lit.contact, height=raised.height, mm_per_px=lit.mm_per_px
     )
     # Equal wrinkles across each other, each seen by one channel only: no axis is preferred.
-    assert compute_word(crossed, AXIAL).coherence < 0.12
-    assert compute_word(lit, AXIAL).coherence > 0.5
+    assert compute_word(crossed, AXIAL_CONFIG).coherence < 0.12
+    assert compute_word(lit, AXIAL_CONFIG).coherence > 0.5
 
 
 def test_algorithm_1_is_what_its_lines_say() -> None:
     """Eq. 3-1 to 3-3 done with OpenCV's own kernel and filter on the whole picture."""
     view = striped_view(0.7, noise=3.0)
-    config = replace(LETTER, zero_mean=False)
+    config = replace(THESIS_CONFIG, zero_mean=False)
     scale = config.wavelength_mm / view.mm_per_px / 8.0
     size = 2 * (round(12 * scale) // 2) + 1
     image = relative_brightness(view.rgb, view.cloth)
@@ -127,21 +127,21 @@ def test_fast_responses_are_those_of_one_filter2d_per_orientation() -> None:
         image = relative_brightness(view.rgb, view.cloth)
         plain = [
             np.maximum(cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE), 0)[view.cloth].mean()
-            for kernel in gabor_bank(LETTER.gabor(view.mm_per_px), LETTER.thetas)
+            for kernel in gabor_bank(THESIS_CONFIG.gabor(view.mm_per_px), THESIS_CONFIG.thetas)
         ]
-        np.testing.assert_allclose(wrinkle_sums(view, LETTER)[0], plain, rtol=1e-5)
+        np.testing.assert_allclose(orientation_responses(view, THESIS_CONFIG)[0], plain, rtol=1e-5)
 
 
 def test_eq_3_3_is_right_for_wrinkles_along_y_and_leans_to_x_elsewhere() -> None:
-    assert axis_error(compute_word(striped_view(0.0), AXIAL).direction, 0.0) < 2.0
+    assert axis_error(compute_word(striped_view(0.0), AXIAL_CONFIG).direction, 0.0) < 2.0
     for normal in np.radians([50.0, 65.0, 80.0, -30.0, -50.0, -65.0]):
-        word = compute_word(striped_view(normal), AXIAL)
+        word = compute_word(striped_view(normal), AXIAL_CONFIG)
         assert word.direction[0] > word.axial[0] + 0.02
         assert axis_error(word.axial, normal) < 1.0 < 2.0 < axis_error(word.direction, normal)
 
 
 def test_strongest_weight_is_the_orientation_of_the_wrinkles() -> None:
-    for config in (LETTER, AXIAL):
+    for config in (THESIS_CONFIG, AXIAL_CONFIG):
         for index, normal in enumerate(config.normals):
             word = compute_word(striped_view(math.atan2(normal[1], normal[0])), replace(config, fill=True))
             assert int(np.argmax(word.weights)) == index
@@ -165,7 +165,7 @@ def test_perpendiculars_are_perpendicular_and_in_the_half_plane() -> None:
 )
 def test_any_image_gives_a_unit_vector_in_the_half_plane_or_nothing(rgb: np.ndarray, cloth: np.ndarray) -> None:
     view = ClothView(rgb=rgb, cloth=cloth, contact=cloth, height=np.zeros((40, 50), np.float32), mm_per_px=2.5)
-    for config in (replace(AXIAL, erosion_mm=0, min_area_mm2=0), replace(LETTER, min_area_mm2=0)):
+    for config in (replace(AXIAL_CONFIG, erosion_mm=0, min_area_mm2=0), replace(THESIS_CONFIG, min_area_mm2=0)):
         word = compute_word(view, config)
         for vector in (word.direction, word.axial):
             assert np.isfinite(vector).all()
@@ -174,7 +174,7 @@ def test_any_image_gives_a_unit_vector_in_the_half_plane_or_nothing(rgb: np.ndar
         assert 0 <= word.coherence <= 1 + 1e-9
 
 
-@pytest.mark.parametrize("config", [LETTER, AXIAL, replace(LETTER, zero_mean=False)])
+@pytest.mark.parametrize("config", [THESIS_CONFIG, AXIAL_CONFIG, replace(THESIS_CONFIG, zero_mean=False)])
 def test_flat_cloth_with_sensor_noise_has_no_direction(config: WordConfig) -> None:
     for noise in (0.0, 3.0, 6.0):
         view = striped_view(0.3, depth=0.0, noise=noise)
@@ -200,12 +200,12 @@ def test_the_outline_of_the_cloth_is_a_wrinkle_to_the_letter_only() -> None:
     narrow = faint.cloth & (np.arange(faint.cloth.shape[1]) < 80)[None, :]
     rgb = np.where(narrow[..., None], faint.rgb, 205).astype(np.uint8)
     view = ClothView(rgb=rgb, cloth=narrow, contact=narrow, height=faint.height, mm_per_px=2.5)
-    assert axis_error(compute_word(view, AXIAL).axial, 0.6) < 2.0
-    letter = compute_word(view, LETTER)
+    assert axis_error(compute_word(view, AXIAL_CONFIG).axial, 0.6) < 2.0
+    letter = compute_word(view, THESIS_CONFIG)
     assert letter.strength < 0.03
     assert axis_error(letter.axial, 0.0) < 10.0  # its two long edges run along y
     bare = replace(view, rgb=np.where(narrow[..., None], (40, 90, 200), 205).astype(np.uint8))
-    assert compute_word(bare, LETTER).strength == compute_word(bare, AXIAL).strength == 0.0
+    assert compute_word(bare, THESIS_CONFIG).strength == compute_word(bare, AXIAL_CONFIG).strength == 0.0
 
 
 def test_turning_the_table_by_90_degrees_rolls_the_weights() -> None:
@@ -247,7 +247,7 @@ def test_wrinkles_far_from_contact_or_high_up_do_not_count() -> None:
     # Contact only in the valleys: the flanks, within 25 mm, still do.
     valleys = view.contact & (np.arange(view.contact.shape[1]) % 23 < 6)[None, :]
     assert compute_word(with_masks(view, view.cloth, valleys), CONFIG).strength > 0.04
-    assert compute_word(with_masks(view, view.cloth, np.zeros_like(view.contact)), LETTER).strength == 0.0
+    assert compute_word(with_masks(view, view.cloth, np.zeros_like(view.contact)), THESIS_CONFIG).strength == 0.0
 
 
 def test_the_edge_of_a_shadow_turns_word_axial_little() -> None:
@@ -256,8 +256,8 @@ def test_the_edge_of_a_shadow_turns_word_axial_little() -> None:
     shade = np.where(np.arange(view.cloth.shape[0]) < 80, 0.5, 1.0)[:, None, None]
     rgb = np.rint(view.rgb * shade).astype(np.uint8)
     shaded = ClothView(rgb=rgb, cloth=view.cloth, contact=view.contact, height=view.height, mm_per_px=2.5)
-    cut = axis_error(compute_word(shaded, AXIAL).axial, 0.35)
-    whole = axis_error(compute_word(shaded, replace(AXIAL, most_contrast=math.inf)).axial, 0.35)
+    cut = axis_error(compute_word(shaded, AXIAL_CONFIG).axial, 0.35)
+    whole = axis_error(compute_word(shaded, replace(AXIAL_CONFIG, max_contrast=math.inf)).axial, 0.35)
     assert cut < 3.0
     assert cut < whole / 2
 
@@ -268,10 +268,10 @@ def test_a_wrinkle_on_a_small_part_of_a_flat_noisy_cloth_is_seen() -> None:
     patch[80:130, 85:135] = True  # an eighth of the cloth
     rgb = np.where(patch[..., None], wrinkled.rgb, flat.rgb)
     local = ClothView(rgb=rgb, cloth=flat.cloth, contact=flat.contact, height=flat.height, mm_per_px=2.5)
-    assert compute_word(flat, AXIAL).strength == 0.0
-    word = compute_word(local, AXIAL)
+    assert compute_word(flat, AXIAL_CONFIG).strength == 0.0
+    word = compute_word(local, AXIAL_CONFIG)
     assert axis_error(word.axial, 0.6) < 10.0
-    assert word.strength > 2 * compute_word(local, replace(AXIAL, rms=False)).strength
+    assert word.strength > 2 * compute_word(local, replace(AXIAL_CONFIG, rms=False)).strength
 
 
 def test_too_little_cloth_has_no_direction() -> None:
@@ -284,16 +284,16 @@ def test_too_little_cloth_has_no_direction() -> None:
         height=np.zeros((30, 30), np.float32),
         mm_per_px=2.5,
     )
-    for config in (AXIAL, LETTER, replace(LETTER, min_area_mm2=0)):
-        assert wrinkle_sums(empty, config)[1] == 0
+    for config in (AXIAL_CONFIG, THESIS_CONFIG, replace(THESIS_CONFIG, min_area_mm2=0)):
+        assert orientation_responses(empty, config)[1] == 0
         assert not compute_word(empty, config).direction.any()
 
 
 def test_the_defaults_are_the_parameters_of_figure_3_1_where_its_wavelength_has_8_pixels() -> None:
-    params = LETTER.gabor(LETTER.wavelength_mm / 8)
+    params = THESIS_CONFIG.gabor(THESIS_CONFIG.wavelength_mm / 8)
     assert (params.wavelength, params.sigma, params.gamma, params.psi, params.size) == (8.0, 4.0, 0.1, 10.0, 12)
-    assert LETTER.orientations == 8
-    assert WordConfig() == LETTER == WordDescriptor().config
+    assert THESIS_CONFIG.orientations == 8
+    assert WordConfig() == THESIS_CONFIG == WordDescriptor().config
 
 
 @pytest.mark.parametrize("descriptor", [WordDescriptor(), word_axial()])
@@ -331,8 +331,8 @@ def test_equal_weights_have_no_coherence() -> None:
 
 def test_descriptor_is_the_direction() -> None:
     view = striped_view(0.4)
-    np.testing.assert_array_equal(WordDescriptor().describe(view), compute_word(view, LETTER).direction)
-    np.testing.assert_array_equal(word_axial().describe(view), compute_word(view, AXIAL).axial)
+    np.testing.assert_array_equal(WordDescriptor().describe(view), compute_word(view, THESIS_CONFIG).direction)
+    np.testing.assert_array_equal(word_axial().describe(view), compute_word(view, AXIAL_CONFIG).axial)
 
 
 def test_wrong_settings_are_refused() -> None:

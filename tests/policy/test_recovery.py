@@ -64,7 +64,7 @@ class Toy:
         laid = np.clip(1.0 - z / LENGTH_M, 0.0, 1.0)
         contact = laid if self._cures <= 0 else laid * (1.0 - self._hidden)
         seen = self._observe(x, z, contact=float(contact))
-        return replace(seen, corner_positions=self.corners, lowest_m=np.array([x, 0.0, lowest]))
+        return replace(seen, corner_positions=self.corners, free_edge_m=np.array([x, 0.0, lowest]))
 
     def move(self, action: np.ndarray) -> None:
         step = action.reshape(2, 3) if self.robot == PICKERS else np.array([action[0], 0.0, action[1]])

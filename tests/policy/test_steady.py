@@ -26,7 +26,7 @@ def lower(robot: RobotSpec, observe, *, swing_m: float, fades: float = 8.0, z: f
         low = z - np.sqrt(LENGTH_M**2 - ahead**2)
         if low <= 0:
             return reasons, float(ahead)
-        decision = policy.act(replace(observe(0.1, z), lowest_m=np.array([0.1 + ahead, 0.0, low])))
+        decision = policy.act(replace(observe(0.1, z), free_edge_m=np.array([0.1 + ahead, 0.0, low])))
         reasons.append(decision.reason)
         z += float(decision.action[-1])
     raise AssertionError("it never comes down")
@@ -53,7 +53,7 @@ def test_a_cloth_that_hangs_still_or_behind_is_not_held_up(swing_m: float, obser
 def test_high_up_a_swing_does_not_matter(observe) -> None:
     policy = SwingDampingWrapper(Down(HANGER))
     policy.reset(0)
-    seen = replace(observe(0.0, 0.5), lowest_m=np.array([0.1, 0.0, 0.16]))
+    seen = replace(observe(0.0, 0.5), free_edge_m=np.array([0.1, 0.0, 0.16]))
     assert policy.act(seen).reason == "down"
 
 
@@ -62,7 +62,7 @@ def test_waiting_has_an_end(observe) -> None:
     for _ in range(2):
         policy.reset(0)
         reasons = [
-            policy.act(replace(observe(0.0, 0.36), lowest_m=np.array([0.1 * (-1) ** k, 0.0, 0.02]))).reason
+            policy.act(replace(observe(0.0, 0.36), free_edge_m=np.array([0.1 * (-1) ** k, 0.0, 0.02]))).reason
             for k in range(3 * WAIT_STEPS)
         ]
         assert sum("waiting" in reason for reason in reasons) == WAIT_STEPS
@@ -73,5 +73,5 @@ def test_on_the_table_and_without_a_camera_the_policy_decides(observe) -> None:
     policy = SwingDampingWrapper(Down(HANGER))
     policy.reset(0)
     ahead = np.array([0.2, 0.0, 0.004])
-    assert policy.act(replace(observe(0.1, 0.05, contact=0.7), lowest_m=ahead)).reason == "down"
-    assert policy.act(replace(observe(0.1, 0.36), lowest_m=None)).reason == "down"
+    assert policy.act(replace(observe(0.1, 0.05, contact=0.7), free_edge_m=ahead)).reason == "down"
+    assert policy.act(replace(observe(0.1, 0.36), free_edge_m=None)).reason == "down"

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.perception import PerceptionPipeline
+from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
 from layflat.sim.disturbances.controller import DisturbanceController

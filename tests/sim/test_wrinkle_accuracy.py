@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
-from layflat.perception.descriptors.registry import DESCRIPTORS, descriptor
+from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.cloth import Cloth, cloth_spec
 from layflat.sim.cloth.wrinkle_generation import Wrinkling, settled_wrinkles
@@ -47,7 +47,7 @@ def measured(cloth: str, *, angles: int, repeats: int, seed: int) -> Iterator[Ca
     camera = Camera(world, Cloth(world, spec), seed=seed)  # with depth noise
     perceiver = PerceptionPipeline(camera.pinhole)
     perceiver = perceiver.with_flat_pixels(perceiver.perceive(*camera.capture(spec.flat_nodes())).cloth_pixels)
-    others = {name: descriptor(name) for name in DESCRIPTORS}
+    others = {name: make_descriptor(name) for name in DESCRIPTORS}
     rng = np.random.default_rng([seed, 0x3B1F])
     for index in range(angles * repeats):
         normal = -math.pi / 2 + math.pi * (index % angles) / angles

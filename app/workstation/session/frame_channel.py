@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.data.arrays import FloatArray
 from layflat.data.types import GroundTruth, Observation
-from layflat.perception.camera.rectified_view import TableGrid
+from layflat.perception.camera.table_grid import TableGrid
 from layflat.perception.cloth.pipeline import ClothState
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.simulation import ClothSimulation
@@ -76,7 +76,7 @@ class BenchFrame:
     flat_area: float
     rgb: NDArray[np.uint8] | None
     """(H, W, 3) of the bench's camera."""
-    percept: ClothState | None
+    cloth_state: ClothState | None
     """What perception made of it."""
     led: bool = False
     """A person had the lead over a policy in the step that led here."""
@@ -161,10 +161,10 @@ def _seeing(bench: ClothSimulation, seen: Observation) -> dict[str, Any]:
     return {
         "has_image": True,
         "rgb": seen.rgb,
-        "cloth_mask": percept.cloth_mask,
-        "contact_mask": percept.contact_mask,
-        "coherence": percept.coherence,
-        "out_of_view": percept.out_of_view,
+        "cloth_mask": cloth_state.cloth_mask,
+        "contact_mask": cloth_state.contact_mask,
+        "coherence": cloth_state.coherence,
+        "out_of_view": cloth_state.out_of_view,
     }
 
 
@@ -192,12 +192,12 @@ def _moment(value: np.void) -> BenchFrame:
         contact_true=float(value["contact_true"]),
         flat_area=float(value["flat_area"]),
         rgb=value["rgb"] if value["has_image"] else None,
-        percept=_percept(value) if value["has_image"] else None,
+        cloth_state=_cloth_state(value) if value["has_image"] else None,
         led=bool(value["led"]),
     )
 
 
-def _percept(value: np.void) -> ClothState:
+def _cloth_state(value: np.void) -> ClothState:
     return ClothState(
         grid=_GRID,
         cloth_mask=value["cloth_mask"],

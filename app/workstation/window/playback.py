@@ -16,7 +16,7 @@ from layflat.app.workstation.window.time_series import TimeSeries
 from layflat.data.arrays import FloatArray
 from layflat.data.types import Episode, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
-from layflat.perception.descriptors.registry import descriptor
+from layflat.perception.descriptors.registry import make_descriptor
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.cloth import cloth_spec
@@ -41,7 +41,7 @@ class Playback:
         self._seen, self._truths = episode.observations(), episode.ground_truths()
         self._meshes = MeshMaker(cloth_spec(episode.cloth))
         pinhole = default_pinhole()
-        self._perceiver = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=descriptor(episode.descriptor)))
+        self._perceiver = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=make_descriptor(episode.descriptor)))
         self._view = Renderer(pinhole)
         self._shape = (pinhole.height, pinhole.width)
         self._made = lru_cache(maxsize=MOMENTS_KEPT)(self._make)
@@ -66,7 +66,7 @@ class Playback:
         seen, ground_truth = self._seen[number], self._truths[number]
         # What acted in the step that led here.
         step = self.episode.steps[number - 1] if number else None
-        rgb, percept = self._sight(seen, ground_truth.nodes)
+        rgb, cloth_state = self._sight(seen, ground_truth.nodes)
         return BenchFrame(
             episode=self.number,
             step=number,
@@ -90,7 +90,7 @@ class Playback:
             contact_true=ground_truth.contact_portion_true,
             flat_area=ground_truth.flat_area,
             rgb=rgb,
-            percept=percept,
+            cloth_state=cloth_state,
             led=self.history.led[number],
         )
 

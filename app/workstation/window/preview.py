@@ -41,5 +41,5 @@ def preview(robot: str, cloth: str) -> BenchFrame:
         contact_true=0.0,
         flat_area=0.0,
         rgb=None,
-        percept=None,
+        cloth_state=None,
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 from layflat.app.support.atomic_write import write_text
 from layflat.data.types import STEP_S
-from layflat.perception.descriptors.registry import DEFAULT, DESCRIPTORS
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.robots.registry import ROBOTS
 
@@ -26,7 +26,7 @@ class Settings:
     robot: str = "hanger"
     cloth: str = "towel"
     source: str = "gamepad"
-    descriptor: str = DEFAULT
+    descriptor: str = DEFAULT_DESCRIPTOR
     noise: bool = True
     """Depth noise of the camera."""
     speed: str = "real time"

@@ -16,7 +16,7 @@ from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
-from layflat.perception.overlay import draw_percept
+from layflat.perception.overlay import draw_cloth_state
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.disturbances.mouse_drag import pick_node
@@ -80,7 +80,7 @@ class Viewport:
         """What the bench's camera sees, with contact and WORD drawn on it."""
         area = surface.get_rect()
         surface.fill(style.GROUND)
-        if moment is None or moment.rgb is None or moment.percept is None:
+        if moment is None or moment.rgb is None or moment.cloth_state is None:
             style.card(surface, area)
             style.write(surface, "Camera", (12, 7), 13, style.QUIET)
             return
@@ -88,7 +88,7 @@ class Viewport:
         if self._seen is None or self._seen[0] != key:
             # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
             scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
-            drawn = draw_percept(moment.rgb, moment.percept, _PINHOLE, scale=scale)
+            drawn = draw_cloth_state(moment.rgb, moment.cloth_state, _PINHOLE, scale=scale)
             how = cv2.INTER_AREA if drawn.shape[1] > area.width else cv2.INTER_CUBIC
             small = np.asarray(cv2.resize(drawn, area.size, interpolation=how), dtype=np.uint8)
             self._seen = (key, style.picture(small))
