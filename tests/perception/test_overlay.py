@@ -16,9 +16,9 @@ from layflat.perception.overlay import ARROW, ARROW_M, CONTACT, draw_cloth_state
 
 @pytest.mark.parametrize("scale", [1, 3])
 def test_contact_is_tinted_where_it_is_and_nowhere_else(
-    scale: int, tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
+    scale: int, tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
 ) -> None:
-    frame = draw_sheet(tilted_camera, make_sheet(lift_x=0.25))
+    frame = render_sheet(tilted_camera, make_sheet(lift_x=0.25))
     before = frame.rgb.copy()
     cloth_state = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
     picture = draw_cloth_state(frame.rgb, cloth_state, tilted_camera, scale=scale)
@@ -34,9 +34,9 @@ def test_contact_is_tinted_where_it_is_and_nowhere_else(
 
 
 def test_arrow_points_along_word_from_the_contact_centroid(
-    tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
+    tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
 ) -> None:
-    frame = draw_sheet(tilted_camera, make_sheet(amplitude=0.0015, normal=0.6))
+    frame = render_sheet(tilted_camera, make_sheet(amplitude=0.0015, normal=0.6))
     cloth_state = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
     picture = draw_cloth_state(frame.rgb, cloth_state, tilted_camera)
     rows, columns = np.nonzero(cloth_state.contact_mask)
@@ -48,18 +48,18 @@ def test_arrow_points_along_word_from_the_contact_centroid(
 
 
 def test_every_kind_of_percept_can_be_drawn(
-    tilted_camera: PinholeCamera, draw_sheet: Callable, make_sheet: Callable
+    tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
 ) -> None:
     perceiver = PerceptionPipeline(tilted_camera)
     for sheet in (None, make_sheet(), make_sheet(rest=0.2), make_sheet(centre=(0.7, 0.0), amplitude=0.003)):
-        frame = draw_sheet(tilted_camera, sheet)
+        frame = render_sheet(tilted_camera, sheet)
         cloth_state = perceiver.perceive(frame.rgb, frame.depth)
         assert math.isnan(cloth_state.contact_portion)
         assert draw_cloth_state(frame.rgb, cloth_state, tilted_camera).shape == (240, 320, 3)
 
 
-def test_wrong_input_is_refused(tilted_camera: PinholeCamera, draw_sheet: Callable) -> None:
-    frame = draw_sheet(tilted_camera, None)
+def test_wrong_input_is_refused(tilted_camera: PinholeCamera, render_sheet: Callable) -> None:
+    frame = render_sheet(tilted_camera, None)
     cloth_state = PerceptionPipeline(tilted_camera).perceive(frame.rgb, frame.depth)
     with pytest.raises(PerceptionError, match="rgb has shape"):
         draw_cloth_state(frame.rgb[:10], cloth_state, tilted_camera)

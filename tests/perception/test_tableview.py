@@ -69,8 +69,8 @@ def test_beyond_the_image_and_behind_the_camera_is_empty() -> None:
     assert xy[:, 0].min() > 0.0
 
 
-def test_window_of_the_view_is_a_part_of_the_whole(tilted_camera: PinholeCamera, draw_sheet: Callable) -> None:
-    rgb = draw_sheet(tilted_camera, None, seed=0).rgb
+def test_window_of_the_view_is_a_part_of_the_whole(tilted_camera: PinholeCamera, render_sheet: Callable) -> None:
+    rgb = render_sheet(tilted_camera, None, seed=0).rgb
     view = TableRectifier(tilted_camera, GRID)
     window = (slice(30, 90), slice(101, 222))
     np.testing.assert_array_equal(view.rectify(rgb, window), view.rectify(rgb)[window])
