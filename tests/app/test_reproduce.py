@@ -202,7 +202,9 @@ def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_ep
     path.parent.mkdir()
     with SessionRecorder(path, robot="hanger", cloth="towel", descriptor=DEFAULT_DESCRIPTOR) as recorder:
         for seed, outcome in ((1003, "success"), (1000, "success"), (1001, "failure"), (1002, "success")):
-            drawn = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT_DESCRIPTOR)
+            drawn = make_episode(
+                source="scripted", seed=seed, disturbed=False, outcome=outcome, descriptor=DEFAULT_DESCRIPTOR
+            )
             recorder.keep(drawn)
     assert [episode.seed for episode in workshop.demonstrations("hanger", "towel", 2)] == [1000, 1002]
     taught = studies.ModelSpec(policy="nearest", robot="hanger", cloth="towel", demonstrations=2)
