@@ -1,7 +1,7 @@
-"""The one exception of this package."""
+"""The exception of this package."""
 
 from __future__ import annotations
 
 
 class PerceptionError(ValueError):
-    """Base of what the perception package raises: says what is wrong, with which value, and what would be right."""
+    """Base class of the errors that perception raises. The message says what is wrong, with which value, what to do."""

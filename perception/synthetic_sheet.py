@@ -1,7 +1,7 @@
-"""A wrinkled sheet on a table, drawn analytically: test material whose wrinkles, contact and light are known exactly.
+"""Wrinkled sheet on a table, rendered analytically: frames whose wrinkles, contact and light are known exactly.
 
-Ray-cast with Lambert shading from one distant light and an ambient part, without a simulator: what a descriptor says of
-these frames can be held against the numbers that they were made from.
+Ray-cast with Lambert shading from one distant light and an ambient part, without a simulator. A descriptor's result can
+be compared with the numbers that the frame was made from.
 """
 
 from __future__ import annotations
@@ -12,20 +12,19 @@ from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from layflat.perception.arrays import BoolArray, Float32Array, Float64Array, RgbArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
 
-Array: TypeAlias = NDArray[np.float64]
-Rgb: TypeAlias = tuple[float, float, float]
+Color: TypeAlias = tuple[float, float, float]
 
-TABLE_RGB: Rgb = (205.0, 205.0, 200.0)
-CLOTH_RGB: Rgb = (40.0, 90.0, 200.0)
-STEP_M = 1e-5
-"""Of the differences that give the slopes."""
-STEEPEST = 0.9
-"""The rays' fixed point converges where the surface is less steep than this against them."""
+TABLE_RGB: Color = (205.0, 205.0, 200.0)
+CLOTH_RGB: Color = (40.0, 90.0, 200.0)
+SLOPE_STEP_M = 1e-5
+"""Step of the finite differences that give the slopes."""
+MAX_SLOPE = 0.9
+"""The rays' fixed-point iteration converges where the surface is less steep than this against them."""
 SHADOW_SAMPLES = 24
 
 
@@ -38,14 +37,14 @@ class Wave:
     wavelength_m: float = 0.058
     amplitude_m: float = 0.002
     phase: float = 0.7
-    """rad"""
+    """Phase, rad."""
 
     def __post_init__(self) -> None:
         if not (self.wavelength_m > 0 and self.amplitude_m >= 0):
             raise PerceptionError(f"{self}: the wavelength must be positive and the amplitude not negative")
-        if self.slope > STEEPEST:
+        if self.slope > MAX_SLOPE:
             raise PerceptionError(
-                f"{self} is as steep as {self.slope:.2f}; at most {STEEPEST} can be drawn: use a longer wavelength"
+                f"{self} is as steep as {self.slope:.2f}; at most {MAX_SLOPE} can be drawn: use a longer wavelength"
             )
 
     @property
@@ -53,15 +52,15 @@ class Wave:
         """Greatest slope, m/m."""
         return 2 * math.pi * self.amplitude_m / self.wavelength_m
 
-    def height(self, x: Array, y: Array) -> Array:
-        """m above the trough, at table points (x, y) m."""
+    def height(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return the height above the trough, m, at table points (x, y), m."""
         along = x * math.cos(self.normal) + y * math.sin(self.normal)
         return self.amplitude_m * (1 + np.sin(2 * math.pi * along / self.wavelength_m + self.phase))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SyntheticSheet:
-    """A rectangular sheet; lengths in metres, angles in rad, table coordinates."""
+    """Rectangular sheet; lengths in metres, angles in rad, table coordinates."""
 
     centre: tuple[float, float] = (0.25, 0.0)
     size: tuple[float, float] = (0.35, 0.35)
@@ -69,33 +68,35 @@ class SyntheticSheet:
     rest_m: float = 0.004
     """Height of the wrinkles' troughs."""
     waves: tuple[Wave, ...] = ()
-    """Their heights add up; none is a flat sheet."""
+    """Wrinkles, whose heights add up; none for a flat sheet."""
     lift_x_m: float = math.inf
     """From here on towards +x the sheet rises ..."""
     lift_slope: float = 0.5
     """... by this much per metre."""
-    rgb: Rgb = CLOTH_RGB
+    rgb: Color = CLOTH_RGB
 
     @property
-    def level(self) -> bool:
+    def is_level(self) -> bool:
+        """Whether the height is the same everywhere."""
         return not any(wave.amplitude_m for wave in self.waves) and self.lift_x_m == math.inf
 
-    def height(self, x: Array, y: Array) -> Array:
-        """m above the table."""
+    def height(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Return the height above the table, m."""
         height = self.rest_m + self.lift_slope * np.clip(x - self.lift_x_m, 0.0, None)
         for wave in self.waves:
             height = height + wave.height(x, y)
         return height
 
-    def slopes(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """dh/dx and dh/dy."""
+    def slopes(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """Return dh/dx and dh/dy."""
+        step = SLOPE_STEP_M
         return (
-            (self.height(x + STEP_M, y) - self.height(x - STEP_M, y)) / (2 * STEP_M),
-            (self.height(x, y + STEP_M) - self.height(x, y - STEP_M)) / (2 * STEP_M),
+            (self.height(x + step, y) - self.height(x - step, y)) / (2 * step),
+            (self.height(x, y + step) - self.height(x, y - step)) / (2 * step),
         )
 
-    def covers(self, x: Array, y: Array) -> NDArray[np.bool_]:
-        """Where the sheet is, seen from straight above."""
+    def covers(self, x: Float64Array, y: Float64Array) -> BoolArray:
+        """Return where the sheet is, seen from straight above."""
         dx, dy = x - self.centre[0], y - self.centre[1]
         along = dx * math.cos(self.yaw) + dy * math.sin(self.yaw)
         across = -dx * math.sin(self.yaw) + dy * math.cos(self.yaw)
@@ -104,94 +105,98 @@ class SyntheticSheet:
 
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    """A distant lamp, the rest of the room, and the camera's exposure."""
+    """Distant lamp, ambient light, and the camera's exposure."""
 
     azimuth_deg: float = 45.0
     """Direction on the table towards the lamp, from +x."""
     elevation_deg: float = 45.0
-    """Height of the lamp: 90 stands straight above."""
+    """Height of the lamp; 90 is straight above."""
     ambient: float = 0.4
     """Share of the light that comes from everywhere, 0..1."""
     exposure: float = 1.0
-    """Factor on all brightness; what exceeds 255 is cut off, as in a camera."""
-    tint: Rgb = (1.0, 1.0, 1.0)
-    """Factor on each channel: a lamp's colour, or a white balance that has drifted."""
+    """Factor on all brightness; values above 255 are clipped, as in a camera."""
+    tint: Color = (1.0, 1.0, 1.0)
+    """Factor on each channel: a coloured lamp, or a white balance that has drifted."""
     shaded_from_m: float = math.inf
-    """Something stands in the lamp's way: beyond this y only the ambient part is left (a soft edge of 10 mm)."""
+    """Beyond this y something blocks the lamp and only the ambient part is left (a soft edge of 10 mm)."""
 
     def __post_init__(self) -> None:
         if not (0 < self.elevation_deg <= 90 and 0 <= self.ambient <= 1 and self.exposure > 0):
             raise PerceptionError(f"{self}: elevation must lie in (0, 90] degrees, ambient in 0..1, exposure above 0")
 
     @property
-    def towards(self) -> Array:
+    def towards(self) -> Float64Array:
         """(3,) unit vector to the lamp, world."""
         azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
         level = math.cos(elevation)
         return np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
 
+    def unblocked(self, y: Float64Array) -> Float64Array:
+        """Return the share of the lamp's light that arrives at ``y``."""
+        return np.clip((self.shaded_from_m - y) / 0.010 + 0.5, 0.0, 1.0)
+
 
 @dataclass(frozen=True)
 class RgbdFrame:
-    """What a camera sees."""
+    """Colour image and depth of one camera."""
 
-    rgb: NDArray[np.uint8]
-    """(H, W, 3)"""
-    depth: NDArray[np.float32]
+    rgb: RgbArray
+    depth: Float32Array
     """(H, W) m along the optical axis; 0 where missing."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RenderConfig:
-    """How a sheet is drawn."""
+    """Light, sensor noise and sampling of ``render_sheet``."""
 
     light: Light = field(default_factory=Light)
-    table_rgb: Rgb = TABLE_RGB
+    table_rgb: Color = TABLE_RGB
     rgb_noise: float = 0.0
-    """Grey levels, standard deviation."""
+    """Standard deviation, grey levels."""
     depth_noise_m: float = 0.0
-    """Standard deviation; depth then also comes in whole millimetres."""
+    """Standard deviation; if not 0, depth is also rounded to whole millimetres."""
     missing: float = 0.0
     """Share of the depth pixels without a value."""
     seed: int = 0
-    """Of the noise."""
+    """Seed of the noise."""
     samples: int = 2
     """Rays per pixel along each axis."""
 
-    def noisy(self, seed: int) -> RenderConfig:
-        """The same with the noise of a small colour camera and of a D435 at 1 m."""
+    def with_sensor_noise(self, seed: int) -> RenderConfig:
+        """Return the same with the noise of a small colour camera and of a D435 at 1 m."""
         return replace(self, rgb_noise=3.0, depth_noise_m=0.0025, missing=0.02, seed=seed)
 
 
-def render_sheet(camera: PinholeCamera, sheet: SyntheticSheet | None, drawing: RenderConfig | None = None) -> RgbdFrame:
-    """What ``camera`` sees of the sheet on its table; None draws the table alone."""
-    how = RenderConfig() if drawing is None else drawing
-    x, y, depth = _meet(camera, 0.0, how.samples)
-    brightness = np.full(x.shape, how.light.ambient) + (1 - how.light.ambient) * _unshaded(how.light, y)
-    albedo = np.broadcast_to(np.array(how.table_rgb), (*x.shape, 3))
+def render_sheet(camera: PinholeCamera, sheet: SyntheticSheet | None, config: RenderConfig | None = None) -> RgbdFrame:
+    """Render a sheet on its table; None renders the table alone."""
+    config = RenderConfig() if config is None else config
+    light, samples = config.light, config.samples
+    x, y, depth = _intersect(camera, 0.0, samples)
+    brightness = np.full(x.shape, light.ambient) + (1 - light.ambient) * light.unblocked(y)
+    albedo = np.broadcast_to(np.array(config.table_rgb), (*x.shape, 3))
     if sheet is not None:
-        xs, ys, ds = x, y, depth
-        for _ in range(1 if sheet.level else 8):
-            xs, ys, ds = _meet(camera, sheet.height(xs, ys), how.samples)
+        xs, ys, sheet_depth = x, y, depth
+        for _ in range(1 if sheet.is_level else 8):
+            xs, ys, sheet_depth = _intersect(camera, sheet.height(xs, ys), samples)
         cloth = sheet.covers(xs, ys)
-        depth = np.where(cloth, ds, depth)
-        brightness = np.where(cloth, _shading(sheet, how.light, xs, ys), brightness)
+        depth = np.where(cloth, sheet_depth, depth)
+        brightness = np.where(cloth, _shade(sheet, light, xs, ys), brightness)
         albedo = np.where(cloth[..., None], sheet.rgb, albedo)
-    colour = albedo * (brightness[..., None] * how.light.exposure * np.array(how.light.tint))
-    return _sensed(_pooled(camera, colour, how.samples), _pooled(camera, depth, how.samples), how)
+    color = albedo * (brightness[..., None] * light.exposure * np.array(light.tint))
+    return _add_noise(_pool(camera, color, samples), _pool(camera, depth, samples), config)
 
 
-def _shading(sheet: SyntheticSheet, light: Light, x: Array, y: Array) -> Array:
-    """Brightness at points of the sheet; 1 for one that faces the lamp, ambient for one in shadow."""
+def _shade(sheet: SyntheticSheet, light: Light, x: Float64Array, y: Float64Array) -> Float64Array:
+    """Return the brightness of points of the sheet: 1 if it faces the lamp, ambient if in shadow."""
     lamp = light.towards
     gx, gy = sheet.slopes(x, y)
     facing = (lamp[2] - gx * lamp[0] - gy * lamp[1]) / np.sqrt(1 + gx**2 + gy**2)
-    lit = np.clip(facing, 0.0, None) * _unshaded(light, y) * ~_self_shadow(sheet, light, x, y)
+    lit = np.clip(facing, 0.0, None) * light.unblocked(y) * ~_self_shadow(sheet, light, x, y)
     return light.ambient + (1 - light.ambient) * lit
 
 
-def _self_shadow(sheet: SyntheticSheet, light: Light, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Where a crest stands between the sheet and the lamp."""
+def _self_shadow(sheet: SyntheticSheet, light: Light, x: Float64Array, y: Float64Array) -> BoolArray:
+    """Return where a crest is between the sheet and the lamp."""
     lamp = light.towards
     level = math.hypot(lamp[0], lamp[1])
     highest = sum(2 * wave.amplitude_m for wave in sheet.waves)
@@ -207,42 +212,39 @@ def _self_shadow(sheet: SyntheticSheet, light: Light, x: Array, y: Array) -> NDA
     return shadow
 
 
-def _unshaded(light: Light, y: Array) -> Array:
-    """Share of the lamp's light that comes past what stands in its way."""
-    return np.clip((light.shaded_from_m - y) / 0.010 + 0.5, 0.0, 1.0)
-
-
-def _sensed(rgb: Array, depth: Array, how: RenderConfig) -> RgbdFrame:
-    rng = np.random.default_rng(how.seed)
-    if how.rgb_noise:
-        rgb = rgb + rng.normal(0.0, how.rgb_noise, rgb.shape)
-    if how.depth_noise_m:
-        depth = np.round((depth + rng.normal(0.0, how.depth_noise_m, depth.shape)) / 0.001) * 0.001
-    if how.missing:
-        depth = np.where(rng.random(depth.shape) < how.missing, 0.0, depth)
+def _add_noise(rgb: Float64Array, depth: Float64Array, config: RenderConfig) -> RgbdFrame:
+    rng = np.random.default_rng(config.seed)
+    if config.rgb_noise:
+        rgb = rgb + rng.normal(0.0, config.rgb_noise, rgb.shape)
+    if config.depth_noise_m:
+        depth = np.round((depth + rng.normal(0.0, config.depth_noise_m, depth.shape)) / 0.001) * 0.001
+    if config.missing:
+        depth = np.where(rng.random(depth.shape) < config.missing, 0.0, depth)
     return RgbdFrame(np.clip(np.rint(rgb), 0, 255).astype(np.uint8), depth.astype(np.float32))
 
 
 @lru_cache(maxsize=8)
-def _rays(camera: PinholeCamera, samples: int) -> Array:
-    """(3, rows, columns): world directions of unit depth through the pixels of a ``samples`` times finer image."""
+def _rays(camera: PinholeCamera, samples: int) -> Float64Array:
+    """Return (3, rows, columns) world rays of unit depth through the pixels of a ``samples`` times finer image."""
     u = (np.arange(camera.width * samples) + 0.5) / samples - 0.5
     v = (np.arange(camera.height * samples) + 0.5) / samples - 0.5
     columns, rows = np.meshgrid((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy)
     rays = np.tensordot(camera.cam_to_world[:3, :3], np.stack([columns, rows, np.ones_like(rows)]), axes=1)
     if rays[2].max() >= 0:
-        raise PerceptionError("the camera sees the horizon; all of its picture must show the table's plane")
+        raise PerceptionError("the camera sees the horizon; all of its image must show the table's plane")
     rays.setflags(write=False)
     return rays
 
 
-def _meet(camera: PinholeCamera, level: Array | float, samples: int) -> tuple[Array, Array, Array]:
-    """x, y and depth where the rays meet height ``level``."""
+def _intersect(
+    camera: PinholeCamera, height: Float64Array | float, samples: int
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return x, y and depth where the rays reach ``height``."""
     rays = _rays(camera, samples)
-    depth = (level - camera.position[2]) / rays[2]
+    depth = (height - camera.position[2]) / rays[2]
     return camera.position[0] + depth * rays[0], camera.position[1] + depth * rays[1], depth
 
 
-def _pooled(camera: PinholeCamera, values: Array, samples: int) -> Array:
-    """Mean over the rays of each pixel."""
+def _pool(camera: PinholeCamera, values: Float64Array, samples: int) -> Float64Array:
+    """Average over the rays of each pixel."""
     return values.reshape(camera.height, samples, camera.width, samples, *values.shape[2:]).mean(axis=(1, 3))

@@ -118,7 +118,7 @@ def stand(
         [math.cos(r) * right + math.sin(r) * down, math.cos(r) * down - math.sin(r) * right, forward]
     )
     pose[:3, 3] = eye
-    return lens.at(pose), lens
+    return lens.camera_at(pose), lens
 
 
 def shoot(

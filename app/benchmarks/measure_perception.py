@@ -18,6 +18,7 @@ from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.cloth.contact import contact_mask, smooth_height
 from layflat.perception.cloth.pipeline import PerceptionConfig, PerceptionPipeline
 from layflat.perception.cloth.segmentation import segment
+from layflat.perception.descriptors.base import filter_angles
 from layflat.perception.descriptors.gabor import gabor_bank
 from layflat.perception.descriptors.how import HowConfig, HowDescriptor
 from layflat.perception.descriptors.preprocess import PreprocessConfig
@@ -84,10 +85,10 @@ def plain_view(perceiver: PerceptionPipeline, frame: RgbdFrame) -> ClothView:
     settings, camera = perceiver.config, perceiver.camera
     cloth_seen = segment(frame.rgb, settings.color, settings.min_area_px)
     height_seen = smooth_height(camera.height_above_table(frame.depth), cloth_seen, settings.smoothing_px)
-    cloth = perceiver.view.rectify_mask(cloth_seen)
-    height = perceiver.view.rectify(height_seen)
+    cloth = perceiver.rectifier.rectify_mask(cloth_seen)
+    height = perceiver.rectifier.rectify(height_seen)
     return ClothView(
-        rgb=perceiver.view.rectify(frame.rgb),
+        rgb=perceiver.rectifier.rectify(frame.rgb),
         cloth=cloth,
         contact=contact_mask(cloth, height, settings.contact_height_m),
         height=height,
@@ -110,7 +111,7 @@ def _plain_channel(
     image: NDArray[np.float32], counted: NDArray[np.bool_], view: ClothView, config: WordConfig
 ) -> NDArray[np.float64]:
     means = []
-    for kernel in gabor_bank(config.gabor(view.mm_per_px), config.thetas, config.zero_mean):
+    for kernel in gabor_bank(config.gabor(view.mm_per_px), filter_angles(config.orientations), config.zero_mean):
         response = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
         size = np.maximum(response, 0) if config.half_wave else np.abs(response)
         seen = size[counted].astype(np.float64)

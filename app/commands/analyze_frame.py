@@ -190,7 +190,7 @@ def content(
             "distance_mm": 1000 * plane.distance_m,
             "tilt_deg": plane.tilt_deg,
             "rms_mm": 1000 * plane.rms_m,
-            "share": plane.share,
+            "share": plane.inlier_share,
         },
         "intrinsics": {**asdict(lens), "assumed": assumed},
         "contact_mm": 1000 * seen.config.contact_height_m,

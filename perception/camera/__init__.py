@@ -1,0 +1,1 @@
+"""Cameras and the table that they look at: pinhole model, intrinsics, fitted table plane, rectified view."""

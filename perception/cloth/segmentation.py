@@ -1,4 +1,4 @@
-"""Which pixels are cloth: a range of hue, saturation and value (thesis 3-1-2, foreground segmentation)."""
+"""Segmentation of the cloth by a range of hue, saturation and value (thesis 3-1-2)."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.rectified_view import BoolArray, bounding_window
+from layflat.perception.arrays import BoolArray, RgbArray, bounding_window
 from layflat.perception.errors import PerceptionError
 
 
 @dataclass(frozen=True, kw_only=True)
 class HsvRange:
-    """Colours of the cloth. The default holds a saturated blue under light and in its own shade."""
+    """Colours of the cloth. The default is a saturated blue, lit or in its own shade."""
 
     hue_min: float = 195.0
     """Degrees, 0..360; red 0, green 120, blue 240."""
     hue_max: float = 255.0
-    """Degrees, 0..360; where it is below ``hue_min`` the range goes through 0 (a red cloth: 340 to 20)."""
+    """Degrees, 0..360; below ``hue_min`` the range goes through 0 (a red cloth: 340 to 20)."""
     saturation_min: float = 0.35
     """0 (grey) .. 1."""
     value_min: float = 0.10
-    """0 (black) .. 1; below it the hue is noise."""
+    """0 (black) .. 1; hue is noise at lower values."""
 
     def __post_init__(self) -> None:
         if not (0 <= self.hue_min <= 360 and 0 <= self.hue_max <= 360):
@@ -34,18 +34,18 @@ class HsvRange:
             )
 
     def bounds(self) -> list[tuple[tuple[int, int, int], tuple[int, int, int]]]:
-        """Lower and upper corners for ``cv2.inRange`` (hue in half degrees 0..179): one pair, or two across 0."""
+        """Return corners for ``cv2.inRange`` (hue in half degrees 0..179): one lower and upper pair, or two across 0."""
         low, high = round(self.hue_min / 2), round(self.hue_max / 2)
         rest = (round(self.saturation_min * 255), round(self.value_min * 255))
         spans = [(low, high)] if low <= high else [(low, 180), (0, high)]
         return [((first, *rest), (last, 255, 255)) for first, last in spans]
 
 
-def segment(rgb: NDArray[np.uint8], color: HsvRange, min_area_px: int = 40) -> BoolArray:
-    """Image (H, W, 3) -> cloth mask (H, W).
+def segment(rgb: RgbArray, color: HsvRange, min_area_px: int = 40) -> BoolArray:
+    """Return the cloth mask (H, W) of an image (H, W, 3).
 
-    A 5x5 majority vote closes pinholes and removes single pixels; what is left in pieces smaller than ``min_area_px``
-    is taken for reflections and dropped.
+    A 5x5 majority vote closes pinholes and removes single pixels. Pieces smaller than ``min_area_px`` are taken for
+    reflections and dropped.
     """
     hsv = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)
     mask = np.zeros(rgb.shape[:2], dtype=np.uint8)
@@ -55,12 +55,11 @@ def segment(rgb: NDArray[np.uint8], color: HsvRange, min_area_px: int = 40) -> B
     if window is None:
         return mask > 0
     cloth = np.zeros(mask.shape, dtype=np.bool_)
-    cloth[window] = _without_specks(np.asarray(cv2.medianBlur(mask[window], 5), dtype=np.uint8), min_area_px)
+    cloth[window] = _drop_specks(np.asarray(cv2.medianBlur(mask[window], 5), dtype=np.uint8), min_area_px)
     return cloth
 
 
-def _without_specks(mask: NDArray[np.uint8], min_area_px: int) -> BoolArray:
-    """Connected pieces of at least ``min_area_px``."""
+def _drop_specks(mask: NDArray[np.uint8], min_area_px: int) -> BoolArray:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     keep = stats[:, cv2.CC_STAT_AREA] >= min_area_px
     keep[0] = False  # label 0 is the background

@@ -1,4 +1,4 @@
-"""The seam between a view of the cloth and numbers: what every descriptor of wrinkles gives."""
+"""Descriptor protocol: from a view of the cloth to numbers and a wrinkle direction."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from layflat.perception.arrays import Float64Array
 from layflat.perception.camera.rectified_view import ClothView
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WrinkleDirection:
-    """Which way to pull the wrinkles out, and what that is worth. Without wrinkles all numbers are 0, never NaN."""
+    """Direction to pull the wrinkles out, and its quality. Without wrinkles all numbers are 0, never NaN."""
 
-    vector: NDArray[np.float64]
-    """(2,) unit vector in table coordinates (x, y), x >= 0, perpendicular to most wrinkles; zeros: no direction."""
+    vector: Float64Array
+    """(2,) unit vector in table coordinates, x >= 0, perpendicular to most wrinkles; zeros if there is no direction."""
     coherence: float
-    """0..1: how far the orientations agree on one axis; 1 where all responses are in one, 0 where they are equal."""
+    """Agreement on one axis: 1 if all responses are in one orientation, 0 if all orientations respond alike."""
     strength: float
-    """>= 0: depth of the wrinkles in the descriptor's own unit; 0 where there is no direction."""
+    """Depth of the wrinkles in the descriptor's own unit, >= 0; 0 if there is no direction."""
 
     @classmethod
     def none(cls) -> WrinkleDirection:
-        """No wrinkles, or no cloth."""
+        """Return the value for no wrinkles or no cloth."""
         return cls(vector=np.zeros(2), coherence=0.0, strength=0.0)
 
 
@@ -35,23 +35,23 @@ class Descriptor(Protocol):
 
     @property
     def name(self) -> str:
-        """As in files and tables."""
+        """Name in files and tables."""
 
     @property
     def size(self) -> int:
         """Length of the vector."""
 
-    def describe(self, view: ClothView) -> NDArray[np.float64]:
-        """(size,) finite numbers; all zeros for a view without cloth."""
+    def describe(self, view: ClothView) -> Float64Array:
+        """Return (size,) finite numbers; all zeros for a view without cloth."""
 
     def direction(self, view: ClothView) -> WrinkleDirection:
-        """The wrinkle contraction direction by this descriptor; none on a flat, a lifted or an absent cloth."""
+        """Return the wrinkle contraction direction; none for a flat, lifted or absent cloth."""
 
 
-def wrinkle_normals(orientations: int) -> NDArray[np.float64]:
-    """(n, 2) v_i of Eq. 3-3: of the two unit perpendiculars of wrinkle direction i pi / n the one with x >= 0.
+def wrinkle_normals(orientations: int) -> Float64Array:
+    """Return (n, 2) v_i of Eq. 3-3: unit perpendiculars, x >= 0, of wrinkle directions i pi / n, table coordinates.
 
-    Table coordinates. Wrinkles along x (theta_0) have two perpendiculars with x = 0; +y is taken.
+    Wrinkles along x (theta_0) have two perpendiculars with x = 0; +y is taken.
     """
     theta = np.arange(orientations) * math.pi / orientations
     normals = np.column_stack([np.sin(theta), -np.cos(theta)])
@@ -60,10 +60,15 @@ def wrinkle_normals(orientations: int) -> NDArray[np.float64]:
     return normals
 
 
-def axial_mean(weights: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Weighted mean (2,) of axes, x >= 0, and its coherence in 0..1: angles are doubled, averaged and halved.
+def filter_angles(orientations: int) -> tuple[float, ...]:
+    """Return the angles of the filters' stripe normals for ``wrinkle_normals``: the view's rows run against y."""
+    return tuple(-math.atan2(y, x) for x, y in wrinkle_normals(orientations))
 
-    ``weights`` (n,) >= 0, not all 0; ``normals`` (n, 2) unit vectors, of which the sign does not matter.
+
+def axial_mean(weights: Float64Array, normals: Float64Array) -> tuple[Float64Array, float]:
+    """Return the weighted mean axis (2,), x >= 0, and its coherence in 0..1: angles are doubled, averaged and halved.
+
+    ``weights`` (n,) >= 0 are not all 0; the signs of the unit vectors ``normals`` (n, 2) do not matter.
     """
     total = np.sum(weights * (normals[:, 0] + 1j * normals[:, 1]) ** 2)
     half = math.atan2(total.imag, total.real) / 2

@@ -1,4 +1,4 @@
-"""Gabor kernels as in Eq. 3-1 of the thesis, banks of them, and an image's responses to a bank."""
+"""Gabor kernels (Eq. 3-1 of the thesis), banks of kernels, and an image's responses to a bank."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from layflat.perception.camera.pinhole import WHOLE, Window
+from layflat.perception.arrays import WHOLE, Float32Array, Float64Array, Window
 from layflat.perception.errors import PerceptionError
 
 DFT_STEP = 4
-"""Transform sizes are multiples of this, so that few are met while a cloth moves and their spectra stay cached."""
+"""Transform sizes are multiples of this: few occur while a cloth moves, and their spectra stay cached."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GaborParams:
-    """The parameters of Eq. 3-1, lengths in pixels."""
+    """Parameters of Eq. 3-1, lengths in pixels."""
 
     wavelength: float
-    """lambda: length of one period of the sine."""
+    """lambda, one period of the sine."""
     sigma: float
     """Standard deviation of the envelope across the stripes."""
     gamma: float
@@ -31,38 +30,38 @@ class GaborParams:
     psi: float
     """Phase of the sine, rad. 0 is odd (an edge), pi/2 even (a ridge)."""
     size: int
-    """Side of the window; an even one is enlarged by one, as OpenCV does (12 -> 13)."""
+    """Side of the window; an even side is enlarged by one, as OpenCV does (12 -> 13)."""
 
     def __post_init__(self) -> None:
         if not (self.wavelength > 0 and self.sigma > 0 and self.gamma > 0 and self.size >= 1):
             raise PerceptionError(f"{self}: wavelength, sigma, gamma and size must be positive")
 
 
-def gabor_kernel(params: GaborParams, theta: float) -> NDArray[np.float64]:
-    """(2 * (size // 2) + 1)^2 samples of Eq. 3-1 for stripes whose normal is at ``theta`` rad from the columns' axis.
+def gabor_kernel(params: GaborParams, theta: float) -> Float64Array:
+    """Return Eq. 3-1, (k, k) with k = 2 (size // 2) + 1, for stripes whose normal is at ``theta`` rad from the columns.
 
     g = exp(-(x'^2 + gamma^2 y'^2) / (2 sigma^2)) * sin(2 pi x' / lambda + psi),
     x' = x cos(theta) + y sin(theta), y' = -x sin(theta) + y cos(theta), x right and y down.
-    Laid out like ``cv2.getGaborKernel`` (point-mirrored, so that ``filter2D``, a correlation, convolves with g). That
-    function has a cosine where the thesis has a sine: it gives this kernel for its psi = ours - pi/2.
+    The layout is that of ``cv2.getGaborKernel`` (point-mirrored, so that ``filter2D``, a correlation, convolves with
+    g). That function has a cosine where the thesis has a sine: it gives this kernel for its psi = ours - pi/2.
     """
     envelope, along = _envelope_and_axis(params, theta)
     return np.asarray(envelope * np.sin(2 * math.pi * along / params.wavelength + params.psi))
 
 
 @lru_cache(maxsize=64)
-def gabor_bank(params: GaborParams, thetas: tuple[float, ...], normalise: bool = True) -> NDArray[np.float32]:
-    """(n, k, k) kernels, read-only.
+def gabor_bank(params: GaborParams, thetas: tuple[float, ...], normalize: bool = True) -> Float32Array:
+    """Return (n, k, k) kernels, read-only.
 
-    ``normalise`` takes out what answers to a constant image, by subtracting a share of the envelope (a constant would
-    be seen as a box), and scales so that a plane wave of the same wavelength and direction and of amplitude 1 gives
-    responses of amplitude 1: responses are then in units of the image, and no orientation is favoured by the way
-    in which the square window cuts its envelope. Without it the kernels are Eq. 3-1 as it stands.
+    ``normalize`` removes the response to a constant image, by subtracting a share of the envelope (a constant would be
+    seen as a box), and scales so that a plane wave of the same wavelength and direction and of amplitude 1 gives
+    responses of amplitude 1: responses are then in units of the image, and no orientation is favoured by the way the
+    square window cuts its envelope. Without it the kernels are Eq. 3-1 as it stands.
     """
     kernels = []
     for theta in thetas:
         kernel = gabor_kernel(params, theta)
-        if normalise:
+        if normalize:
             envelope, along = _envelope_and_axis(params, theta)
             kernel = kernel - envelope * (kernel.sum() / envelope.sum())
             kernel = kernel / abs(np.sum(kernel * np.exp(-2j * math.pi * along / params.wavelength)))
@@ -72,19 +71,19 @@ def gabor_bank(params: GaborParams, thetas: tuple[float, ...], normalise: bool =
     return bank
 
 
-def responses(
-    image: NDArray[np.float32],
+def gabor_responses(
+    image: Float32Array,
     params: GaborParams,
     thetas: tuple[float, ...],
     *,
-    normalise: bool = True,
+    normalize: bool = True,
     window: Window = WHOLE,
-) -> Iterator[NDArray[np.float32]]:
-    """(h, w) float32, one after the other: ``window`` of what ``filter2D`` with BORDER_REPLICATE gives for each kernel.
+) -> Iterator[Float32Array]:
+    """Yield for each kernel the ``window`` (h, w) of what ``filter2D`` with BORDER_REPLICATE gives.
 
-    The image is transformed once and the kernels' spectra are kept, so that an orientation costs one multiplication
-    and one inverse transform whatever the kernel's size, and only what the window's answers depend on takes part. Each
-    answer lies where the last one lay: use it, or copy it, before asking for the next.
+    The image is transformed once and the kernels' spectra are cached, so that an orientation costs one multiplication
+    and one inverse transform whatever the kernel's size; only the pixels that the window depends on take part. All
+    responses share one buffer: use or copy each before asking for the next.
     """
     half = params.size // 2
     (top, bottom), (left, right) = (part.indices(size)[:2] for part, size in zip(window, image.shape, strict=True))
@@ -96,7 +95,7 @@ def responses(
     spectrum = cv2.dft(cv2.copyMakeBorder(source, above, below, before, behind, borderType=cv2.BORDER_REPLICATE))
     inverse = cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
     product, whole = np.empty((rows, columns), dtype=np.float32), np.empty((rows, columns), dtype=np.float32)
-    for kernel, even in _spectra(params, thetas, normalise, rows, columns):
+    for kernel, even in _spectra(params, thetas, normalize, rows, columns):
         if even:
             np.multiply(spectrum, kernel, out=product)
         else:
@@ -107,25 +106,25 @@ def responses(
 
 @lru_cache(maxsize=24)
 def _spectra(
-    params: GaborParams, thetas: tuple[float, ...], normalise: bool, rows: int, columns: int
-) -> tuple[tuple[NDArray[np.float32], bool], ...]:
-    """The bank's kernels, centred on the origin, in the frequency domain in OpenCV's packed form; and which are even.
+    params: GaborParams, thetas: tuple[float, ...], normalize: bool, rows: int, columns: int
+) -> tuple[tuple[Float32Array, bool], ...]:
+    """Return the kernels' spectra, centred on the origin, in OpenCV's packed form; and which kernels are even.
 
-    The spectrum of an even kernel is real: it stands in the places of both parts, so that a plain product does.
+    The spectrum of an even kernel is real: it is stored in the places of both parts, so that a plain product suffices.
     """
     spectra = []
-    for kernel in gabor_bank(params, thetas, normalise):
+    for kernel in gabor_bank(params, thetas, normalize):
         padded = np.zeros((rows, columns), dtype=np.float32)
         padded[: len(kernel), : len(kernel)] = kernel
         half = len(kernel) // 2
         spectrum = np.asarray(cv2.dft(np.roll(padded, (-half, -half), (0, 1))), dtype=np.float32)
         even = bool(np.allclose(kernel, kernel[::-1, ::-1], atol=1e-6 * np.abs(kernel).max()))
-        spectra.append((_doubled(spectrum) if even else spectrum, even))
+        spectra.append((_duplicate_real_parts(spectrum) if even else spectrum, even))
     return tuple(spectra)
 
 
-def _doubled(packed: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A packed spectrum with each real part also in the place of the imaginary one (rows and columns even in number).
+def _duplicate_real_parts(packed: Float32Array) -> Float32Array:
+    """Copy each real part of a packed spectrum to the place of its imaginary part (even numbers of rows and columns).
 
     Columns are real 0, then real and imaginary in pairs, then the last real; the first and last column are packed
     along the rows in the same way.
@@ -136,16 +135,16 @@ def _doubled(packed: NDArray[np.float32]) -> NDArray[np.float32]:
     return double
 
 
-def _dft_size(least: int) -> int:
-    """The next size that transforms fast, a multiple of DFT_STEP."""
-    size = DFT_STEP * math.ceil(least / DFT_STEP)
+def _dft_size(min_size: int) -> int:
+    """Return the next size that transforms fast, a multiple of DFT_STEP."""
+    size = DFT_STEP * math.ceil(min_size / DFT_STEP)
     while cv2.getOptimalDFTSize(size) != size:
         size += DFT_STEP
     return size
 
 
-def _envelope_and_axis(params: GaborParams, theta: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The Gaussian envelope and x' on the kernel's pixels."""
+def _envelope_and_axis(params: GaborParams, theta: float) -> tuple[Float64Array, Float64Array]:
+    """Return the Gaussian envelope and x' on the kernel's pixels."""
     half = params.size // 2
     offsets = np.arange(half, -half - 1, -1, dtype=np.float64)
     x, y = offsets[None, :], offsets[:, None]

@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.camera.rectified_view import ClothView, bounding_window
+from layflat.perception.arrays import Float32Array, Float64Array, bounding_window
+from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.descriptors.base import WrinkleDirection, axial_mean
 from layflat.perception.descriptors.preprocess import PreprocessConfig, PreprocessedImage, preprocess
 from layflat.perception.errors import PerceptionError
 
-GREY = 128.0
+MEAN_GREY = 128.0
 """Grey level of the cloth's mean brightness: HOG takes 8-bit images."""
 
 
@@ -27,10 +28,10 @@ class HogConfig:
     """The cloth's bounding square is resized to this: 5.5 mm a pixel for a towel of 0.35 m."""
     cell_px: int = 8
     bins: int = 9
-    """Of the gradient's orientation, 0 to 180 degrees."""
+    """Bins of the gradient's orientation, 0 to 180 degrees."""
     noise_floor: float = 0.001
     """Strength below which there is no direction, relative brightness a window pixel. A flat cloth with sensor noise of
-    6 grey levels shows 0.0003; wrinkles of 58 mm and 2 % of the brightness 0.007."""
+    6 grey levels has 0.0003; wrinkles of 58 mm and 2 % of the brightness 0.007."""
     preprocess: PreprocessConfig = field(default_factory=lambda: PreprocessConfig(decimation=1))
 
     def __post_init__(self) -> None:
@@ -59,66 +60,67 @@ class HogDescriptor:
                 "install opencv-python-headless 4.11 or later, below 5"
             )
         window, cell = self.config.window_px, self.config.cell_px
-        block, stride, apart = (2 * cell, 2 * cell), (cell, cell), (cell, cell)
-        # The last argument: without it OpenCV takes the square root of the grey levels, and brightness is already
-        # relative to the cloth's mean. Before it OpenCV's defaults: a central difference, L2-Hys clipped at 0.2.
-        self._hog = make((window, window), block, stride, apart, self.config.bins, 1, -1.0, 0, 0.2, False)
+        block, stride = (2 * cell, 2 * cell), (cell, cell)
+        # The last argument is gammaCorrection: OpenCV would take the square root of the grey levels, but brightness is
+        # already relative to the mean. Before it OpenCV's defaults: a central difference, L2-Hys clipped at 0.2.
+        self._hog = make((window, window), block, stride, stride, self.config.bins, 1, -1.0, 0, 0.2, False)
 
     @property
     def size(self) -> int:
+        """Length of the vector."""
         return int(self._hog.getDescriptorSize())
 
-    def describe(self, view: ClothView) -> NDArray[np.float64]:
-        """(size,) in OpenCV's order, each block normalised (L2-Hys), of the whole cloth."""
-        prepared = preprocess(view, self.config.preprocess)
-        if prepared is None:
+    def describe(self, view: ClothView) -> Float64Array:
+        """Return (size,) numbers in OpenCV's order, each block normalized (L2-Hys), of the whole cloth."""
+        preprocessed = preprocess(view, self.config.preprocess)
+        if preprocessed is None:
             return np.zeros(self.size)
-        return np.asarray(self._hog.compute(self._grey(prepared)), dtype=np.float64).ravel()
+        return np.asarray(self._hog.compute(self._grey(preprocessed)), dtype=np.float64).ravel()
 
     def direction(self, view: ClothView) -> WrinkleDirection:
-        """Axial mean over the histogram of what lies on the table: a gradient points across its wrinkle.
+        """Return the axial mean over the histogram of what lies on the table: a gradient points across its wrinkle.
 
-        From the votes before the blocks are normalised, since normalising makes noise as strong as wrinkles. Strength
-        is the mean gradient, relative brightness a window pixel.
+        It uses the votes before the blocks are normalized, since normalizing makes noise as strong as wrinkles.
+        Strength is the mean gradient, relative brightness a window pixel.
         """
-        prepared = preprocess(view, self.config.preprocess)
-        if prepared is None or not prepared.lying.any():
+        preprocessed = preprocess(view, self.config.preprocess)
+        if preprocessed is None:
             return WrinkleDirection.none()
-        lying = _fitted(prepared.lying.astype(np.float32), prepared, self.config.window_px, 0.0) > 0.5
-        if not lying.any():
-            return WrinkleDirection.none()
-        # Each pixel votes for the two bins beside its angle; a central difference spans two pixels.
-        votes, nearest = self._hog.computeGradient(self._grey(prepared), None, None)
-        counts = np.bincount(nearest[lying].ravel(), votes[lying].ravel(), self.config.bins)
-        histogram = np.asarray(counts, dtype=np.float64)
+        valid = _fit_window(preprocessed.valid.astype(np.float32), preprocessed, self.config.window_px, 0.0) > 0.5
+        histogram = self._histogram(preprocessed, valid)
         if not histogram.any():
             return WrinkleDirection.none()
         # Bins are centred on half steps; the window's rows run against y.
         angle = (np.arange(self.config.bins) + 0.5) * math.pi / self.config.bins
         vector, coherence = axial_mean(histogram, np.column_stack([np.cos(angle), -np.sin(angle)]))
         # Noise has gradients in all directions, as large as those of shallow wrinkles: what they share does not count.
-        strength = float(coherence * histogram.sum() / np.count_nonzero(lying) / 2 / GREY)
+        # A central difference spans two pixels.
+        strength = float(coherence * histogram.sum() / np.count_nonzero(valid) / 2 / MEAN_GREY)
         if strength <= self.config.noise_floor:
             return WrinkleDirection.none()
         return WrinkleDirection(vector=vector, coherence=coherence, strength=strength)
 
-    def _grey(self, prepared: PreprocessedImage) -> NDArray[np.uint8]:
-        """(window, window) the cloth, its mean brightness at GREY."""
-        fitted = _fitted(prepared.image, prepared, self.config.window_px, 1.0)
-        return np.clip(np.rint(GREY * fitted), 0, 255).astype(np.uint8)
+    def _histogram(self, preprocessed: PreprocessedImage, valid: NDArray[np.bool_]) -> Float64Array:
+        """Return (bins,) votes of the window's ``valid`` pixels; each votes for the two bins beside its angle."""
+        votes, nearest = self._hog.computeGradient(self._grey(preprocessed), None, None)
+        return np.bincount(nearest[valid].ravel(), votes[valid].ravel(), self.config.bins).astype(np.float64)
+
+    def _grey(self, preprocessed: PreprocessedImage) -> NDArray[np.uint8]:
+        """Return (window, window) the cloth with its mean brightness at MEAN_GREY."""
+        fitted = _fit_window(preprocessed.image, preprocessed, self.config.window_px, 1.0)
+        return np.clip(np.rint(MEAN_GREY * fitted), 0, 255).astype(np.uint8)
 
 
-def _fitted(array: NDArray[np.float32], prepared: PreprocessedImage, side: int, beyond: float) -> NDArray[np.float32]:
-    """(side, side): the cloth's bounding square, resized; ``beyond`` where it leaves the view.
+def _fit_window(image: Float32Array, preprocessed: PreprocessedImage, side: int, background: float) -> Float32Array:
+    """Resize the cloth's bounding square to (side, side), with ``background`` where it leaves the view.
 
-    Both axes by the same factor: anything else would turn oblique wrinkles.
+    Both axes have the same factor: otherwise oblique wrinkles would turn.
     """
-    window = bounding_window(prepared.cloth)
-    part = array if window is None else array[window]
+    window = bounding_window(preprocessed.cloth)
+    part = image if window is None else image[window]
     height, width = part.shape
     square = max(height, width)
     top, left = (square - height) // 2, (square - width) // 2
-    padded = cv2.copyMakeBorder(
-        part, top, square - height - top, left, square - width - left, cv2.BORDER_CONSTANT, value=beyond
-    )
+    bottom, right = square - height - top, square - width - left
+    padded = cv2.copyMakeBorder(part, top, bottom, left, right, cv2.BORDER_CONSTANT, value=background)
     return np.asarray(cv2.resize(padded, (side, side), interpolation=cv2.INTER_AREA), dtype=np.float32)

@@ -1,8 +1,8 @@
 """HOW, histogram of oriented wrinkles (Jia, Hu, Pan and Manocha, ICRA 2018; thesis 2-2, 3-1-1), table coordinates.
 
-As far as the thesis and the paper's outline tell: take the cloth out of the image, apply Gabor filters of several
-orientations and wavelengths, keep low- and high-frequency components, sum the answers over the cells of a grid, stack
-everything to one column of a few hundred numbers. They give no numbers; the choices here are in HowConfig.
+As far as the thesis and the paper's outline describe it: take the cloth out of the image, apply Gabor filters of
+several orientations and wavelengths, keep low- and high-frequency components, sum the responses over the cells of a
+grid, stack everything to a few hundred numbers. They give no parameters; the choices here are in HowConfig.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from layflat.perception.camera.rectified_view import BoolArray, ClothView, bounding_window
-from layflat.perception.descriptors.base import WrinkleDirection, axial_mean, wrinkle_normals
+from layflat.perception.arrays import Float32Array, Float64Array, bounding_window
+from layflat.perception.camera.rectified_view import ClothView
+from layflat.perception.descriptors.base import WrinkleDirection, axial_mean, filter_angles, wrinkle_normals
 from layflat.perception.descriptors.gabor import GaborParams, gabor_bank
 from layflat.perception.descriptors.preprocess import PreprocessConfig, PreprocessedImage, preprocess
 from layflat.perception.errors import PerceptionError
@@ -23,23 +23,23 @@ from layflat.perception.errors import PerceptionError
 
 @dataclass(frozen=True, kw_only=True)
 class HowConfig:
-    """The bank and the grid; lengths in millimetres on the cloth."""
+    """Filter bank and grid; lengths in millimetres on the cloth."""
 
     orientations: int = 8
     wavelengths_mm: tuple[float, ...] = (40.0, 80.0)
-    """The high- and the low-frequency component: the Gabors of a wavelength pass a band of about an octave around it.
-    Together they hold the wrinkles that a 13x13 cloth can have, 0.7 of the gain or more from 28 to 110 mm."""
+    """High- and low-frequency component: the Gabors of a wavelength pass a band of about an octave around it. Together
+    they hold the wrinkles that a 13x13 cloth can have, 0.7 of the gain or more from 28 to 110 mm."""
     grid: tuple[int, int] = (4, 4)
     """Cells along rows and columns of the cloth's bounding box."""
     sigma: float = 0.31
-    """Of the envelope, as a share of the wavelength; like gamma and psi, WORD's."""
+    """Standard deviation of the envelope, share of the wavelength; like gamma and psi as in WORD."""
     gamma: float = 0.3
     psi: float = math.pi / 2
     size: float = 1.3
-    """Side of the window, as a share of the wavelength."""
+    """Side of the window, share of the wavelength."""
     noise_floor: float = 0.005
     """Strength below which there is no direction, relative brightness. A flat cloth with sensor noise of 6 grey levels
-    shows 0.0023; wrinkles of 58 mm and 2 % of the brightness 0.015."""
+    has 0.0023; wrinkles of 58 mm and 2 % of the brightness 0.015."""
     preprocess: PreprocessConfig = field(default_factory=PreprocessConfig)
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class HowConfig:
             self.gabor(wavelength, 1.0)
 
     def gabor(self, wavelength_mm: float, mm_per_px: float) -> GaborParams:
-        """Eq. 3-1's parameters in pixels of ``mm_per_px``."""
+        """Return the parameters of Eq. 3-1 in pixels of ``mm_per_px``."""
         return GaborParams(
             wavelength=wavelength_mm / mm_per_px,
             sigma=self.sigma * wavelength_mm / mm_per_px,
@@ -74,53 +74,55 @@ class HowDescriptor:
 
     @property
     def size(self) -> int:
+        """Length of the vector."""
         return len(self.config.wavelengths_mm) * self.config.orientations * math.prod(self.config.grid)
 
-    def describe(self, view: ClothView) -> NDArray[np.float64]:
-        """(size,) mean |response| in each cell, relative brightness; 0 where the cell has no cloth.
+    def describe(self, view: ClothView) -> Float64Array:
+        """Return (size,) mean |response| in each cell, relative brightness; 0 where the cell has no cloth.
 
         Order: wavelength, orientation (i pi / n from the x axis, as in WORD), row, column of the grid. The whole cloth
-        takes part, also what is lifted: HOW describes its shape. Not normalised further: brightness already is.
+        counts, also what is lifted: HOW describes its shape. Not normalized further: brightness already is.
         """
-        prepared = preprocess(view, self.config.preprocess)
-        window = None if prepared is None else bounding_window(prepared.cloth)
-        if prepared is None or window is None:
+        preprocessed = preprocess(view, self.config.preprocess)
+        window = None if preprocessed is None else bounding_window(preprocessed.cloth)
+        if preprocessed is None or window is None:
             return np.zeros(self.size)
         rows, columns = self.config.grid
         cells = [
-            cv2.resize(np.where(prepared.cloth, np.abs(r), 0)[window], (columns, rows), interpolation=cv2.INTER_AREA)
-            for r in self._responses(prepared)
+            cv2.resize(
+                np.where(preprocessed.cloth, np.abs(r), 0)[window], (columns, rows), interpolation=cv2.INTER_AREA
+            )
+            for r in self._responses(preprocessed)
         ]
         return np.concatenate([cell.ravel() for cell in cells]).astype(np.float64)
 
     def direction(self, view: ClothView) -> WrinkleDirection:
-        """Axial mean over the orientations' energies, summed over wavelengths, of what lies on the table.
+        """Return the axial mean over the orientations' energies, summed over wavelengths, of what lies on the table.
 
         Strength is the root of the strongest orientation's energy: rms response, relative brightness.
         """
-        prepared = preprocess(view, self.config.preprocess)
-        if prepared is None or not prepared.lying.any():
+        preprocessed = preprocess(view, self.config.preprocess)
+        if preprocessed is None or not preprocessed.valid.any():
             return WrinkleDirection.none()
-        energies = self._energies(prepared, prepared.lying)
+        energies = self._energies(preprocessed)
         strength = math.sqrt(energies.max())
         if strength <= self.config.noise_floor:
             return WrinkleDirection.none()
         vector, coherence = axial_mean(energies, wrinkle_normals(self.config.orientations))
         return WrinkleDirection(vector=vector, coherence=coherence, strength=strength)
 
-    def _energies(self, prepared: PreprocessedImage, counted: BoolArray) -> NDArray[np.float64]:
-        """(n,) mean squared response of each orientation, the wavelengths' added up."""
-        mask = counted.view(np.uint8)
-        sums = [cv2.norm(r, cv2.NORM_L2SQR, mask) for r in self._responses(prepared)]
-        by_wavelength = np.array(sums).reshape(-1, self.config.orientations) / np.count_nonzero(counted)
+    def _energies(self, preprocessed: PreprocessedImage) -> Float64Array:
+        """Return (n,) mean squared response of each orientation over the valid pixels, summed over wavelengths."""
+        mask = preprocessed.valid.view(np.uint8)
+        sums = [cv2.norm(r, cv2.NORM_L2SQR, mask) for r in self._responses(preprocessed)]
+        by_wavelength = np.array(sums).reshape(-1, self.config.orientations) / np.count_nonzero(mask)
         return np.asarray(by_wavelength.sum(axis=0))
 
-    def _responses(self, prepared: PreprocessedImage) -> list[NDArray[np.float32]]:
-        """(h, w) each: wavelength by wavelength, orientation by orientation."""
-        # A wrinkle's normal v is at atan2(vy, vx) in the table's axes; the view's rows run against y.
-        thetas = tuple(-math.atan2(y, x) for x, y in wrinkle_normals(self.config.orientations))
+    def _responses(self, preprocessed: PreprocessedImage) -> list[Float32Array]:
+        """Return (h, w) responses: wavelength by wavelength, orientation by orientation."""
+        angles = filter_angles(self.config.orientations)
         return [
-            np.asarray(cv2.filter2D(prepared.image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE))
+            np.asarray(cv2.filter2D(preprocessed.image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE))
             for wavelength in self.config.wavelengths_mm
-            for kernel in gabor_bank(self.config.gabor(wavelength, prepared.mm_per_px), thetas)
+            for kernel in gabor_bank(self.config.gabor(wavelength, preprocessed.mm_per_px), angles)
         ]

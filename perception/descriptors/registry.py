@@ -1,4 +1,4 @@
-"""Every descriptor by name; a new one adds a file and a line here, and inherits the conformance test."""
+"""All descriptors by name. A new one adds a file and a line here, and inherits the conformance test."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ DESCRIPTORS: Mapping[str, Callable[[], Descriptor]] = {
 }
 
 DEFAULT_DESCRIPTOR = "word-axial"
-"""By the tables of docs/word.md."""
+"""The most accurate one in the tables of docs/word.md."""
 
 
 def make_descriptor(name: str) -> Descriptor:
-    """A descriptor with its default settings; PerceptionError lists the known ones."""
+    """Return a descriptor with its default settings."""
     if name not in DESCRIPTORS:
         raise PerceptionError(f"descriptor {name!r} is unknown; it must be one of {', '.join(DESCRIPTORS)}")
     return DESCRIPTORS[name]()

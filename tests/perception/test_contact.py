@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from layflat.perception.cloth.contact import (
-    HIGHEST_M,
-    LOWEST_M,
-    MOST_STRETCH,
+    MAX_HEIGHT_M,
+    MAX_STRETCH,
+    MIN_HEIGHT_M,
     contact_mask,
     contact_portion,
     covered_pixels,
@@ -69,7 +69,7 @@ def test_one_wild_value_does_not_lift_its_neighbours() -> None:
         height = np.full((15, 15), 0.004, dtype=np.float32)
         height[7, 7] = wild
         assert contact_mask(cloth, smooth_height(height, cloth), 0.008).all()
-    assert LOWEST_M < 0 < HIGHEST_M
+    assert MIN_HEIGHT_M < 0 < MAX_HEIGHT_M
 
 
 def test_a_dead_depth_camera_is_an_error_not_a_lifted_cloth() -> None:
@@ -90,7 +90,7 @@ def test_contact_portion_is_the_ratio_of_eq_4_7(flat: int, seen: float, lying: f
     assert contact_portion(contact, covered=seen * flat, flat_pixels=flat) == contact / flat
 
 
-@given(flat=st.integers(10**4, 10**6), stretch=st.floats(1.0, MOST_STRETCH), share=st.floats(0, 1))
+@given(flat=st.integers(10**4, 10**6), stretch=st.floats(1.0, MAX_STRETCH), share=st.floats(0, 1))
 def test_a_stretched_cloth_is_not_more_in_contact(flat: int, stretch: float, share: float) -> None:
     contact = int(share * stretch * flat)
     portion = contact_portion(contact, covered=stretch * flat, flat_pixels=flat)
@@ -112,6 +112,13 @@ def test_a_raised_cloth_covers_what_it_would_on_the_table(height_m: float) -> No
     drawn = round(side * (camera_m - level_m) / (camera_m - max(height_m, level_m)))
     cloth = np.zeros((120, 120), dtype=bool)
     cloth[:drawn, :drawn] = True
-    covered = covered_pixels(cloth, np.full(cloth.shape, height_m, np.float32), level_m=level_m, camera_m=camera_m)
+    covered = covered_pixels(
+        cloth, np.full(cloth.shape, height_m, np.float32), contact_height_m=level_m, camera_height_m=camera_m
+    )
     assert covered == pytest.approx(side**2, rel=0.01)
-    assert covered_pixels(cloth & False, np.zeros(cloth.shape, np.float32), level_m=level_m, camera_m=camera_m) == 0.0
+    assert (
+        covered_pixels(
+            cloth & False, np.zeros(cloth.shape, np.float32), contact_height_m=level_m, camera_height_m=camera_m
+        )
+        == 0.0
+    )

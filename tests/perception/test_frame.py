@@ -46,7 +46,7 @@ def test_as_with_the_true_pose(place: dict, scene: Scene) -> None:
     shot = shot_of(scene, missing=0.1, **place)
     seen = see(shot)
     up = shot.camera.cam_to_world[2, :3]
-    truth = TablePlane(normal=up, distance_m=float(shot.camera.position[2]), rms_m=0.0, share=1.0, pixels=9)
+    truth = TablePlane(normal=up, distance_m=float(shot.camera.position[2]), rms_m=0.0, inlier_share=1.0, n_inliers=9)
     expected = PerceptionPipeline(truth.camera(shot.lens), seen.config).perceive(shot.rgb, shot.depth)
     flat = scene.side**2 / 0.0025**2
     assert seen.cloth_state.contact_pixels / flat == pytest.approx(expected.contact_pixels / flat, abs=0.02)

@@ -48,8 +48,8 @@ def by_true_pose(seen: FrameResult, shot: Shot) -> FrameResult:
         normal=shot.camera.cam_to_world[2, :3].copy(),
         distance_m=float(shot.camera.position[2]),
         rms_m=0.0,
-        share=1.0,
-        pixels=1,
+        inlier_share=1.0,
+        n_inliers=1,
     )
     perceiver = PerceptionPipeline(truth.camera(shot.lens), seen.config)
     return replace(seen, cloth_state=perceiver.perceive(shot.rgb, shot.depth), plane=truth)
@@ -179,7 +179,7 @@ def _overlap(shot: Shot, color: HsvRange, at: tuple[int, int] | None) -> float:
         seen = analyze_frame(shot.rgb, shot.depth, shot.lens, color=color, cloth_at=at, rng=np.random.default_rng(0))
     except PerceptionError:
         return 0.0
-    return float((seen.cloth & shot.cloth).sum() / (seen.cloth | shot.cloth).sum())
+    return float((seen.cloth_mask & shot.cloth).sum() / (seen.cloth_mask | shot.cloth).sum())
 
 
 def test_a_plane_in_the_whole_image_is_as_good() -> None:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.perception.camera.pinhole import WHOLE
-from layflat.perception.descriptors.gabor import GaborParams, gabor_bank, gabor_kernel, responses
+from layflat.perception.arrays import WHOLE
+from layflat.perception.descriptors.gabor import GaborParams, gabor_bank, gabor_kernel, gabor_responses
 from layflat.perception.errors import PerceptionError
 
 PARAMS = st.builds(
@@ -95,7 +95,7 @@ def test_responses_are_those_of_filter2d(shape: tuple[int, int], size: int, psi:
     params = GaborParams(wavelength=10, sigma=4, gamma=0.4, psi=psi, size=size)
     bottom, right = max(1, shape[0] // 2), max(1, shape[1] - 3)
     for window in (WHOLE, (slice(0, bottom), slice(0, right)), (slice(bottom - 1, shape[0]), slice(right - 1, right))):
-        fast = responses(image, params, EIGHT, normalise=False, window=window)
+        fast = gabor_responses(image, params, EIGHT, normalize=False, window=window)
         for kernel, response in zip(gabor_bank(params, EIGHT, False), fast, strict=True):
             plain = cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)[window]
             np.testing.assert_allclose(response, plain, atol=1e-5 * np.abs(kernel).sum())

@@ -25,8 +25,8 @@ def test_slopes_are_those_of_the_pinhole() -> None:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])  # straight down
     pose[2, 3] = 2.0
     rows, columns = np.array([0, 41, 79]), np.array([7, 48, 99])
-    points = lens.at(pose).back_project(np.column_stack([columns, rows]), np.full(3, 2.0))
-    np.testing.assert_allclose(lens.slopes(rows, columns) * 2.0 * (1, -1), points[:, :2])
+    points = lens.camera_at(pose).back_project(np.column_stack([columns, rows]), np.full(3, 2.0))
+    np.testing.assert_allclose(lens.ray_slopes(rows, columns) * 2.0 * (1, -1), points[:, :2])
 
 
 @pytest.mark.parametrize(

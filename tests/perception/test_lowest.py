@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.cloth.free_edge import LEAST_PX, free_edge
+from layflat.perception.cloth.free_edge import MIN_PIXELS, free_edge
 
 CAMERA = PinholeCamera.look_at((0.15, -0.72, 0.86), (0.285, 0.065, 0.0), width=320, height=240, fx=307.5)
 
@@ -47,5 +47,5 @@ def test_where_the_sensor_is_blind_or_sees_next_to_nothing_there_is_none() -> No
     assert free_edge(CAMERA, mask, np.zeros_like(depth)) is None
     rows, columns = np.nonzero(mask)
     few = np.zeros_like(mask)
-    few[rows[: LEAST_PX - 1], columns[: LEAST_PX - 1]] = True
+    few[rows[: MIN_PIXELS - 1], columns[: MIN_PIXELS - 1]] = True
     assert free_edge(CAMERA, few, depth) is None

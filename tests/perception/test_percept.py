@@ -103,7 +103,7 @@ def test_a_cloth_in_the_air_has_no_contact_and_no_direction(look: Callable[..., 
 def test_without_cloth_there_is_nothing_and_it_is_said(
     perceiver: PerceptionPipeline, tilted_camera: PinholeCamera
 ) -> None:
-    frame = render_sheet(tilted_camera, None, RenderConfig().noisy(0))
+    frame = render_sheet(tilted_camera, None, RenderConfig().with_sensor_noise(0))
     cloth_state = perceiver.perceive(frame.rgb, frame.depth)
     assert cloth_state.cloth_pixels == cloth_state.contact_pixels == 0
     assert cloth_state.contact_portion == cloth_state.strength == cloth_state.coherence == 0.0

@@ -78,7 +78,7 @@ def test_the_same_seed_finds_the_same_plane() -> None:
 def test_table_axes_are_the_images(tilt: float, roll: float) -> None:
     camera, lens = stand(tilt=tilt, roll=roll, turn=70, width=320, height=240)
     normal = camera.cam_to_world[2, :3]
-    plane = TablePlane(normal=normal, distance_m=float(camera.position[2]), rms_m=0.0, share=1.0, pixels=9)
+    plane = TablePlane(normal=normal, distance_m=float(camera.position[2]), rms_m=0.0, inlier_share=1.0, n_inliers=9)
     seen = plane.camera(lens)
     assert seen.position == pytest.approx((0.0, 0.0, camera.position[2]))
     # x is the camera's right without its part along the normal; y leaves it to the left, on the image's upper side.

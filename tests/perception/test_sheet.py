@@ -94,9 +94,11 @@ def test_exposure_cuts_off_and_tint_colours(tilted_camera: PinholeCamera) -> Non
 def test_noise_has_its_size_and_its_seed(tilted_camera: PinholeCamera) -> None:
     clean, noisy = (
         render_sheet(tilted_camera, SyntheticSheet()),
-        render_sheet(tilted_camera, SyntheticSheet(), RenderConfig().noisy(3)),
+        render_sheet(tilted_camera, SyntheticSheet(), RenderConfig().with_sensor_noise(3)),
     )
-    again, other = (render_sheet(tilted_camera, SyntheticSheet(), RenderConfig().noisy(seed)) for seed in (3, 4))
+    again, other = (
+        render_sheet(tilted_camera, SyntheticSheet(), RenderConfig().with_sensor_noise(seed)) for seed in (3, 4)
+    )
     np.testing.assert_array_equal(noisy.rgb, again.rgb)
     np.testing.assert_array_equal(noisy.depth, again.depth)
     assert (noisy.rgb != other.rgb).any()

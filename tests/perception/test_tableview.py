@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from layflat.perception.arrays import bounding_window, touches_border
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.camera.rectified_view import TableGrid, TableRectifier, bounding_window, touches_border
+from layflat.perception.camera.rectified_view import TableRectifier
+from layflat.perception.camera.table_grid import TableGrid
 from layflat.perception.errors import PerceptionError
 
 GRID = TableGrid()
@@ -103,11 +105,11 @@ def test_a_mask_is_wholly_within_its_window(tilted_camera: PinholeCamera) -> Non
         top, left = rng.integers(0, 200), rng.integers(0, 280)
         mask = np.zeros((240, 320), dtype=bool)
         mask[top : top + rng.integers(1, 60), left : left + rng.integers(1, 80)] = True
-        whole, window = view.rectify_mask(mask), view.window_of(mask)
+        whole, window = view.rectify_mask(mask), view.grid_window(mask)
         if window is None:
             assert not whole.any()
             continue
         part = np.zeros_like(whole)
         part[window] = view.rectify_mask(mask, window)
         np.testing.assert_array_equal(part, whole)
-    assert view.window_of(np.zeros((240, 320), dtype=bool)) is None
+    assert view.grid_window(np.zeros((240, 320), dtype=bool)) is None

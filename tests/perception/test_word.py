@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from layflat.perception.camera.rectified_view import ClothView
-from layflat.perception.descriptors.base import axial_mean
+from layflat.perception.descriptors.base import axial_mean, filter_angles
 from layflat.perception.descriptors.gabor import gabor_bank
 from layflat.perception.descriptors.preprocess import relative_brightness
 from layflat.perception.descriptors.word import (
@@ -127,7 +127,7 @@ def test_fast_responses_are_those_of_one_filter2d_per_orientation() -> None:
         image = relative_brightness(view.rgb, view.cloth)
         plain = [
             np.maximum(cv2.filter2D(image, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE), 0)[view.cloth].mean()
-            for kernel in gabor_bank(THESIS_CONFIG.gabor(view.mm_per_px), THESIS_CONFIG.thetas)
+            for kernel in gabor_bank(THESIS_CONFIG.gabor(view.mm_per_px), filter_angles(THESIS_CONFIG.orientations))
         ]
         np.testing.assert_allclose(orientation_responses(view, THESIS_CONFIG)[0], plain, rtol=1e-5)
 

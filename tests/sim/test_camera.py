@@ -11,8 +11,8 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
+from layflat.perception.arrays import touches_border
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.camera.rectified_view import touches_border
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.sim.camera.camera import Camera, default_pinhole
 from layflat.sim.camera.renderer import Renderer
