@@ -40,7 +40,9 @@ class ClothSimulation:
         self.cloth_state: ClothState | None = None
         """Output of the perception for the last observation; None without a camera."""
         self._pinhole = default_pinhole()
-        self._perception = PerceptionPipeline(self._pinhole, PerceptionConfig(descriptor=make_descriptor(config.descriptor)))
+        self._perception = PerceptionPipeline(
+            self._pinhole, PerceptionConfig(descriptor=make_descriptor(config.descriptor))
+        )
 
     def reset(self, seed: int) -> None:
         """Start an episode; the same seed in a fresh process gives the same bits."""

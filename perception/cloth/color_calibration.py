@@ -51,7 +51,7 @@ class _Hsv(NamedTuple):
 def learn_hsv(rgb: RgbArray, at: tuple[int, int]) -> HsvRange:
     """Return the colour range of the uniform piece of an image (H, W, 3) that holds pixel ``at`` (column, row).
 
-    Shade changes the value most, the saturation less and the hue hardly. The range is wider than what is seen.
+    Shade changes the value most, the saturation less and the hue hardly. The range is wider than the sample.
     """
     height, width = rgb.shape[:2]
     column, row = at

@@ -34,7 +34,7 @@ class HsvRange:
             )
 
     def bounds(self) -> list[tuple[tuple[int, int, int], tuple[int, int, int]]]:
-        """Return corners for ``cv2.inRange`` (hue in half degrees 0..179): one lower and upper pair, or two across 0."""
+        """Return corners for ``cv2.inRange`` (hue in half degrees 0..179): a lower and upper pair, two across 0."""
         low, high = round(self.hue_min / 2), round(self.hue_max / 2)
         rest = (round(self.saturation_min * 255), round(self.value_min * 255))
         spans = [(low, high)] if low <= high else [(low, 180), (0, high)]

@@ -155,8 +155,8 @@ def _holding(bench: ClothSimulation) -> dict[str, Any]:
 
 def _seeing(bench: ClothSimulation, seen: Observation) -> dict[str, Any]:
     """The camera's image and what perception made of it."""
-    percept = bench.cloth_state
-    if seen.rgb is None or percept is None or percept.cloth_mask.shape != (_GRID.height, _GRID.width):
+    cloth_state = bench.cloth_state
+    if seen.rgb is None or cloth_state is None or cloth_state.cloth_mask.shape != (_GRID.height, _GRID.width):
         return {"has_image": False}
     return {
         "has_image": True,
