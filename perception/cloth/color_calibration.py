@@ -64,8 +64,8 @@ def learn_hsv(rgb: RgbArray, at: tuple[int, int]) -> HsvRange:
     if colored.mean() < MIN_COLORED_SHARE:
         saturation, value = np.median(hsv.saturation[patch]), np.median(hsv.value[patch])
         raise PerceptionError(
-            f"the colour at {column},{row} is {'black' if value < DARK else 'grey'} (saturation {saturation:.2f}, value "
-            f"{value:.2f}) and has no hue to find the cloth by: at least {GREY} and {DARK} are needed"
+            f"the colour at {column},{row} is {'black' if value < DARK else 'grey'} (saturation {saturation:.2f}, "
+            f"value {value:.2f}) and has no hue to find the cloth by: at least {GREY} and {DARK} are needed"
         )
     region = _uniform_piece(hsv, patch, colored)
     share = np.count_nonzero(region) / region.size
