@@ -8,16 +8,17 @@ EPISODES ?= 5
 PYTHON ?=
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test check lint slow word-study reproduce screenshots clean
+.PHONY: help demo docs test check lint slow word-study reproduce screenshots clean
 
 help:
 	@echo "make demo    the whole story once, into $(OUT)/report.html (OUT=dir, EPISODES=5)"
 	@echo "make test    the test suite without the long runs"
 	@echo "make check   format, lint, types, the import rule, fast tests"
 	@echo "make slow    the long simulation tests"
-	@echo "make word-study  the tables and plots of docs/word.md, into runs/word-study"
-	@echo "make reproduce   the thesis's experiments, into runs/reproduction; over an hour, goes on where it stopped"
-	@echo "make screenshots  the pictures of docs/workstation.md, of the real window"
+	@echo "make docs    the documentation's site, into build/docs/index.html; broken links and examples fail"
+	@echo "make word-study  the tables and plots of WORD's accuracy, into runs/word-study"
+	@echo "make reproduce   the thesis's experiments, into runs/reproduction; over an hour, resumes where it stopped"
+	@echo "make screenshots  the documentation's pictures of the workstation, from the real window"
 	@echo "make clean   removes the virtual environment and caches; runs/ stays"
 
 demo: $(VENV)/.installed
@@ -28,6 +29,10 @@ test: $(VENV)/.installed-dev
 
 slow: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow --timeout 1800
+
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -b html -E -W --keep-going -q docs build/docs
+	@echo "open build/docs/index.html"
 
 screenshots: $(VENV)/.installed-dev
 	$(BIN)/python -m layflat.tests.app.workstation.screenshots docs/images runs/screenshots
@@ -67,6 +72,11 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "installing the pinned packages into $(VENV) (once, a minute or two)"
 	@$(PIP) install --constraint constraints.txt --editable .
 	@touch $@
+
+$(VENV)/.installed-docs: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing the pinned packages and the documentation's tools into $(VENV) (once, a minute or two)"
+	@$(PIP) install --constraint constraints.txt --editable '.[docs]'
+	@touch $@ $(VENV)/.installed
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "installing the pinned packages and the test tools into $(VENV) (once, a minute or two)"

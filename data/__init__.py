@@ -1,4 +1,4 @@
-"""What an episode is, and keeping it safe: numpy and h5py only. docs/data.md shows it in use."""
+"""What an episode is, and keeping it safe: numpy and h5py only. docs/how-to/sessions.md shows it in use."""
 
 from layflat.data.errors import DataError
 from layflat.data.session.demo_info import DemoInfo

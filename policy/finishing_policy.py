@@ -1,7 +1,7 @@
 """``gp-finish``: the motion of the Gaussian processes, which does not fade out before the cloth is flat.
 
 What a process does not know it answers with zero, so that the thesis's policy stands still wherever it has not been
-taught (section 5-1). Here, with all inputs divided by their scales (``docs/policies.md`` has the reasons):
+taught (section 5-1). Here, with all inputs divided by their scales (``docs/explanation/policies.md`` has the reasons):
 
 - it asks the processes no farther than RADIUS from the nearest demonstrated step, so that their mean never fades;
 - in the air it is drawn back to where that step was, in proportion to how far outside of RADIUS it is;

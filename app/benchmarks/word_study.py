@@ -1,4 +1,4 @@
-"""How right each descriptor is, by light and sensor: the tables and plots of docs/word.md.
+"""How right each descriptor is, by light and sensor: the tables and plots of docs/explanation/results/word.md.
 
 ``python -m layflat.app.benchmarks.word_study --out DIR`` draws sheets of known wrinkles as the bench's camera would see
 them, spoils the

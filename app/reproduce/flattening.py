@@ -94,7 +94,7 @@ def show(material: ExperimentResults) -> ExperimentOutput:
 NOTE = (
     "The thesis's contact at the start is stated once, for all (74 % of the particles, 74.34 % in Figure 3-6). Ours "
     "begin from the crumpled starts of "
-    "docs/flatten.md, other ones for every seed; a controller's episode ends at 99 % for six steps, at the end of "
+    "docs/explanation/results/wrinkle-removal.md, other ones for every seed; a controller's episode ends at 99 % for six steps, at the end of "
     "the view, or after 60 steps."
 )
 

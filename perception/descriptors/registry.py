@@ -18,7 +18,7 @@ DESCRIPTORS: Mapping[str, Callable[[], Descriptor]] = {
 }
 
 DEFAULT_DESCRIPTOR = "word-axial"
-"""The most accurate one in the tables of docs/word.md."""
+"""The most accurate one in the tables of docs/explanation/results/word.md."""
 
 
 def make_descriptor(name: str) -> Descriptor:

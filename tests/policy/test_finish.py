@@ -77,7 +77,7 @@ def share(policy: Policy, begins: np.ndarray, observe, n_steps: int = 400) -> fl
 
 
 def test_the_mean_alone_fades_and_this_does_not(model, observe):
-    """In the order of the table in docs/policies.md: the mean fails the more the farther it begins."""
+    """In the order of the table in docs/explanation/policies.md: the mean fails the more the farther it begins."""
     thesis = ModelPolicy(replace(model, stop_threshold_m=1e-9), guard=AnyOf())
     mine = FinishingPolicy(model, stop=AnyOf())
     alone = [share(thesis, starts(model, d), observe) for d in DISTANCES]

@@ -86,7 +86,7 @@ def test_a_sheet_that_falls_flat_rests_flat_and_above_the_table(name: str, heigh
     """It rests between the table and its margin, even to 1.5 mm: Bullet stops it but hardly pushes it back out.
 
     How deep follows from the step: 0 to 1.5 mm high at 200 Hz, 2.3 to 2.7 mm at 300 Hz, where the margin is 4 mm.
-    A cloth that is laid and dragged mostly ends at the margin (see docs/pybullet.md).
+    A cloth that is laid and dragged mostly ends at the margin (docs/explanation/pybullet.md).
     """
     spec = cloth_spec(name)
     nodes, lowest = _settled(spec, spec.flat_nodes(z_m=height_m), 0.6)
@@ -100,7 +100,7 @@ def test_a_sheet_that_falls_flat_rests_flat_and_above_the_table(name: str, heigh
 def test_it_folds_over_an_edge(name: str) -> None:
     """A third hangs over the table's edge, straight down within 30 degrees; what lies stays flat.
 
-    At 240 Hz or above: with self-collision over a sharp edge the 200 Hz presets may diverge (see docs/pybullet.md).
+    At 240 Hz or above: with self-collision over a sharp edge 200 Hz may diverge (docs/explanation/pybullet.md).
     """
     spec = cloth_spec(name)
     spec = replace(spec, rate_hz=max(spec.rate_hz, 240.0))

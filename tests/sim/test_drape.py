@@ -1,4 +1,4 @@
-"""The presets' coarse meshes drape as a fine mesh of the same springs does (quality checks of docs/performance.md)."""
+"""The presets' coarse meshes drape as a fine mesh of the same springs does (docs/explanation/pybullet.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers of docs/workstation.md: ``python -m layflat.tests.app.workstation.measure FOLDER [SEEDS]``.
+"""The numbers of docs/how-to/workstation.md: ``python -m layflat.tests.app.workstation.measure FOLDER [SEEDS]``.
 
 Each comparison is made side by side, in turns, since what else the machine does changes from minute to minute.
 """

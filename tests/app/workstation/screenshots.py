@@ -1,4 +1,4 @@
-"""`make screenshots`: the pictures of docs/workstation.md, taken of the real window while a person uses it.
+"""`make screenshots`: the pictures of docs/how-to/workstation.md, taken of the real window while a person uses it.
 
     python -m layflat.tests.app.workstation.screenshots docs/images runs/screenshots
 
