@@ -1,4 +1,4 @@
-"""The figures of docs/explanation/results/word.md, as PNG bytes: Eq. 3-3's bias over the wrinkles' direction, and errors over the light."""
+"""Figures of docs/explanation/results/word.md as PNG bytes: errors over the wrinkles' direction and over the light."""
 
 from __future__ import annotations
 
