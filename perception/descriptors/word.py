@@ -116,10 +116,10 @@ AXIAL_CONFIG = WordConfig(
     max_height_m=0.03,
     noise_ratio=1.8,
 )
-"""Chosen from the tables of docs/explanation/results/word.md. An even kernel is blind to a slow gradient of the light;
-a round envelope responds to neighbouring orientations so evenly that eight of them interpolate without bias (a long one errs by 5
-degrees between them); the relief shows what the light does not; cut contrast keeps a shadow's edge from being a
-wrinkle."""
+"""Chosen from the tables of docs/explanation/results/word.md. An even kernel is blind to a slow gradient of the
+light; a round envelope responds to neighbouring orientations so evenly that eight of them interpolate without bias (a
+long one errs by 5 degrees between them); the relief shows what the light does not; cut contrast keeps a shadow's edge
+from being a wrinkle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
