@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.errors import PerceptionError
 from layflat.perception.overlay import ARROW, ARROW_M, CONTACT, draw_cloth_state
+from layflat.tests.perception.factories import TILTED, render, wrinkled_sheet
 
 
 @pytest.mark.parametrize("scale", [1, 3])
-def test_contact_is_tinted_where_it_is_and_nowhere_else(
-    scale: int, tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
-) -> None:
-    frame = render_sheet(tilted_camera, make_sheet(lift_x=0.25))
+def test_contact_is_tinted_where_it_is_and_nowhere_else(scale):
+    frame = render(wrinkled_sheet(lift_x=0.25))
     before = frame.rgb.copy()
-    cloth_state = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
-    picture = draw_cloth_state(frame.rgb, cloth_state, tilted_camera, scale=scale)
+    state = PerceptionPipeline(TILTED, None, 19600).perceive(frame.rgb, frame.depth)
+    picture = draw_cloth_state(frame.rgb, state, TILTED, scale=scale)
     assert picture.shape == (240 * scale, 320 * scale, 3)
     assert picture.dtype == np.uint8
     np.testing.assert_array_equal(frame.rgb, before)
-    (lying, raised, bare), _ = tilted_camera.project([(0.15, -0.1, 0.004), (0.4, -0.1, 0.079), (0.0, 0.1, 0.0)])
+    (lying, raised, bare), _ = TILTED.project([(0.15, -0.1, 0.004), (0.4, -0.1, 0.079), (0.0, 0.1, 0.0)])
     for pixel, tinted in ((lying, True), (raised, False), (bare, False)):
         column, row = np.rint(pixel).astype(int)
         seen = picture[row * scale + scale // 2, column * scale + scale // 2].astype(int)
@@ -33,35 +30,31 @@ def test_contact_is_tinted_where_it_is_and_nowhere_else(
         assert towards == tinted
 
 
-def test_arrow_points_along_word_from_the_contact_centroid(
-    tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
-) -> None:
-    frame = render_sheet(tilted_camera, make_sheet(amplitude=0.0015, normal=0.6))
-    cloth_state = PerceptionPipeline(tilted_camera, None, 19600).perceive(frame.rgb, frame.depth)
-    picture = draw_cloth_state(frame.rgb, cloth_state, tilted_camera)
-    rows, columns = np.nonzero(cloth_state.contact_mask)
-    start = cloth_state.grid.to_table([columns.mean(), rows.mean()])[0]
-    middle = start + 0.4 * ARROW_M * cloth_state.word
-    (pixel,), _ = tilted_camera.project([(*middle, 0.0)])
+def test_arrow_points_along_word_from_the_contact_centroid():
+    frame = render(wrinkled_sheet(amplitude=0.0015, normal=0.6))
+    state = PerceptionPipeline(TILTED, None, 19600).perceive(frame.rgb, frame.depth)
+    picture = draw_cloth_state(frame.rgb, state, TILTED)
+    rows, columns = np.nonzero(state.contact_mask)
+    start = state.grid.to_table([columns.mean(), rows.mean()])[0]
+    middle = start + 0.4 * ARROW_M * state.word
+    (pixel,), _ = TILTED.project([(*middle, 0.0)])
     column, row = np.rint(pixel).astype(int)
     np.testing.assert_allclose(picture[row, column], ARROW, atol=12)
 
 
-def test_every_kind_of_percept_can_be_drawn(
-    tilted_camera: PinholeCamera, render_sheet: Callable, make_sheet: Callable
-) -> None:
-    perceiver = PerceptionPipeline(tilted_camera)
-    for sheet in (None, make_sheet(), make_sheet(rest=0.2), make_sheet(centre=(0.7, 0.0), amplitude=0.003)):
-        frame = render_sheet(tilted_camera, sheet)
-        cloth_state = perceiver.perceive(frame.rgb, frame.depth)
-        assert math.isnan(cloth_state.contact_portion)
-        assert draw_cloth_state(frame.rgb, cloth_state, tilted_camera).shape == (240, 320, 3)
+def test_every_kind_of_percept_can_be_drawn():
+    pipeline = PerceptionPipeline(TILTED)
+    for sheet in (None, wrinkled_sheet(), wrinkled_sheet(rest=0.2), wrinkled_sheet(centre=(0.7, 0.0), amplitude=0.003)):
+        frame = render(sheet)
+        state = pipeline.perceive(frame.rgb, frame.depth)
+        assert math.isnan(state.contact_portion)
+        assert draw_cloth_state(frame.rgb, state, TILTED).shape == (240, 320, 3)
 
 
-def test_wrong_input_is_refused(tilted_camera: PinholeCamera, render_sheet: Callable) -> None:
-    frame = render_sheet(tilted_camera, None)
-    cloth_state = PerceptionPipeline(tilted_camera).perceive(frame.rgb, frame.depth)
+def test_wrong_input_is_refused():
+    frame = render(None)
+    state = PerceptionPipeline(TILTED).perceive(frame.rgb, frame.depth)
     with pytest.raises(PerceptionError, match="rgb has shape"):
-        draw_cloth_state(frame.rgb[:10], cloth_state, tilted_camera)
+        draw_cloth_state(frame.rgb[:10], state, TILTED)
     with pytest.raises(PerceptionError, match="scale is 0"):
-        draw_cloth_state(frame.rgb, cloth_state, tilted_camera, scale=0)
+        draw_cloth_state(frame.rgb, state, TILTED, scale=0)

@@ -27,7 +27,7 @@ EIGHT = tuple(i * math.pi / 8 for i in range(8))
 
 
 @given(params=PARAMS, theta=st.floats(0, math.pi))
-def test_equals_opencv_with_the_phase_shifted_by_a_quarter(params: GaborParams, theta: float) -> None:
+def test_equals_opencv_with_the_phase_shifted_by_a_quarter(params, theta):
     size = (params.size, params.size)
     theirs = cv2.getGaborKernel(
         size, params.sigma, theta, params.wavelength, params.gamma, params.psi - math.pi / 2, cv2.CV_64F
@@ -37,24 +37,24 @@ def test_equals_opencv_with_the_phase_shifted_by_a_quarter(params: GaborParams, 
     np.testing.assert_allclose(gabor_kernel(params, theta), theirs, atol=1e-9)
 
 
-def test_the_thesis_window_of_12_is_13() -> None:
+def test_the_thesis_window_of_12_is_13():
     assert gabor_kernel(GaborParams(wavelength=8, sigma=4, gamma=0.1, psi=10, size=12), 0.3).shape == (13, 13)
 
 
 @given(params=PARAMS, theta=st.floats(0, math.pi))
-def test_orientation_has_period_pi_for_even_kernels(params: GaborParams, theta: float) -> None:
+def test_orientation_has_period_pi_for_even_kernels(params, theta):
     even = GaborParams(**{**params.__dict__, "psi": math.pi / 2})
     np.testing.assert_allclose(gabor_kernel(even, theta), gabor_kernel(even, theta + math.pi), atol=1e-9)
 
 
-def test_a_constant_image_gives_nothing() -> None:
+def test_a_constant_image_gives_nothing():
     image = np.full((40, 40), 3.7, dtype=np.float32)
     for kernel in gabor_bank(RIDGE, EIGHT):
         assert np.abs(cv2.filter2D(image, cv2.CV_32F, kernel)).max() < 1e-5
 
 
 @pytest.mark.parametrize("theta", EIGHT)
-def test_a_matching_wave_of_amplitude_one_answers_with_amplitude_one(theta: float) -> None:
+def test_a_matching_wave_of_amplitude_one_answers_with_amplitude_one(theta):
     y, x = np.mgrid[:90, :90]
     wave = np.sin(2 * math.pi * (x * math.cos(theta) + y * math.sin(theta)) / RIDGE.wavelength)
     responses = [cv2.filter2D(wave.astype(np.float32), cv2.CV_32F, k)[15:75, 15:75] for k in gabor_bank(RIDGE, EIGHT)]
@@ -64,7 +64,7 @@ def test_a_matching_wave_of_amplitude_one_answers_with_amplitude_one(theta: floa
 
 
 @given(seed=st.integers(0, 2**16))
-def test_rotating_the_image_by_90_degrees_rolls_the_responses(seed: int) -> None:
+def test_rotating_the_image_by_90_degrees_rolls_the_responses(seed):
     image = np.random.default_rng(seed).normal(size=(32, 32)).astype(np.float32)
     bank = gabor_bank(RIDGE, EIGHT)
 
@@ -75,14 +75,14 @@ def test_rotating_the_image_by_90_degrees_rolls_the_responses(seed: int) -> None
     np.testing.assert_allclose(sums(np.rot90(image)), np.roll(sums(image), 4), rtol=1e-4)
 
 
-def test_banks_are_cached_and_read_only() -> None:
+def test_banks_are_cached_and_read_only():
     bank = gabor_bank(RIDGE, EIGHT)
     assert gabor_bank(RIDGE, EIGHT) is bank
     with pytest.raises(ValueError, match="read-only"):
         bank[0, 0, 0] = 1.0
 
 
-def test_wrong_parameters_are_refused() -> None:
+def test_wrong_parameters_are_refused():
     with pytest.raises(PerceptionError, match="must be positive"):
         GaborParams(wavelength=0, sigma=4, gamma=0.1, psi=0, size=13)
 
@@ -90,7 +90,7 @@ def test_wrong_parameters_are_refused() -> None:
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (152, 151), (33, 200)])
 @pytest.mark.parametrize("size", [1, 12, 31])
 @pytest.mark.parametrize("psi", [10.0, math.pi / 2, 0.0])
-def test_responses_are_those_of_filter2d(shape: tuple[int, int], size: int, psi: float) -> None:
+def test_responses_are_those_of_filter2d(shape, size, psi):
     image = np.random.default_rng(2).normal(1.0, 0.3, shape).astype(np.float32)
     params = GaborParams(wavelength=10, sigma=4, gamma=0.4, psi=psi, size=size)
     bottom, right = max(1, shape[0] // 2), max(1, shape[1] - 3)

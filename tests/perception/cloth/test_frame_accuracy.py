@@ -69,7 +69,7 @@ def errors(seen: FrameResult, shot: Shot) -> tuple[float, float, float, float]:
 
 
 @pytest.mark.parametrize(("noise", "missing"), [(0.0, 0.0), (0.0026, 0.01), (0.0026, 0.2), (0.0052, 0.2)])
-def test_against_the_true_pose(noise: float, missing: float) -> None:
+def test_against_the_true_pose(noise, missing):
     names = list(CLOTHS)
     found = []
     poses = itertools.product((0, 20, 40, 55), (-20, 0, 15), (0.6, 0.8, 1.1))
@@ -101,7 +101,7 @@ def test_against_the_true_pose(noise: float, missing: float) -> None:
 
 
 @pytest.mark.parametrize(("focal", "centre_px"), [(1.01, 0), (1.03, 0), (1.0, 10), (1.03, 20)])
-def test_wrong_intrinsics(focal: float, centre_px: float) -> None:
+def test_wrong_intrinsics(focal, centre_px):
     """What the assumed intrinsics cost where they are not the camera's."""
     found = []
     for k in range(18):
@@ -128,7 +128,7 @@ def test_wrong_intrinsics(focal: float, centre_px: float) -> None:
     assert np.abs(found)[:, 2].mean() < 0.03
 
 
-def test_share_of_colours_found() -> None:
+def test_share_of_colours_found():
     """IoU above 0.95, under changing exposure, white balance and a light that falls off across the picture."""
     suggested, learned, tried = Counter[str](), Counter[str](), Counter[str]()
     for (cloth, rgb), (name, table) in itertools.product(CLOTHS.items(), (TABLES | {"wood": WOOD}).items()):
@@ -182,7 +182,7 @@ def _overlap(shot: Shot, color: HsvRange, at: tuple[int, int] | None) -> float:
     return float((seen.cloth_mask & shot.cloth).sum() / (seen.cloth_mask | shot.cloth).sum())
 
 
-def test_a_plane_in_the_whole_image_is_as_good() -> None:
+def test_a_plane_in_the_whole_image_is_as_good():
     """Without the cloth's mask, as when its colour is being looked for."""
     found = []
     for k in range(12):

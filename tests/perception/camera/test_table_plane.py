@@ -29,7 +29,7 @@ def errors(plane: TablePlane, camera: PinholeCamera) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("tilt", "roll", "size"), [(0, 0, (320, 240)), (25, -20, (640, 360)), (55, 15, (424, 240))])
-def test_without_noise_the_plane_is_exact_whatever_the_pose(tilt: float, roll: float, size: tuple[int, int]) -> None:
+def test_without_noise_the_plane_is_exact_whatever_the_pose(tilt, roll, size):
     camera, lens = stand(tilt=tilt, roll=roll, width=size[0], height=size[1])
     plane = fit(shoot(ROOM, camera, lens))
     angle, height = errors(plane, camera)
@@ -40,7 +40,7 @@ def test_without_noise_the_plane_is_exact_whatever_the_pose(tilt: float, roll: f
 
 
 @pytest.mark.parametrize(("tilt", "roll"), [(0, 10), (30, 0), (55, -15)])
-def test_noise_and_missing_depth_hardly_move_it(tilt: float, roll: float) -> None:
+def test_noise_and_missing_depth_hardly_move_it(tilt, roll):
     camera, lens = stand(tilt=tilt, roll=roll, width=424, height=240)
     plane = fit(shoot(ROOM, camera, lens, seed=3, depth_noise=0.005, missing=0.2))
     angle, height = errors(plane, camera)
@@ -49,14 +49,14 @@ def test_noise_and_missing_depth_hardly_move_it(tilt: float, roll: float) -> Non
     assert 0.001 < plane.rms_m < 0.01
 
 
-def test_a_cloth_on_most_of_the_table_is_not_taken_for_it() -> None:
+def test_a_cloth_on_most_of_the_table_is_not_taken_for_it():
     camera, lens = stand(tilt=20, width=320, height=240)
     shot = shoot(replace(ROOM, side=0.5, rest=0.02, amplitude=0.0, box=None), camera, lens, seed=1)
     assert shot.cloth.mean() > 0.3
     assert errors(fit(shot), camera)[1] < 0.7
 
 
-def test_the_table_around_the_cloth_counts_not_a_larger_floor() -> None:
+def test_the_table_around_the_cloth_counts_not_a_larger_floor():
     camera, lens = stand(tilt=20, distance=1.1, width=320, height=240)
     small = replace(ROOM, table_half=(0.3, 0.3), box=None, floor_z=-0.4)
     shot = shoot(small, camera, lens, seed=2)
@@ -66,7 +66,7 @@ def test_the_table_around_the_cloth_counts_not_a_larger_floor() -> None:
     assert errors(fit(shot), camera)[1] < 1.5
 
 
-def test_the_same_seed_finds_the_same_plane() -> None:
+def test_the_same_seed_finds_the_same_plane():
     camera, lens = stand(width=320, height=240)
     shot = shoot(ROOM, camera, lens, seed=4)
     one, two = fit(shot), fit(shot)
@@ -75,7 +75,7 @@ def test_the_same_seed_finds_the_same_plane() -> None:
 
 
 @pytest.mark.parametrize(("tilt", "roll"), [(0, 0), (0, 170), (40, 0), (35, 25), (60, -40)])
-def test_table_axes_are_the_images(tilt: float, roll: float) -> None:
+def test_table_axes_are_the_images(tilt, roll):
     camera, lens = stand(tilt=tilt, roll=roll, turn=70, width=320, height=240)
     normal = camera.cam_to_world[2, :3]
     plane = TablePlane(normal=normal, distance_m=float(camera.position[2]), rms_m=0.0, inlier_share=1.0, n_inliers=9)
@@ -94,7 +94,7 @@ def test_table_axes_are_the_images(tilt: float, roll: float) -> None:
     np.testing.assert_allclose(seen.height_above_table(depth), camera.height_above_table(depth), atol=1e-5)
 
 
-def test_what_is_no_table_is_refused() -> None:
+def test_what_is_no_table_is_refused():
     _, lens = stand(width=320, height=240)
     rng = np.random.default_rng(0)
     with pytest.raises(PerceptionError, match="depth has shape"):

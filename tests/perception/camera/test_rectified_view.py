@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +12,7 @@ from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import TableRectifier
 from layflat.perception.camera.table_grid import TableGrid
 from layflat.perception.errors import PerceptionError
+from layflat.tests.perception.factories import TILTED, render
 
 GRID = TableGrid()
 
@@ -29,12 +28,12 @@ def square_mask(camera: PinholeCamera, centre: tuple[float, float], side: float,
 
 
 @given(seed=st.integers(0, 2**16))
-def test_grid_coordinates_round_trip(seed: int) -> None:
+def test_grid_coordinates_round_trip(seed):
     points = np.random.default_rng(seed).uniform(-0.3, 0.8, (10, 2))
     np.testing.assert_allclose(GRID.to_table(GRID.to_pixel(points)), points, atol=1e-12)
 
 
-def test_columns_run_to_x_and_rows_against_y() -> None:
+def test_columns_run_to_x_and_rows_against_y():
     (left_top, right_top, left_bottom) = GRID.to_table([(0, 0), (GRID.width - 1, 0), (0, GRID.height - 1)])
     half = GRID.metres_per_px / 2
     np.testing.assert_allclose(left_top, (GRID.x_min + half, GRID.y_max - half))
@@ -44,7 +43,7 @@ def test_columns_run_to_x_and_rows_against_y() -> None:
 
 
 @pytest.mark.parametrize("position", [(0.25, -0.6, 0.75), (0.5, -0.5, 0.6), (0.25, -0.01, 1.0)])
-def test_a_square_counts_the_same_wherever_it_lies(position: tuple[float, float, float]) -> None:
+def test_a_square_counts_the_same_wherever_it_lies(position):
     camera = PinholeCamera.look_at(position, (0.25, 0.0, 0.0), width=320, height=240, fx=280.0)
     view = TableRectifier(camera, GRID)
     side = 0.2
@@ -53,15 +52,15 @@ def test_a_square_counts_the_same_wherever_it_lies(position: tuple[float, float,
         assert view.rectify_mask(square_mask(camera, centre, side)).sum() == pytest.approx(wanted, rel=0.02)
 
 
-def test_a_small_square_lands_on_its_table_coordinates(tilted_camera: PinholeCamera) -> None:
-    view = TableRectifier(tilted_camera, GRID)
+def test_a_small_square_lands_on_its_table_coordinates():
+    view = TableRectifier(TILTED, GRID)
     for centre in [(0.1, -0.1), (0.25, 0.0), (0.42, 0.15)]:
-        rows, columns = np.nonzero(view.rectify_mask(square_mask(tilted_camera, centre, 0.05)))
+        rows, columns = np.nonzero(view.rectify_mask(square_mask(TILTED, centre, 0.05)))
         found = GRID.to_table([columns.mean(), rows.mean()])[0]
         np.testing.assert_allclose(found, centre, atol=0.002)
 
 
-def test_beyond_the_image_and_behind_the_camera_is_empty() -> None:
+def test_beyond_the_image_and_behind_the_camera_is_empty():
     camera = PinholeCamera.look_at((0.0, 0.0, 0.3), (0.4, 0.0, 0.0), width=64, height=48, fx=60.0)
     view = TableRectifier(camera, TableGrid(x_min=-2.0, x_max=2.0, y_min=-1.0, y_max=1.0, mm_per_px=20.0))
     seen = view.rectify(np.full((48, 64), 255, dtype=np.uint8))
@@ -71,14 +70,14 @@ def test_beyond_the_image_and_behind_the_camera_is_empty() -> None:
     assert xy[:, 0].min() > 0.0
 
 
-def test_window_of_the_view_is_a_part_of_the_whole(tilted_camera: PinholeCamera, render_sheet: Callable) -> None:
-    rgb = render_sheet(tilted_camera, None, seed=0).rgb
-    view = TableRectifier(tilted_camera, GRID)
+def test_window_of_the_view_is_a_part_of_the_whole():
+    rgb = render(None, seed=0).rgb
+    view = TableRectifier(TILTED, GRID)
     window = (slice(30, 90), slice(101, 222))
     np.testing.assert_array_equal(view.rectify(rgb, window), view.rectify(rgb)[window])
 
 
-def test_bounding_window_and_border() -> None:
+def test_bounding_window_and_border():
     mask = np.zeros((10, 12), dtype=bool)
     assert bounding_window(mask) is None
     mask[4, 5] = mask[6, 7] = True
@@ -91,15 +90,15 @@ def test_bounding_window_and_border() -> None:
         assert touches_border(edged)
 
 
-def test_wrong_grids_are_refused() -> None:
+def test_wrong_grids_are_refused():
     with pytest.raises(PerceptionError, match="empty"):
         TableGrid(x_min=0.5, x_max=0.2)
     with pytest.raises(PerceptionError, match="millimetres"):
         TableGrid(mm_per_px=0.0025)
 
 
-def test_a_mask_is_wholly_within_its_window(tilted_camera: PinholeCamera) -> None:
-    view = TableRectifier(tilted_camera, TableGrid())
+def test_a_mask_is_wholly_within_its_window():
+    view = TableRectifier(TILTED, TableGrid())
     rng = np.random.default_rng(5)
     for _ in range(30):
         top, left = rng.integers(0, 200), rng.integers(0, 280)

@@ -27,9 +27,7 @@ def painted(colour: tuple[int, ...]) -> np.ndarray:
     low=st.integers(0, 359),
     span=st.integers(20, 120),
 )
-def test_range_agrees_with_the_definition_of_hsv(
-    hue: float, saturation: float, value: float, low: int, span: int
-) -> None:
+def test_range_agrees_with_the_definition_of_hsv(hue, saturation, value, low, span):
     colour = HsvRange(hue_min=low, hue_max=(low + span) % 360, saturation_min=0.3, value_min=0.3)
     rgb = tuple(round(255 * c) for c in colorsys.hsv_to_rgb(hue / 360, saturation, value))
     h, s, v = colorsys.rgb_to_hsv(*(c / 255 for c in rgb))
@@ -40,7 +38,7 @@ def test_range_agrees_with_the_definition_of_hsv(
     assert segment(painted(rgb), colour).any() == (min(margins) > 0)
 
 
-def test_cloth_in_light_and_shade_is_found_and_greys_are_not() -> None:
+def test_cloth_in_light_and_shade_is_found_and_greys_are_not():
     for factor in (0.35, 0.6, 1.0, 1.2):
         cloth = tuple(min(255, int(c * factor)) for c in (40, 90, 200))
         assert segment(painted(cloth), HsvRange()).sum() == pytest.approx(900, rel=0.02)
@@ -48,7 +46,7 @@ def test_cloth_in_light_and_shade_is_found_and_greys_are_not() -> None:
         assert not segment(painted((grey, grey, grey)), HsvRange()).any()
 
 
-def test_pinholes_close_and_specks_go() -> None:
+def test_pinholes_close_and_specks_go():
     rgb = painted((40, 90, 200))
     rgb[20, 30] = rgb[25:27, 40] = 205
     rgb[50, 70] = rgb[5:8, 5:8] = (40, 90, 200)
@@ -58,14 +56,14 @@ def test_pinholes_close_and_specks_go() -> None:
     assert not mask.any()
 
 
-def test_two_pieces_of_cloth_are_both_kept() -> None:
+def test_two_pieces_of_cloth_are_both_kept():
     rgb = painted((40, 90, 200))
     rgb[10:40, 34:37] = 60
     # The vote rounds each of the eight corners by 3 px.
     assert segment(rgb, HsvRange()).sum() == pytest.approx(30 * 27, rel=0.035)
 
 
-def test_wrong_ranges_are_refused() -> None:
+def test_wrong_ranges_are_refused():
     with pytest.raises(PerceptionError, match="hue range"):
         HsvRange(hue_max=400)
     with pytest.raises(PerceptionError, match="saturation_min"):

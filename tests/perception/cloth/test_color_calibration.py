@@ -27,7 +27,7 @@ def overlap(shot: Shot, color: HsvRange) -> float:
 
 @pytest.mark.parametrize("table", TABLES)
 @pytest.mark.parametrize("cloth", CLOTHS)
-def test_a_coloured_cloth_is_learned_and_suggested(cloth: str, table: str) -> None:
+def test_a_coloured_cloth_is_learned_and_suggested(cloth, table):
     shot = scene_of(cloth, TABLES[table], seed=len(cloth), amplitude=0.004)
     rows, columns = np.nonzero(shot.cloth)
     middle = (int(columns.mean()), int(rows.mean()))
@@ -35,13 +35,13 @@ def test_a_coloured_cloth_is_learned_and_suggested(cloth: str, table: str) -> No
     assert overlap(shot, suggest_hsv(shot.rgb)) > 0.95
 
 
-def test_a_red_cloths_range_goes_through_0() -> None:
+def test_a_red_cloths_range_goes_through_0():
     shot = scene_of("red")
     for colour in (suggest_hsv(shot.rgb), learn_hsv(shot.rgb, (160, 120))):
         assert colour.hue_min > 300 > 60 > colour.hue_max
 
 
-def test_the_range_learned_in_the_light_holds_the_shade() -> None:
+def test_the_range_learned_in_the_light_holds_the_shade():
     # Steep wrinkles with little ambient light: some flanks have a third of the brightness of others.
     shot = scene_of("green", amplitude=0.008, ambient=0.15)
     value = shot.rgb.max(axis=2)
@@ -50,12 +50,12 @@ def test_the_range_learned_in_the_light_holds_the_shade() -> None:
     assert overlap(shot, learn_hsv(shot.rgb, (int(columns[50]), int(rows[50])))) > 0.9
 
 
-def test_a_larger_cloth_wins_over_a_box_and_over_wood() -> None:
+def test_a_larger_cloth_wins_over_a_box_and_over_wood():
     shot = scene_of("blue", WOOD, box=CLOTHS["red"])
     assert overlap(shot, suggest_hsv(shot.rgb)) > 0.95
 
 
-def test_where_leaves_the_floor_out() -> None:
+def test_where_leaves_the_floor_out():
     shot = scene_of("green", table_half=(0.25, 0.25), floor=(30.0, 60.0, 220.0), side=0.2)
     on_table = np.abs(CAMERA.height_above_table(shot.depth)) < 0.1
     assert overlap(shot, suggest_hsv(shot.rgb, on_table)) > 0.95
@@ -64,7 +64,7 @@ def test_where_leaves_the_floor_out() -> None:
         suggest_hsv(shot.rgb, none)
 
 
-def test_grey_has_no_hue() -> None:
+def test_grey_has_no_hue():
     shot = scene_of("blue")
     with pytest.raises(PerceptionError, match="is grey"):
         learn_hsv(shot.rgb, (5, 235))
@@ -77,12 +77,12 @@ def test_grey_has_no_hue() -> None:
 
 
 @pytest.mark.parametrize("at", [(-1, 0), (0, -1), (320, 0), (0, 240)])
-def test_a_point_outside_is_refused(at: tuple[int, int]) -> None:
+def test_a_point_outside_is_refused(at):
     with pytest.raises(PerceptionError, match="outside the image, which is 320x240"):
         learn_hsv(scene_of("blue").rgb, at)
 
 
-def test_a_speck_is_no_cloth() -> None:
+def test_a_speck_is_no_cloth():
     rgb = np.full((240, 320, 3), 220, np.uint8)
     rgb[100:107, 100:107] = CLOTHS["blue"]
     with pytest.raises(PerceptionError, match="point at the middle"):
@@ -91,7 +91,7 @@ def test_a_speck_is_no_cloth() -> None:
         suggest_hsv(rgb)
 
 
-def test_hues_have_names() -> None:
+def test_hues_have_names():
     named = {degrees: hue_name(degrees) for degrees in (0, 359, 30, 60, 120, 180, 225, 270, 300)}
     assert list(named.values()) == [
         "red", "red", "orange", "yellow", "green", "cyan", "blue", "violet", "magenta",

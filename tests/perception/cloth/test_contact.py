@@ -24,7 +24,7 @@ MASKS = arrays(np.bool_, (9, 11))
 
 
 @given(height=HEIGHTS, cloth=MASKS, low=st.floats(0, 0.05), high=st.floats(0, 0.05))
-def test_contact_grows_with_its_threshold(height: np.ndarray, cloth: np.ndarray, low: float, high: float) -> None:
+def test_contact_grows_with_its_threshold(height, cloth, low, high):
     low, high = sorted((low, high))
     less, more = contact_mask(cloth, height, low), contact_mask(cloth, height, high)
     assert not (less & ~more).any()
@@ -32,7 +32,7 @@ def test_contact_grows_with_its_threshold(height: np.ndarray, cloth: np.ndarray,
 
 
 @given(height=HEIGHTS, cloth=MASKS, gaps=MASKS)
-def test_smoothing_is_the_mean_of_valid_cloth(height: np.ndarray, cloth: np.ndarray, gaps: np.ndarray) -> None:
+def test_smoothing_is_the_mean_of_valid_cloth(height, cloth, gaps):
     holey = np.where(gaps, np.nan, height).astype(np.float32)
     valid = cloth & ~gaps
     if not valid.any():
@@ -47,7 +47,7 @@ def test_smoothing_is_the_mean_of_valid_cloth(height: np.ndarray, cloth: np.ndar
             assert height.min() - 1e-6 <= smooth[row, column] <= height.max() + 1e-6
 
 
-def test_missing_depth_is_filled_however_large_the_hole() -> None:
+def test_missing_depth_is_filled_however_large_the_hole():
     cloth = np.ones((60, 60), dtype=bool)
     height = np.full((60, 60), 0.004, dtype=np.float32)
     height[10:50, 10:50] = np.nan
@@ -56,14 +56,14 @@ def test_missing_depth_is_filled_however_large_the_hole() -> None:
     assert not contact_mask(cloth, smooth_height(height, cloth), 0.008).any()
 
 
-def test_the_table_does_not_draw_a_lifted_rim_down() -> None:
+def test_the_table_does_not_draw_a_lifted_rim_down():
     cloth = np.zeros((20, 20), dtype=bool)
     cloth[5:15, 5:15] = True
     smooth = smooth_height(np.where(cloth, 0.012, 0.0).astype(np.float32), cloth)
     np.testing.assert_allclose(smooth[cloth], 0.012, atol=1e-6)
 
 
-def test_one_wild_value_does_not_lift_its_neighbours() -> None:
+def test_one_wild_value_does_not_lift_its_neighbours():
     cloth = np.ones((15, 15), dtype=bool)
     for wild in (5.0, -5.0):
         height = np.full((15, 15), 0.004, dtype=np.float32)
@@ -72,33 +72,33 @@ def test_one_wild_value_does_not_lift_its_neighbours() -> None:
     assert MIN_HEIGHT_M < 0 < MAX_HEIGHT_M
 
 
-def test_a_dead_depth_camera_is_an_error_not_a_lifted_cloth() -> None:
+def test_a_dead_depth_camera_is_an_error_not_a_lifted_cloth():
     cloth = np.ones((5, 5), dtype=bool)
     with pytest.raises(PerceptionError, match="no cloth pixel has a depth"):
         smooth_height(np.full((5, 5), np.nan, dtype=np.float32), cloth)
 
 
-def test_a_cloth_under_the_table_is_an_error_not_contact() -> None:
+def test_a_cloth_under_the_table_is_an_error_not_contact():
     with pytest.raises(PerceptionError, match="below the table"):
         smooth_height(np.full((5, 5), -0.3, dtype=np.float32), np.ones((5, 5), dtype=bool))
 
 
 @given(flat=st.integers(1, 10**6), seen=st.floats(0, 1), lying=st.floats(0, 1))
-def test_contact_portion_is_the_ratio_of_eq_4_7(flat: int, seen: float, lying: float) -> None:
+def test_contact_portion_is_the_ratio_of_eq_4_7(flat, seen, lying):
     """As long as no more cloth is seen than there is: what is hidden, folded or lifted away is not in contact."""
     contact = int(lying * seen * flat)
     assert contact_portion(contact, covered=seen * flat, flat_pixels=flat) == contact / flat
 
 
 @given(flat=st.integers(10**4, 10**6), stretch=st.floats(1.0, MAX_STRETCH), share=st.floats(0, 1))
-def test_a_stretched_cloth_is_not_more_in_contact(flat: int, stretch: float, share: float) -> None:
+def test_a_stretched_cloth_is_not_more_in_contact(flat, stretch, share):
     contact = int(share * stretch * flat)
     portion = contact_portion(contact, covered=stretch * flat, flat_pixels=flat)
     assert portion == pytest.approx(share, abs=2e-4)
     assert portion <= 1.0 + 1e-12
 
 
-def test_a_cloth_that_no_stretch_explains_is_noticed() -> None:
+def test_a_cloth_that_no_stretch_explains_is_noticed():
     """A napkin's P_flat with a towel in view: the portion says that something is wrong, it is not hidden as 1."""
     assert contact_portion(19_600, covered=19_600, flat_pixels=9_460) > 1.9
     with pytest.raises(PerceptionError, match="flat_pixels is 0"):
@@ -106,7 +106,7 @@ def test_a_cloth_that_no_stretch_explains_is_noticed() -> None:
 
 
 @pytest.mark.parametrize("height_m", [0.0, 0.004, 0.008, 0.02, 0.05])
-def test_a_raised_cloth_covers_what_it_would_on_the_table(height_m: float) -> None:
+def test_a_raised_cloth_covers_what_it_would_on_the_table(height_m):
     """Drawn by similar triangles: at height h under a camera at H it is H / (H - h) times as long and as wide."""
     camera_m, level_m, side = 0.8, 0.008, 100.0
     drawn = round(side * (camera_m - level_m) / (camera_m - max(height_m, level_m)))

@@ -29,7 +29,7 @@ def hanging(x_m: float, low_m: float, rng: np.random.Generator, noise_m: float) 
 
 @pytest.mark.parametrize("low_m", [0.01, 0.1])
 @pytest.mark.parametrize("x_m", [-0.05, 0.1, 0.3])
-def test_the_free_edge_is_found(x_m: float, low_m: float) -> None:
+def test_the_free_edge_is_found(x_m, low_m):
     rng = np.random.default_rng(1)
     exact = free_edge(CAMERA, *hanging(x_m, low_m, rng, 0.0))
     noisy = free_edge(CAMERA, *hanging(x_m, low_m, rng, 0.003))
@@ -42,7 +42,7 @@ def test_the_free_edge_is_found(x_m: float, low_m: float) -> None:
     np.testing.assert_allclose(noisy[[0, 2]], exact[[0, 2]], atol=0.008)
 
 
-def test_where_the_sensor_is_blind_or_sees_next_to_nothing_there_is_none() -> None:
+def test_where_the_sensor_is_blind_or_sees_next_to_nothing_there_is_none():
     mask, depth = hanging(0.1, 0.05, np.random.default_rng(0), 0.0)
     assert free_edge(CAMERA, mask, np.zeros_like(depth)) is None
     rows, columns = np.nonzero(mask)

@@ -42,7 +42,7 @@ def shot_of(scene: Scene, seed: int = 0, missing: float = 0.02, **place: object)
     ],
     ids=["320x240", "640x480", "848x480", "1280x720"],
 )
-def test_as_with_the_true_pose(place: dict, scene: Scene) -> None:
+def test_as_with_the_true_pose(place, scene):
     shot = shot_of(scene, missing=0.1, **place)
     seen = see(shot)
     up = shot.camera.cam_to_world[2, :3]
@@ -56,7 +56,7 @@ def test_as_with_the_true_pose(place: dict, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("roll", [0.0, 90.0, 180.0])
-def test_directions_turn_with_the_image(roll: float) -> None:
+def test_directions_turn_with_the_image(roll):
     # Seen from straight above, a camera rolled by 90 degrees turns the picture, and so the answer, by as much.
     shot = shot_of(Scene(normal=35.0, amplitude=0.003), tilt=0.0, roll=roll)
     axis = math.radians(35.0 + roll)
@@ -65,20 +65,20 @@ def test_directions_turn_with_the_image(roll: float) -> None:
     assert seen.cloth_state.word[0] >= 0
 
 
-def test_flat_cloth_has_the_area_it_has_at_every_size_and_distance() -> None:
+def test_flat_cloth_has_the_area_it_has_at_every_size_and_distance():
     for width, height, distance in ((320, 240, 0.7), (640, 480, 1.0), (424, 240, 0.8)):
         shot = shot_of(Scene(amplitude=0.0), width=width, height=height, distance=distance)
         assert see(shot).cloth_state.cloth_pixels == pytest.approx((0.35 / 0.0025) ** 2, rel=0.03)
 
 
-def test_the_descriptors_view_shows_the_same_cloth() -> None:
+def test_the_descriptors_view_shows_the_same_cloth():
     seen = see(shot_of(Scene(lift_from=0.0)))
     assert np.count_nonzero(seen.view.cloth) == seen.cloth_state.cloth_pixels
     assert np.count_nonzero(seen.view.contact) == seen.cloth_state.contact_pixels
     assert (seen.view.height[seen.view.contact] < 0.0081).all()
 
 
-def test_other_things_of_the_cloths_colour_are_left_out() -> None:
+def test_other_things_of_the_cloths_colour_are_left_out():
     alone, beside = (shot_of(Scene(box=box), distance=0.9) for box in (None, CLOTHS["blue"]))
     at = (160, 120)
     one, two = see(alone, color=BLUE), see(beside, color=BLUE)
@@ -88,7 +88,7 @@ def test_other_things_of_the_cloths_colour_are_left_out() -> None:
     assert see(beside, cloth_at=at).cloth_state.cloth_pixels == pytest.approx(one.cloth_state.cloth_pixels, rel=0.01)
 
 
-def test_a_bar_across_the_cloth_does_not_halve_it() -> None:
+def test_a_bar_across_the_cloth_does_not_halve_it():
     shot = shot_of(Scene(amplitude=0.0))
     rgb = shot.rgb.copy()
     rgb[:, 155:161] = TABLES["grey"]
@@ -96,13 +96,13 @@ def test_a_bar_across_the_cloth_does_not_halve_it() -> None:
     assert barred.cloth_state.cloth_pixels > 0.9 * whole.cloth_state.cloth_pixels
 
 
-def test_a_lifted_part_may_leave_the_picture_and_it_is_said() -> None:
+def test_a_lifted_part_may_leave_the_picture_and_it_is_said():
     shot = shot_of(Scene(side=0.4, lift_from=0.05, centre=(0.25, 0.0), yaw=0.0, amplitude=0.0), tilt=20.0)
     assert shot.cloth[:, -1].any()
     assert "leaves the picture" in " ".join(see(shot).warnings)
 
 
-def test_holes_and_noise_are_said() -> None:
+def test_holes_and_noise_are_said():
     shot = shot_of(Scene(), missing=0.4)
     assert "has no depth" in " ".join(see(shot).warnings)
     camera, lens = stand(width=320, height=240)
@@ -110,14 +110,14 @@ def test_holes_and_noise_are_said() -> None:
     assert "scatters by" in " ".join(see(noisy).warnings)
 
 
-def test_a_cloth_in_the_air_has_no_contact_and_no_direction() -> None:
+def test_a_cloth_in_the_air_has_no_contact_and_no_direction():
     seen = see(shot_of(Scene(rest=0.1)), flat_pixels=19600)
     assert seen.cloth_state.contact_portion == 0.0
     assert not seen.cloth_state.word.any()
     assert seen.cloth_state.strength == 0.0
 
 
-def test_what_cannot_be_seen_is_refused() -> None:
+def test_what_cannot_be_seen_is_refused():
     shot = shot_of(Scene())
     with pytest.raises(PerceptionError, match="no cloth: no piece of the image has a hue of 0 to 20"):
         see(shot, color=HsvRange(hue_min=0, hue_max=20))
