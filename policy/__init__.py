@@ -1,6 +1,6 @@
-"""Who decides: hand-written, scripted and learned policies behind one protocol.
+"""Policies: scripted, learned and hand-guided ones behind one protocol, and what trains, wraps and stores them.
 
-``layflat.policy.registry`` makes and trains them by name, ``layflat.policy.model_io`` keeps what was learned in files.
+`layflat.policy.registry` makes and trains them by name; `layflat.policy.model_io` stores trained models in files.
 """
 
 from layflat.policy.base import Decision, Policy, PolicyError

@@ -1,4 +1,4 @@
-"""The seam between who decides and the rest: a person, the scripted expert and a learned GP are one type."""
+"""Policy and Decision: the interface between a policy and everything that runs it."""
 
 from __future__ import annotations
 
@@ -11,26 +11,41 @@ from layflat.data.types import Observation, StoppedBy, frozen_hand
 
 
 class PolicyError(ValueError):
-    """Base of what the policy package raises."""
+    """Base of the errors that the policy package raises."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What to do in one step."""
+    """Decision of a policy for one step; arrays are checked and read-only.
+
+    Parameters
+    ----------
+    action : array_like of shape (A,)
+        Displacement in this step, m, world axes, in the order of the robot's action axes.
+    std : array_like of shape (A,), optional
+        Standard deviation of the action, m.
+    stop : StoppedBy, optional
+        Why the policy has finished. If given, the action is not carried out.
+    reason : str
+        Short explanation for people, such as ``"descending"``.
+    hand : array_like of shape (3,) or (2, 3), optional
+        Position of a person's guiding hand, m, world; one row per point for a robot with two points. The robot yields
+        to the hand, and its resulting motion is recorded instead of ``action``.
+    intervention : bool
+        Whether a person decided although a policy is in control of the episode.
+
+    Raises
+    ------
+    DataError
+        If an array has the wrong shape or holds a value that is not finite.
+    """
 
     action: FloatArray
-    """(A,) m per step, world axes, in the order of the robot's axes."""
     std: FloatArray | None = None
-    """(A,) m, standard deviation of the action where the policy knows one."""
     stop: StoppedBy | None = None
-    """Not None: the policy has finished and says why; the action is not carried out."""
     reason: str = ""
-    """One clause for a person: "descending", "output below 2 mm for 8 steps", ..."""
     hand: FloatArray | None = None
-    """(3,) m, or (2, 3) m for two pickers: kinesthetic teaching. Where a person's hand draws the holder, which gives
-    way; what the holder then does is recorded instead of ``action``."""
     intervention: bool = False
-    """A person decided although a policy has the lead."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "action", frozen_array(self.action, (None,), "action"))
@@ -42,22 +57,56 @@ class Decision:
 
 @runtime_checkable
 class Policy(Protocol):
-    """Chooses a displacement from what it sees."""
+    """Chooses the robot's displacement from the observation.
+
+    Two members are optional: a method ``continue_after_disturbance()``, called when an episode continues after a stop,
+    and an attribute ``max_extra_steps``. Use the functions of the same names in this module to call or read them.
+
+    Attributes
+    ----------
+    name : str
+        Name in tables and files, such as ``scripted`` or ``gp-word``.
+    robot : RobotSpec
+        Robot that the policy moves.
+    """
 
     name: str
-    """As in tables and files: scripted, gp-word, gp-baseline, drag-rule, ..."""
     robot: RobotSpec
 
     def reset(self, seed: int) -> None:
-        """Forget the last episode."""
+        """Start a new episode.
 
-    def resume(self) -> None:
-        """Go on after a stop (a disturbance came): forget the stop counter, keep the rest."""
+        Parameters
+        ----------
+        seed : int
+            Seed of all random choices of the policy in this episode.
+        """
 
     def act(self, observation: Observation) -> Decision:
-        """Decide one step."""
+        """Decide one step.
+
+        Parameters
+        ----------
+        observation : Observation
+            Observation at the start of the step.
+
+        Returns
+        -------
+        Decision
+            The action, or why the policy stops.
+        """
 
 
-def extra_steps(policy: Policy) -> int:
-    """How many steps more than usual it may need until it stops: the attribute of that name where it has one."""
-    return int(getattr(policy, "extra_steps", 0))
+def continue_after_disturbance(policy: Policy) -> None:
+    """Prepare a policy to continue after a stop: it restarts its stop rules and keeps the rest of its state.
+
+    Policies without a method of this name need no preparation.
+    """
+    prepare = getattr(policy, "continue_after_disturbance", None)
+    if prepare is not None:
+        prepare()
+
+
+def max_extra_steps(policy: Policy) -> int:
+    """Return how many steps more than the usual limit a policy may need; 0 unless it has an attribute of this name."""
+    return int(getattr(policy, "max_extra_steps", 0))

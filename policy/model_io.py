@@ -1,8 +1,8 @@
-"""Model files: an ``.npz`` of plain arrays with a JSON header; no pickle, no class names, nothing that is run.
+"""Model files: an ``.npz`` of plain arrays with a JSON header; no pickle, no class names, nothing executable.
 
-The file is a zip of ``header.npy`` (the JSON as bytes) and one ``.npy`` for each array that its method's model names,
-little-endian float64. The header holds the method's format, a schema version, the shapes, all that rolling out needs,
-and a SHA-256 over itself and the arrays: it finds damage and careless edits; it is no signature.
+The file is a zip of ``header.npy`` (the JSON as bytes) and one ``.npy`` for each array that the model's method names,
+little-endian float64. The header holds the method's format, a schema version, the shapes, everything that a rollout
+needs, and a SHA-256 over itself and the arrays. The checksum finds damage and careless edits; it is not a signature.
 """
 
 from __future__ import annotations
@@ -21,28 +21,26 @@ from typing import Any
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.atomic_files import atomic_path
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
-from layflat.policy.dmp.model import DmpModel
 from layflat.policy.features import FeatureLayout
-from layflat.policy.gmr.model import GmrModel
-from layflat.policy.gp.model import GpModel
-from layflat.policy.nearest.model import NearestModel
+from layflat.policy.registry import LEARNERS
 from layflat.policy.trained_model import TrainedModel
 
-FORMATS: Mapping[str, type[TrainedModel]] = {kind.FORMAT: kind for kind in (GpModel, GmrModel, DmpModel, NearestModel)}
-"""What a header may say, and the model that it stands for; a new method adds its own."""
-SCHEMA = 2
-"""2: with the descriptor; in 1 WORD was computed otherwise, so that those models would see something else now."""
+FORMATS: Mapping[str, type[TrainedModel]] = {learner.model.FORMAT: learner.model for learner in LEARNERS.values()}
+"""Model class for each format that a header may name."""
+SCHEMA = 1
 
 MAX_FILE_BYTES = 64 * 2**20
 MAX_HEADER_BYTES = 2**20
 MAX_POINTS = 20_000
-"""More than this no fit makes; the kernel matrices alone would be 3 GB for each output."""
+"""No fit makes more; the kernel matrices alone would be 3 GB for each output."""
 
 _SCALARS: Mapping[str, type] = {
     "policy": str,
+    "task": str,
     "cloth": str,
     "descriptor": str,
     "step_s": float,
@@ -57,7 +55,22 @@ _SCALARS: Mapping[str, type] = {
 
 
 def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
-    """Write a model, whole or not at all; a file that exists is kept unless ``force``."""
+    """Write a model file, completely or not at all.
+
+    Parameters
+    ----------
+    model : TrainedModel
+        The model.
+    path : str or Path
+        Name of the file, which should end in ``.npz``.
+    force : bool
+        Whether to replace an existing file.
+
+    Raises
+    ------
+    PolicyError
+        If the file exists, or cannot be written.
+    """
     target = Path(path)
     if target.exists() and not force:
         raise PolicyError(f"{target} exists already; choose another name or force overwriting it")
@@ -69,13 +82,30 @@ def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
     members: dict[str, Any] = {"header": np.frombuffer(text, dtype=np.uint8), **arrays}
     np.savez(buffer, **members)
     try:
-        _write_aside(target, buffer.getvalue())
+        with atomic_path(target, target.with_name(f".{target.name}.{os.getpid()}.tmp")) as temporary:
+            temporary.write_bytes(buffer.getvalue())
     except OSError as error:
         raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
 
 
 def load(path: str | Path) -> TrainedModel:
-    """Read a model; anything else than a whole, unchanged model file is refused with a PolicyError."""
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Name of a file that `save` wrote.
+
+    Returns
+    -------
+    TrainedModel
+        The model, which predicts the same bits as the saved one.
+
+    Raises
+    ------
+    PolicyError
+        If the file is missing, is not a model file of this schema, or has been damaged or changed.
+    """
     source = Path(path)
     try:
         if source.stat().st_size > MAX_FILE_BYTES:
@@ -95,14 +125,14 @@ def load(path: str | Path) -> TrainedModel:
     except OSError as error:
         raise PolicyError(f"cannot read {source}: {error.strerror or error}") from error
     except ValueError as error:
-        # Base of PolicyError and DataError, and what numpy and json raise on foreign bytes.
+        # Base of PolicyError and DataError, and of what numpy and json raise for foreign bytes.
         raise PolicyError(f"{source} is not a usable model: {error}") from error
     except (EOFError, KeyError, NotImplementedError, RuntimeError, TypeError, zlib.error) as error:
         raise PolicyError(f"{source} is not a usable model ({type(error).__name__}: {error})") from error
 
 
 def checksum(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256 over the header without its checksum, and each array's name and bytes, in the order of its model."""
+    """Return the SHA-256 over the header without its checksum and over each array's name and bytes, in given order."""
     digest = hashlib.sha256()
     rest = {key: value for key, value in header.items() if key != "checksum"}
     digest.update(json.dumps(rest, sort_keys=True).encode())
@@ -113,21 +143,17 @@ def checksum(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str
 
 
 def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[str, Any]:
-    provenance = model.provenance
     return {
         "format": model.FORMAT,
         "schema": SCHEMA,
         "robot": model.layout.robot.name,
         "action_axes": model.layout.robot.axes_json(),
         "features": list(model.layout.names),
-        "outputs": list(model.outputs),
         "shapes": {name: list(array.shape) for name, array in arrays.items()},
         "heldout_rmse_m": None if model.heldout_rmse_m is None else list(model.heldout_rmse_m),
         "provenance": {
-            "versions": dict(provenance.versions),
-            "platform": provenance.platform,
-            "created_utc": provenance.created_utc,
-            "command": provenance.command,
+            "versions": dict(model.provenance.versions),
+            **{name: getattr(model.provenance, name) for name in ("platform", "created_utc", "command")},
         },
         **{name: kind(getattr(model, name)) for name, kind in _SCALARS.items()},
         **model.settings(),
@@ -135,20 +161,15 @@ def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[st
 
 
 def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> TrainedModel:
-    """A model from a checked header; the model itself checks what the numbers mean."""
-    told, kind = header["heldout_rmse_m"], FORMATS[header["format"]]
+    """Make a model from a checked header; the model itself checks the numbers."""
+    kind, robot = FORMATS[header["format"]], RobotSpec.from_json(header["robot"], header["action_axes"])
     shared = {
-        "layout": FeatureLayout(
-            robot=RobotSpec.from_json(header["robot"], header["action_axes"]), names=tuple(header["features"])
-        ),
-        "heldout_rmse_m": None if told is None else tuple(told),
+        "layout": FeatureLayout(robot=robot, names=tuple(header["features"])),
+        "heldout_rmse_m": header["heldout_rmse_m"],
         "provenance": Provenance(**header["provenance"]),
         **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},
     }
-    model = kind.restored(shared, arrays, {name: _scalar(header, name, of) for name, of in kind.SETTINGS.items()})
-    if tuple(header["outputs"]) != model.outputs:
-        raise PolicyError(f"its outputs are {header['outputs']}; robot {model.layout.robot} has {list(model.outputs)}")
-    return model
+    return kind.from_arrays(shared, arrays, {name: _scalar(header, name, of) for name, of in kind.SETTINGS.items()})
 
 
 def _scalar(header: Mapping[str, Any], name: str, kind: type) -> Any:
@@ -165,14 +186,14 @@ def _read_header(archive: zipfile.ZipFile) -> dict[str, Any]:
     header = json.loads(raw.tobytes().decode("utf-8"))
     if not isinstance(header, dict) or header.get("format") not in FORMATS:
         raise PolicyError(f"its header does not say format {' or '.join(FORMATS)}")
-    if header.get("schema") != SCHEMA:
-        raise PolicyError(f"its schema is {header.get('schema')!r}; this version reads {SCHEMA}")
-    kind, told = FORMATS[header["format"]], set(header["shapes"])
-    if not set(kind.ARRAYS) <= told <= {*kind.ARRAYS, *kind.OPTIONAL}:
-        raise PolicyError(f"its header has the shapes of {sorted(told)}; it must have {sorted(kind.ARRAYS)}")
-    wanted = {f"{name}.npy" for name in ("header", *told)}
+    if header.get("schema") != SCHEMA or "action_axes" not in header:
+        raise PolicyError("it was written by another version of Layflat; train it again")
+    kind, named = FORMATS[header["format"]], set(header["shapes"])
+    if not set(kind.ARRAYS) <= named <= {*kind.ARRAYS, *kind.OPTIONAL}:
+        raise PolicyError(f"its header has the shapes of {sorted(named)}; it must have {sorted(kind.ARRAYS)}")
+    wanted = {f"{name}.npy" for name in ("header", *named)}
     if odd := sorted({info.filename for info in archive.infolist()} ^ wanted):
-        raise PolicyError(f"it is not a model file: {odd[0]} is {'missing' if odd[0] in wanted else 'no part of one'}")
+        raise PolicyError(f"it is not a model file: {odd[0]} is {'missing' if odd[0] in wanted else 'unexpected'}")
     return header
 
 
@@ -186,7 +207,7 @@ def _read_array(archive: zipfile.ZipFile, name: str, shape: Any) -> FloatArray:
 def _read_member(
     archive: zipfile.ZipFile, name: str, most_bytes: int, dtype: str, shape: tuple[int, ...] | None
 ) -> np.ndarray:
-    """One array; its claimed size is held against the bytes that are there before anything is made of it."""
+    """Read one array, after its claimed size has been compared with the number of bytes in the file."""
     info = archive.getinfo(f"{name}.npy")
     if info.file_size > most_bytes:
         raise PolicyError(f"its {name} has {info.file_size} bytes; at most {most_bytes} are allowed")
@@ -200,26 +221,3 @@ def _read_member(
         raise PolicyError(f"its {name} claims {claimed} but has another number of bytes")
     stream.seek(0)
     return np.asarray(np.load(stream, allow_pickle=False))
-
-
-def _write_aside(target: Path, content: bytes) -> None:
-    """Beside the target, to the disk, then in its place: a reader sees the old file or the whole new one."""
-    aside = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        with aside.open("xb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(aside, target)
-    finally:
-        aside.unlink(missing_ok=True)
-    _sync_folder(target.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """The new name itself is durable only when the folder is."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -1,4 +1,4 @@
-"""Rolls a trained field out: each step, the mean of what it predicts, until the output has faded."""
+"""ModelPolicy: rolls out a trained regression model until its output has faded."""
 
 from __future__ import annotations
 
@@ -6,54 +6,45 @@ import numpy as np
 
 from layflat.data.types import Observation
 from layflat.policy.base import Decision
-from layflat.policy.scripted.baselines import X_LIMIT_M
-from layflat.policy.stopping import AnyOf, BelowThreshold, NoContactGain, StopRule, XLimit
+from layflat.policy.stopping import AnyOf, BelowThreshold, NoContactGain, RuleStoppedPolicy, StopRule, XLimit
 from layflat.policy.trained_model import RegressionModel, TrainedModel
 
 NO_GAIN_STEPS = 10
 NO_GAIN_FROM_CONTACT = 0.8
+"""Contact portion from which a missing gain counts; before, a part of the cloth is still in the air."""
 
 
 def default_guard() -> StopRule:
-    """Against running away: a fold keeps the contact portion low, so that a policy would drag on to the edge.
+    """Return the rule that keeps a policy from running away.
 
-    Without gain counts only from 80 % contact on: before that a part of the cloth is still in the air.
+    A fold keeps the contact portion low, so that a policy would drag on to the edge of the table.
     """
-    return AnyOf(XLimit(X_LIMIT_M), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
+    return AnyOf(XLimit(), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
 
 
-def stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:
-    """When a trained model has finished: its output has faded, or the guard (None: the default one) says so."""
+def model_stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:
+    """Return the rule that ends a model's policy: its output has faded, or the guard (by default the default one)."""
     faded = BelowThreshold(threshold_m=model.stop_threshold_m, n_steps=model.stop_steps)
     return AnyOf(faded, default_guard() if guard is None else guard)
 
 
-class ModelPolicy:
-    """Gaussian processes, or another field, in the loop; thesis, chapter 4-2-3.
+class ModelPolicy(RuleStoppedPolicy):
+    """Policy of a regression model (thesis, chapter 4-2-3): each action is the mean of the model's prediction.
 
-    Stops with ``threshold`` when the norm of the output has stayed below the model's threshold for the model's number
-    of steps, or when its guard says so. ``guard=AnyOf()`` is the thesis's method, which has none.
+    Stops with ``threshold`` when the norm of the output stays below the model's threshold for the model's number of
+    steps, or when the guard stops it. The thesis's method has no guard: ``guard=AnyOf()``.
     """
 
     def __init__(self, model: RegressionModel, *, guard: StopRule | None = None) -> None:
+        super().__init__(model.policy, model.layout.robot, model_stop_rule(model, guard))
         self.model = model
-        self.name = model.policy
-        self.robot = model.layout.robot
-        self._stop = stop_rule(model, guard)
-
-    def reset(self, seed: int) -> None:
-        self._stop.reset()
-
-    def resume(self) -> None:
-        self._stop.reset()
 
     def act(self, observation: Observation) -> Decision:
+        """Decide one step."""
         means, stds = self.model.predict(self.model.layout.vector(observation)[np.newaxis])
         limit = self.model.action_limit_m
-        wanted = np.clip(means[0], -limit, limit)
-        stop = self._stop.update(observation, wanted)
+        output = np.clip(means[0], -limit, limit)
+        norm = np.linalg.norm(output)
         # Below the threshold the robot stands still (chapter 4-3-3): eight steps of creep would drag wrinkles out too.
-        action = wanted if np.linalg.norm(wanted) >= self.model.stop_threshold_m else np.zeros_like(wanted)
-        if stop is not None:
-            return Decision(action=np.zeros_like(action), std=stds[0], stop=stop.by, reason=stop.reason)
-        return Decision(action=action, std=stds[0], reason=f"output {1000 * np.linalg.norm(wanted):.1f} mm")
+        action = output if norm >= self.model.stop_threshold_m else np.zeros_like(output)
+        return self._decide(observation, action, f"output {1000 * norm:.1f} mm", std=stds[0], output=output)

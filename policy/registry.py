@@ -1,39 +1,28 @@
-"""Every policy by name: how to make it, or how to train it. A new one adds a file and a line here."""
+"""All policies by name: how to make them and how to train them. A new policy adds a file and a line here."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Episode, Provenance
-from layflat.policy import finishing_policy
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.dmp.model import DmpModel
 from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
+from layflat.policy.gmr.model import GmrModel
+from layflat.policy.gp.finishing_policy import FinishingPolicy
 from layflat.policy.gp.model import GpModel
 from layflat.policy.model_policy import ModelPolicy
+from layflat.policy.nearest.model import NearestModel
 from layflat.policy.scripted.baselines import RandomPolicy, ZeroPolicy, drag_rule, stretch_right
-from layflat.policy.trained_model import RegressionModel, TrainedModel
+from layflat.policy.trained_model import Progress, TrainedModel
+from layflat.policy.training_set import build_training_set
 from layflat.policy.wrappers.recovery import RecoveryWrapper
 from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
-
-
-class Trainer(Protocol):
-    """Learns a model from demonstrations."""
-
-    def __call__(
-        self,
-        episodes: Sequence[Episode],
-        *,
-        seed: int = 0,
-        provenance: Provenance | None = None,
-        progress: Callable[[int, int, str], None] | None = None,
-        **options: Any,
-    ) -> TrainedModel: ...
-
 
 BUILTIN_POLICIES: Mapping[str, Callable[[RobotSpec], Policy]] = {
     "hold": ZeroPolicy,
@@ -44,62 +33,58 @@ BUILTIN_POLICIES: Mapping[str, Callable[[RobotSpec], Policy]] = {
 """Policies that need no training."""
 
 WRAPPERS: Mapping[str, Callable[[Policy], Policy]] = {"steady": SwingDampingWrapper, "recovery": RecoveryWrapper}
-"""What any policy can have around it."""
+"""Wrappers for any policy."""
 
 RECOMMENDED_WRAPPERS = ("recovery", "steady")
-"""All of them as they are made for each other: steadiness outermost, so that it also waits while recovery lowers."""
+"""All wrappers in the order for which they are made: ``steady`` outermost, so that it also acts during a recovery."""
 
 
-def _learner(module: str, name: str, inputs: str) -> Trainer:
-    """``fit`` of a module of this package, on one input set."""
+@dataclass(frozen=True)
+class Learner:
+    """A policy that is learned from demonstrations."""
 
-    def train_one(
-        episodes: Sequence[Episode],
-        *,
-        seed: int = 0,
-        provenance: Provenance | None = None,
-        progress: Callable[[int, int, str], None] | None = None,
-        **options: Any,
-    ) -> TrainedModel:
-        if not episodes:
-            raise PolicyError("there are no demonstrations to learn from; at least one is needed")
-        # Imported here: who only rolls out need not have, nor wait for, what only training needs.
-        fit = import_module(f"layflat.policy.{module}").fit
-        layout = input_set(episodes[0].robot, inputs)
-        model: TrainedModel = fit(
-            episodes, layout, policy=name, seed=seed, provenance=provenance, progress=progress, **options
-        )
-        return model
-
-    return train_one
+    fit: str
+    """Module of this package whose ``fit`` trains the model; imported when needed, because a rollout does not."""
+    inputs: str
+    """Name of the input set, see `layflat.policy.features.INPUT_SETS`."""
+    model: type[TrainedModel]
+    policy: Callable[[Any], Policy]
+    """Makes the policy that runs the model."""
 
 
-TRAINERS: Mapping[str, Trainer] = {
-    name: _learner(module, name, inputs)
-    for name, module, inputs in (
-        ("gp-word", "gp.fit", "all"),
-        ("gp-baseline", "gp.fit", "position"),
-        ("gp-contact", "gp.fit", "position+contact"),
-        ("gp-direction", "gp.fit", "position+word"),
-        (finishing_policy.NAME, "gp.fit", "all"),
-        ("gmr", "gmr.fit", "all"),
-        ("dmp", "dmp.policy", "position"),
-        ("nearest", "nearest.model", "all"),
-    )
+LEARNERS: Mapping[str, Learner] = {
+    "gp-word": Learner("gp.fit", "all", GpModel, ModelPolicy),
+    "gp-baseline": Learner("gp.fit", "position", GpModel, ModelPolicy),
+    "gp-contact": Learner("gp.fit", "position+contact", GpModel, ModelPolicy),
+    "gp-direction": Learner("gp.fit", "position+word", GpModel, ModelPolicy),
+    "gp-finish": Learner("gp.fit", "all", GpModel, FinishingPolicy),
+    "gmr": Learner("gmr.fit", "all", GmrModel, ModelPolicy),
+    "dmp": Learner("dmp.fit", "position", DmpModel, DmpPolicy),
+    "nearest": Learner("nearest.model", "all", NearestModel, ModelPolicy),
 }
-"""Policies that are learned from demonstrations: the thesis's two, the ablations of what they see in between, and other
-methods (section 5-3). Each is a module with a ``fit`` and what it may see."""
+"""The thesis's two policies, ablations of their inputs, and other methods (section 5-3)."""
 
-TRAINABLE_POLICIES = tuple(TRAINERS)
+TRAINABLE_POLICIES = tuple(LEARNERS)
 
 
 def make(name: str, robot: RobotSpec) -> Policy:
-    """A policy that needs no training."""
-    if name in TRAINERS:
+    """Make a built-in policy.
+
+    Parameters
+    ----------
+    name : str
+        One of BUILTIN_POLICIES.
+    robot : RobotSpec
+        Robot to move.
+
+    Raises
+    ------
+    PolicyError
+        If the name is unknown or belongs to a policy that must be trained.
+    """
+    if name in LEARNERS:
         raise PolicyError(f"policy {name!r} is learned; train it and give the model's file")
-    if name not in BUILTIN_POLICIES:
-        raise PolicyError(f"policy {name!r} is unknown; it must be one of {', '.join(BUILTIN_POLICIES)}")
-    return BUILTIN_POLICIES[name](robot)
+    return _known("policy", name, BUILTIN_POLICIES)(robot)
 
 
 def train(
@@ -108,42 +93,75 @@ def train(
     *,
     seed: int = 0,
     provenance: Provenance | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Progress | None = None,
     intervention_weight: int = 1,
 ) -> TrainedModel:
-    """A model of a trainable policy; ``intervention_weight`` is as in layflat.policy.gp.fit.FitOptions, for Gaussian
-    processes."""
-    if name not in TRAINERS:
-        raise PolicyError(f"policy {name!r} cannot be trained; it must be one of {', '.join(TRAINABLE_POLICIES)}")
+    """Train a model on demonstrations.
+
+    Parameters
+    ----------
+    name : str
+        One of TRAINABLE_POLICIES.
+    episodes : sequence of Episode
+        Demonstrations of one robot, task, cloth and step. Steps of the phase ``disturb`` are left out. The caller
+        chooses which episodes are worth learning from.
+    seed : int
+        Random seed.
+    provenance : Provenance, optional
+        Versions and command, which are stored with the model.
+    progress : callable, optional
+        Called with the number of finished parts, the number of all parts, and a message.
+    intervention_weight : int
+        Weight of steps in which a person corrected a policy; only for Gaussian processes.
+
+    Returns
+    -------
+    TrainedModel
+        The model; `from_model` makes its policy.
+
+    Raises
+    ------
+    PolicyError
+        If the policy cannot be trained, or the demonstrations are too few or do not belong together.
+    """
+    learner = _known("trainable policy", name, LEARNERS)
     options: dict[str, Any] = {}
     if intervention_weight != 1:
-        if not name.startswith("gp-"):
-            raise PolicyError(f"{name} cannot weight what a person corrected; the policies that can begin with gp-")
+        if learner.model is not GpModel:
+            raise PolicyError(f"{name} cannot weight interventions; use a policy whose name begins with gp-")
         from layflat.policy.gp.fit import FitOptions
 
         options["options"] = FitOptions(intervention_weight=intervention_weight)
-    return TRAINERS[name](episodes, seed=seed, provenance=provenance, progress=progress, **options)
+    if not episodes:
+        raise PolicyError("there are no demonstrations to learn from; at least one is needed")
+    training = build_training_set(episodes, input_set(episodes[0].robot, learner.inputs))
+    fit = import_module(f"layflat.policy.{learner.fit}").fit
+    model: TrainedModel = fit(training, policy=name, seed=seed, provenance=provenance, progress=progress, **options)
+    return model
 
 
 def from_model(model: TrainedModel) -> Policy:
-    """The policy that a trained model makes."""
-    if model.policy not in TRAINERS:
-        raise PolicyError(
-            f"the model's policy {model.policy!r} is unknown; it must be one of {', '.join(TRAINABLE_POLICIES)}"
-        )
-    if model.policy == finishing_policy.NAME and isinstance(model, GpModel):
-        return finishing_policy.FinishingPolicy(model)
-    if isinstance(model, DmpModel):
-        return DmpPolicy(model)
-    if isinstance(model, RegressionModel):
-        return ModelPolicy(model)
-    raise PolicyError(f"there is no policy for a {type(model).__name__}")
+    """Make the policy that runs a trained model.
+
+    Raises
+    ------
+    PolicyError
+        If the model names an unknown policy, or one of another method.
+    """
+    learner = _known("the model's policy", model.policy, LEARNERS)
+    if not isinstance(model, learner.model):
+        raise PolicyError(f"a {type(model).__name__} cannot be run as {model.policy}; train it again")
+    return learner.policy(model)
 
 
 def wrap(policy: Policy, names: Sequence[str]) -> Policy:
-    """``policy`` within each of WRAPPERS, the last one outermost."""
+    """Put the named WRAPPERS around a policy, the last one outermost; PolicyError lists the known names."""
     for name in names:
-        if name not in WRAPPERS:
-            raise PolicyError(f"there is no {name!r} to put around a policy; it must be one of {', '.join(WRAPPERS)}")
-        policy = WRAPPERS[name](policy)
+        policy = _known("wrapper", name, WRAPPERS)(policy)
     return policy
+
+
+def _known(kind: str, name: str, known: Mapping[str, Any]) -> Any:
+    if name not in known:
+        raise PolicyError(f"{kind} {name!r} is unknown; it must be one of {', '.join(known)}")
+    return known[name]

@@ -1,31 +1,36 @@
-"""When a policy has finished: small predicates, joined by any and all.
+"""Stop rules, which decide when a policy has finished, and the base class of policies that a rule ends.
 
-A rule is told of every step, once, and says on which one it would stop. ``reset`` makes it new: at the start of an
-episode, and when a policy goes on after a disturbance.
+A rule is updated exactly once per step and reports whether to stop at that step. It is reset at the start of an episode
+and when a policy continues after a disturbance.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
 from layflat.data.types import Observation, StoppedBy
-from layflat.policy.base import PolicyError
+from layflat.policy.base import Decision, PolicyError
+
+X_LIMIT_M = 0.75
+"""World x at which the camera's view ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """Why to stop: one of the words that files know, and a clause for a person."""
+    """Reason to stop."""
 
     by: StoppedBy
+    """Word for files."""
     reason: str
+    """Explanation for people."""
 
 
-@runtime_checkable
 class StopRule(Protocol):
     """One reason to stop."""
 
@@ -33,177 +38,181 @@ class StopRule(Protocol):
         """Forget all steps so far."""
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        """Take note of one step (the action is (A,) m); a Stop while the condition holds, else None."""
+        """Count one step with ``action`` (A,) m; return a Stop as long as the condition holds, else None."""
 
 
-class BelowThreshold:
-    """The norm of the action stayed below ``threshold_m`` for ``steps`` steps in a row (thesis, chapter 4-2-3).
+class _Sustained:
+    """Base of rules whose condition must hold for ``n_steps`` steps in a row."""
 
-    The thesis stops at the first such step; a larger ``steps`` keeps a pause between two moves from ending the episode.
-    """
-
-    def __init__(self, *, threshold_m: float, n_steps: int = 1) -> None:
-        self._threshold_m = _positive("threshold_m", threshold_m)
-        self._n_steps = _at_least_one("steps", n_steps)
+    def __init__(self, n_steps: int) -> None:
+        if n_steps < 1:
+            raise PolicyError(f"n_steps is {n_steps}; it must be at least 1")
+        self._n_steps = int(n_steps)
         self._count = 0
 
     def reset(self) -> None:
+        """Forget all steps so far."""
         self._count = 0
 
+    def _sustained(self, holds: bool) -> bool:
+        self._count = self._count + 1 if holds else 0
+        return self._count >= self._n_steps
+
+
+class BelowThreshold(_Sustained):
+    """The norm of the action stays below ``threshold_m`` for ``n_steps`` steps in a row (thesis, chapter 4-2-3).
+
+    The thesis stops at the first such step. A larger ``n_steps`` keeps a pause between two moves from ending the
+    episode.
+    """
+
+    def __init__(self, *, threshold_m: float, n_steps: int = 1) -> None:
+        super().__init__(n_steps)
+        self._threshold_m = _positive("threshold_m", threshold_m)
+
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        self._count = self._count + 1 if float(np.linalg.norm(action)) < self._threshold_m else 0
-        if self._count < self._n_steps:
+        """Count one step."""
+        if not self._sustained(float(np.linalg.norm(action)) < self._threshold_m):
             return None
         return Stop(by="threshold", reason=f"output below {1000 * self._threshold_m:g} mm for {self._n_steps} steps")
 
 
-class StepLimit:
-    """``steps`` steps have passed since the last reset, this one included."""
+class ContactReached(_Sustained):
+    """The contact portion is at least ``contact`` for ``n_steps`` steps in a row."""
 
-    def __init__(self, n_steps: int) -> None:
-        self._n_steps = _at_least_one("steps", n_steps)
-        self._count = 0
-
-    def reset(self) -> None:
-        self._count = 0
+    def __init__(self, contact: float, *, n_steps: int = 1) -> None:
+        super().__init__(n_steps)
+        self._contact = _positive("contact", contact)
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        self._count += 1
-        if self._count < self._n_steps:
+        """Count one step."""
+        if not self._sustained(observation.contact_portion >= self._contact):
             return None
-        return Stop(by="step_limit", reason=f"{self._n_steps} steps have passed")
+        return Stop(by="converged", reason=f"contact portion has reached {self._contact:g}")
 
 
-class NoContactGain:
-    """The best contact portion so far has not risen by ``gain`` for ``steps`` steps.
+class NoContactGain(_Sustained):
+    """The best contact portion so far does not rise by ``gain`` for ``n_steps`` steps.
 
-    Nothing counts before the contact portion has reached ``from_contact``: a cloth that still hangs in the air gains
-    nothing, and must not be given up for it.
+    Counting begins when the contact portion reaches ``from_contact``: a cloth that still hangs in the air gains no
+    contact, and must not end the episode.
     """
 
     def __init__(self, *, n_steps: int, gain: float = 0.002, from_contact: float = 0.0) -> None:
-        self._n_steps = _at_least_one("steps", n_steps)
+        super().__init__(n_steps)
         self._gain = _positive("gain", gain)
         self._from_contact = from_contact
         self._best: float | None = None
-        self._count = 0
 
     def reset(self) -> None:
+        """Forget all steps so far."""
+        super().reset()
         self._best = None
-        self._count = 0
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
+        """Count one step."""
         contact = observation.contact_portion
         if self._best is None:
             if contact >= self._from_contact:
                 self._best = contact
             return None
-        if contact >= self._best + self._gain:
-            self._best, self._count = contact, 0
-            return None
-        self._count += 1
-        if self._count < self._n_steps:
+        gained = contact >= self._best + self._gain
+        if gained:
+            self._best = contact
+        if not self._sustained(not gained):
             return None
         return Stop(by="converged", reason=f"no gain of contact for {self._n_steps} steps")
 
 
 class Stuck:
-    """The holder has stayed within ``within_m`` along each axis for ``steps`` steps: it pulls, and nothing yields."""
+    """The holder stays within ``within_m`` along each axis for ``n_steps`` steps: it pulls, and nothing yields."""
 
     def __init__(self, *, n_steps: int, within_m: float) -> None:
-        self._n_steps = _at_least_one("steps", n_steps)
         self._within_m = _positive("within_m", within_m)
-        self._places: deque[FloatArray] = deque(maxlen=self._n_steps)
+        self._positions: deque[FloatArray] = deque(maxlen=int(_positive("n_steps", n_steps)))
 
     def reset(self) -> None:
-        self._places.clear()
+        """Forget all steps so far."""
+        self._positions.clear()
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        self._places.append(observation.holder_position)
-        if len(self._places) < self._n_steps or np.ptp(np.array(self._places), axis=0).max() >= self._within_m:
+        """Count one step."""
+        self._positions.append(observation.holder_position)
+        n_steps = self._positions.maxlen
+        if len(self._positions) != n_steps or np.ptp(np.array(self._positions), axis=0).max() >= self._within_m:
             return None
-        return Stop(
-            by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {self._n_steps} steps"
-        )
-
-
-class ContactReached:
-    """The contact portion has been at least ``contact`` for ``steps`` steps in a row."""
-
-    def __init__(self, contact: float, *, n_steps: int = 1) -> None:
-        self._contact = _positive("contact", contact)
-        self._n_steps = _at_least_one("steps", n_steps)
-        self._count = 0
-
-    def reset(self) -> None:
-        self._count = 0
-
-    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        self._count = self._count + 1 if observation.contact_portion >= self._contact else 0
-        if self._count < self._n_steps:
-            return None
-        return Stop(by="converged", reason=f"contact portion has reached {self._contact:g}")
+        return Stop(by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {n_steps} steps")
 
 
 class XLimit:
-    """The holder is at or beyond ``x_m`` (world) to the front: the end of what the camera sees and the arm reaches.
+    """The holder is at or beyond world ``x_m``: the end of the camera's view and of the arm's reach.
 
-    Files have no word of their own for it; it counts as a limit, ``step_limit``, and the reason says which one.
+    In files it counts as ``step_limit``; the reason says which limit it is.
     """
 
-    def __init__(self, x_m: float) -> None:
+    def __init__(self, x_m: float = X_LIMIT_M) -> None:
         self._x_m = x_m
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Do nothing: the rule has no memory."""
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
+        """Check one step."""
         if observation.holder_position[0] < self._x_m:
             return None
         return Stop(by="step_limit", reason=f"holder has reached the limit x = {self._x_m:g} m")
 
 
 class AnyOf:
-    """Stops when one of the rules does, for the first one's reason."""
+    """Stops when one of the rules does, for the reason of the first of them."""
 
     def __init__(self, *rules: StopRule) -> None:
         self._rules = rules
 
     def reset(self) -> None:
+        """Reset all rules."""
         for rule in self._rules:
             rule.reset()
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        # Every rule hears of every step, also those after the first that fires: they count.
+        """Count one step in every rule, also in those after the first that stops."""
         stops = [rule.update(observation, action) for rule in self._rules]
         return next((stop for stop in stops if stop is not None), None)
 
 
-class AllOf:
-    """Stops when all of the rules (at least one) do in the same step; files get the first one's word."""
+class RuleStoppedPolicy:
+    """Base of policies that act until their stop rule ends the episode."""
 
-    def __init__(self, first: StopRule, *others: StopRule) -> None:
-        self._rules = (first, *others)
+    def __init__(self, name: str, robot: RobotSpec, stop: StopRule) -> None:
+        self.name = name
+        self.robot = robot
+        self._stop = stop
 
-    def reset(self) -> None:
-        for rule in self._rules:
-            rule.reset()
+    def reset(self, seed: int) -> None:
+        """Start a new episode."""
+        self._stop.reset()
 
-    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        stops = [rule.update(observation, action) for rule in self._rules]
-        held = [stop for stop in stops if stop is not None]
-        if len(held) < len(stops):
-            return None
-        return Stop(by=held[0].by, reason=" and ".join(stop.reason for stop in held))
+    def continue_after_disturbance(self) -> None:
+        """Restart the stop rule."""
+        self._stop.reset()
+
+    def _decide(
+        self,
+        observation: Observation,
+        action: FloatArray,
+        reason: str,
+        *,
+        std: FloatArray | None = None,
+        output: FloatArray | None = None,
+    ) -> Decision:
+        """Return ``action``, or a stop if the rule says so for ``output`` (by default the action)."""
+        stop = self._stop.update(observation, action if output is None else output)
+        if stop is not None:
+            return Decision(action=np.zeros_like(action), std=std, stop=stop.by, reason=stop.reason)
+        return Decision(action=action, std=std, reason=reason)
 
 
 def _positive(name: str, value: float) -> float:
     if not (np.isfinite(value) and value > 0):
         raise PolicyError(f"{name} is {value}; it must be above 0")
     return float(value)
-
-
-def _at_least_one(name: str, value: int) -> int:
-    if value < 1:
-        raise PolicyError(f"{name} is {value}; it must be at least 1")
-    return int(value)

@@ -1,10 +1,10 @@
-"""What every trained model says of itself, whichever method it belongs to: the part of a model file that all share."""
+"""TrainedModel: the fields that all trained models share, and the interface of the methods that predict actions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,17 +19,46 @@ STOP_THRESHOLD_M = 0.003
 STOP_STEPS = 8
 """Norm of the output below which, and steps for which, a policy has finished (chapter 4-2-3 gives no number)."""
 
+Progress: TypeAlias = Callable[[int, int, str], None]
+"""Called by a fit with the number of finished parts, the number of all parts, and a message about the last one."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedModel:
     """Base of the trained models; immutable, arrays read-only.
 
-    A method adds its arrays as fields and says how they are kept: ``arrays`` and ``settings`` are what its file holds
-    beside the shared header, ``restored`` makes the model of them again.
+    A method adds its arrays and settings as fields and names them in the class variables. `save` and `load` of
+    `layflat.policy.model_io` store them with the fields of this class.
+
+    Attributes
+    ----------
+    policy : str
+        Name of the policy that runs the model, as in `layflat.policy.registry.LEARNERS`.
+    layout : FeatureLayout
+        Robot, and features that the model takes as input.
+    cloth, task : str
+        Cloth and task of the demonstrations.
+    descriptor : str
+        Descriptor from which the observations' WORD must come.
+    step_s : float
+        Duration of a step in the demonstrations, s.
+    action_limit_m : float
+        Largest component of an action, m per step.
+    stop_threshold_m, stop_steps : float, int
+        The policy stops when the norm of its output is below the threshold for so many steps.
+    seed : int
+        Seed of the fit.
+    demonstrations, points_available : int
+        Number of demonstrations, and of their steps.
+    heldout_rmse_m : tuple of float, optional
+        Error on a demonstration by a model trained without it, m per step for each of the A outputs; None if there was
+        only one demonstration.
+    provenance : Provenance
+        Versions and command of the training.
     """
 
     FORMAT: ClassVar[str]
-    """What the header of its files says."""
+    """Name of the method in the header of its files."""
     ARRAYS: ClassVar[tuple[str, ...]]
     """Arrays that each file has."""
     OPTIONAL: ClassVar[tuple[str, ...]] = ()
@@ -38,12 +67,10 @@ class TrainedModel:
     """Header fields of this method alone."""
 
     policy: str
-    """Name of the policy that it makes, as in the registry."""
     layout: FeatureLayout
     cloth: str
-    """Cloth of the demonstrations."""
+    task: str = "place"
     descriptor: str = DEFAULT_DESCRIPTOR
-    """What the observations' WORD was and is to be taken from."""
     step_s: float = STEP_S
     action_limit_m: float = ACTION_LIMIT_M
     stop_threshold_m: float = STOP_THRESHOLD_M
@@ -51,25 +78,21 @@ class TrainedModel:
     seed: int = 0
     demonstrations: int = 1
     points_available: int = 0
-    """Steps of the demonstrations before any thinning."""
     heldout_rmse_m: tuple[float, ...] | None = None
-    """(A,) m per step, error on a demonstration by a model without it; None where there was only one."""
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
-        for name in ("step_s", "stop_threshold_m", "stop_steps", "demonstrations"):
-            self._above_zero(name)
+        self._require_positive("step_s", "stop_threshold_m", "stop_steps", "demonstrations")
         if not 0 < self.action_limit_m <= ACTION_LIMIT_M:
             raise PolicyError(f"action_limit_m is {self.action_limit_m}; it must be in 0..{ACTION_LIMIT_M}")
-        if not (self.policy and self.cloth):
-            raise PolicyError("a model must name its policy and its cloth")
+        if not (self.policy and self.cloth and self.task):
+            raise PolicyError("a model must name its policy, its cloth and its task")
         if self.descriptor not in DESCRIPTORS:
             raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
         if self.heldout_rmse_m is not None:
-            outputs = self.layout.robot.size
             object.__setattr__(self, "heldout_rmse_m", tuple(float(v) for v in self.heldout_rmse_m))
-            if len(self.heldout_rmse_m) != outputs:
-                raise PolicyError(f"heldout_rmse_m has {len(self.heldout_rmse_m)} values; it must have {outputs}")
+            if len(self.heldout_rmse_m) != len(self.outputs):
+                raise PolicyError(f"heldout_rmse_m has {len(self.heldout_rmse_m)} values, not {len(self.outputs)}")
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -77,45 +100,58 @@ class TrainedModel:
         return self.layout.robot.action_names
 
     @property
-    def points(self) -> int:
-        """Number of parts that the model is made of: steps, components or basis functions."""
+    def n_points(self) -> int:
+        """Number of parts that the model consists of: points, components or basis functions."""
         raise NotImplementedError
 
     @property
-    def made_of(self) -> str:
-        """What ``points`` counts, for a person."""
+    def point_name(self) -> str:
+        """Name, in the plural, of the parts that ``n_points`` counts."""
         return "points"
 
     def arrays(self) -> dict[str, FloatArray]:
-        """What its file holds, by name."""
+        """Return the arrays for a file, by name."""
         return {name: getattr(self, name) for name in self.ARRAYS}
 
     def settings(self) -> dict[str, Any]:
-        """Header fields of this method alone."""
+        """Return the header fields of this method alone."""
         return {name: kind(getattr(self, name)) for name, kind in self.SETTINGS.items()}
 
     @classmethod
-    def restored(
+    def from_arrays(
         cls, shared: Mapping[str, Any], arrays: Mapping[str, Any], settings: Mapping[str, Any]
     ) -> TrainedModel:
-        """The model whose shared fields, ``arrays`` and ``settings`` these are."""
+        """Make a model from its shared fields and what `arrays` and `settings` returned."""
         return cls(**shared, **arrays, **settings)
 
-    def _above_zero(self, name: str) -> None:
-        value = getattr(self, name)
-        if not (np.isfinite(value) and value > 0):
-            raise PolicyError(f"{name} is {value}; it must be above 0")
+    def _require_positive(self, *names: str) -> None:
+        """Raise a PolicyError unless all numbers in these fields are finite and above 0."""
+        for name in names:
+            value = getattr(self, name)
+            if not (np.isfinite(value) & (np.asarray(value) > 0)).all():
+                raise PolicyError(f"{name} is {np.min(value)}; it must be above 0")
 
 
 class RegressionModel(TrainedModel):
-    """A model whose action is a function of what is seen now: a field over its inputs."""
+    """A trained model whose action is a function of the current observation."""
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (M, A) each, in m per step, for (M, D) inputs in natural units."""
+        """Predict the action.
+
+        Parameters
+        ----------
+        inputs : array_like of shape (M, D)
+            Features in natural units, in the order of the model's layout.
+
+        Returns
+        -------
+        mean, std : ndarray of shape (M, A)
+            Mean and standard deviation, m per step.
+        """
         raise NotImplementedError
 
     def _queries(self, inputs: ArrayLike) -> FloatArray:
-        """``inputs`` as an (M, D) array, or a PolicyError."""
+        """Return ``inputs`` as an (M, D) array, or raise a PolicyError."""
         queries = np.asarray(inputs, dtype=np.float64)
         if queries.ndim != 2 or queries.shape[1] != self.layout.size:
             raise PolicyError(f"inputs have shape {queries.shape}; they must be (M, {self.layout.size})")

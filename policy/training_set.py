@@ -46,6 +46,7 @@ class TrainingSet:
         return {
             "policy": policy,
             "layout": self.layout,
+            "task": first.task,
             "cloth": first.cloth,
             "descriptor": first.descriptor,
             "step_s": first.step_s,
@@ -79,15 +80,15 @@ def build_training_set(episodes: Sequence[Episode], layout: FeatureLayout) -> Tr
     )
 
 
-def held_out_rmse(taught: TrainingSet, fit: Callable[[FloatArray, FloatArray], Predict]) -> tuple[float, ...] | None:
+def held_out_rmse(training: TrainingSet, fit: Callable[[FloatArray, FloatArray], Predict]) -> tuple[float, ...] | None:
     """(A,) m per step: error on each demonstration by what ``fit`` makes of the others; None where there are none."""
-    labels = np.unique(taught.groups)
+    labels = np.unique(training.groups)
     if len(labels) < 2:
         return None
-    errors = np.empty_like(taught.targets)
+    errors = np.empty_like(training.targets)
     for label in labels:
-        out = taught.groups == label
-        errors[out] = taught.targets[out] - fit(taught.inputs[~out], taught.targets[~out])(taught.inputs[out])
+        out = training.groups == label
+        errors[out] = training.targets[out] - fit(training.inputs[~out], training.targets[~out])(training.inputs[out])
     return tuple(float(value) for value in np.sqrt((errors**2).mean(axis=0)))
 
 
@@ -101,6 +102,8 @@ def _check_common(episodes: Sequence[Episode], layout: FeatureLayout) -> None:
             raise PolicyError(f"demonstration {number} is of robot {episode.robot}; the model is for {layout.robot}")
         if episode.cloth != first.cloth:
             raise PolicyError(f"demonstrations mix the cloths {first.cloth} and {episode.cloth}; choose one")
+        if episode.task != first.task:
+            raise PolicyError(f"demonstrations mix the tasks {first.task} and {episode.task}; choose one")
         if episode.step_s != first.step_s:
             raise PolicyError(f"demonstrations mix steps of {first.step_s} s and {episode.step_s} s; choose one")
         if episode.descriptor != first.descriptor:

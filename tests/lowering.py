@@ -18,8 +18,5 @@ class Down:
     def reset(self, seed: int) -> None:
         """Nothing to forget."""
 
-    def resume(self) -> None:
-        """Nothing to forget."""
-
     def act(self, observation: Observation) -> Decision:
         return Decision(action=self.robot.pack([0.0, 0.0, -0.01]), reason="down")

@@ -162,7 +162,7 @@ def _learn(out: Path, robot: str, seed: int, workers: int, progress: Progress) -
             model = future.result()
             model_files.save(model, files[policy], force=True)
             rmse = "" if model.heldout_rmse_m is None else f", held-out {1000 * max(model.heldout_rmse_m):.1f} mm"
-            progress.advance(status=f"{policy}: {model.points} points{rmse}")
+            progress.advance(status=f"{policy}: {model.n_points} points{rmse}")
     return {policy: model_files.load(file) for policy, file in files.items()}
 
 

@@ -82,8 +82,8 @@ def show(model: TrainedModel, path: Path) -> None:
     console.print(table)
     kernel = f"kernel {model.hyper.kernel}; " if isinstance(model, GpModel) else ""
     console.print(
-        f"{model.points} {model.made_of} of {model.points_available} steps in {model.demonstrations} demonstrations; "
-        f"inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}",
+        f"{model.n_points} {model.point_name} of {model.points_available} steps in {model.demonstrations} "
+        f"demonstrations; inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}",
         highlight=False,
         soft_wrap=True,
     )

@@ -48,5 +48,5 @@ def _scripted(bench: ClothSimulation) -> Policy:
         length_m=cloth.length_m,
         columns=cloth.columns,
         held_width_m=HELD_STRETCH * cloth.width_m,
-        look=bench.ground_truth,
+        ground_truth=bench.ground_truth,
     )

@@ -10,7 +10,7 @@ from layflat.app.support.provenance import capture_provenance
 from layflat.app.workers.runner import EpisodeRunner, StepCallback
 from layflat.app.workers.schedule import DisturbanceScheduler, ScheduledDisturbance
 from layflat.data.types import Episode, StoppedBy
-from layflat.policy.base import Policy, extra_steps
+from layflat.policy.base import Policy, continue_after_disturbance, max_extra_steps
 from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.simulation import ClothSimulation
@@ -56,7 +56,7 @@ def run_until_stop(
     Each disturbance gives it REPAIR_STEPS more. One that is not over when the policy stops is waited for, and the
     policy goes on.
     """
-    watch, max_steps = watch or DisturbanceScheduler(), max_steps + extra_steps(run.policy)
+    watch, max_steps = watch or DisturbanceScheduler(), max_steps + max_extra_steps(run.policy)
     while run.n_steps < max_steps + REPAIR_STEPS * len(run.disturbances):
         due = None if run.disturbed else watch.now(run.n_steps, run.seen.contact_portion)
         if due is not None:
@@ -86,8 +86,8 @@ def _wait_and_repair(run: EpisodeRunner) -> StoppedBy:
     """Until the disturbance is over, and then until the policy stops again."""
     stopped_by = run.phase("disturb", DISTURB_STEPS)
     if stopped_by != "unstable":
-        run.policy.resume()
-        stopped_by = run.phase("repair", REPAIR_STEPS + extra_steps(run.policy))
+        continue_after_disturbance(run.policy)
+        stopped_by = run.phase("repair", REPAIR_STEPS + max_extra_steps(run.policy))
     return stopped_by
 
 

@@ -1,4 +1,4 @@
-"""A dynamic movement primitive: a spring that ends at a goal, bent on its way by a force that was learned.
+"""DmpModel: a dynamic movement primitive, a spring that ends at a goal, bent on its way by a learned force.
 
 Pastor, Hoffmann, Asfour and Schaal 2009 (equations 6 to 8), a form of Ijspeert's primitives whose force is not scaled
 by the distance to the goal, so that an axis that ends where it began can move in between. With u = t / duration, for
@@ -8,7 +8,7 @@ each axis, x0 where it starts and g where it ends:
     s'  = -a s,  s(0) = 1
     f(s) = s sum psi_i(s) w_i / sum psi_i(s)              psi_i(s) = exp(-h_i (s - c_i)^2)
 
-The force dies out with s: whatever was learned, the axis comes to rest at the goal. Nothing of the cloth enters.
+The force vanishes with s, so that every axis comes to rest at its goal. No input describes the cloth.
 """
 
 from __future__ import annotations
@@ -33,47 +33,48 @@ PHASE_RATE = 4.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DmpModel(TrainedModel):
-    """One primitive for each of the A axes that the holder can move along."""
+    """One primitive of B basis functions for each of the robot's A action axes."""
 
     FORMAT: ClassVar[str] = "layflat-dmp"
     ARRAYS: ClassVar[tuple[str, ...]] = ("goal", "weights")
     SETTINGS: ClassVar[Mapping[str, type]] = {"duration_s": float}
 
     goal: FloatArray
-    """(A,) m, world: where the demonstrations end, on average."""
+    """(A,) m, world: mean end of the demonstrations."""
     weights: FloatArray
     """(A, B) m: w_i."""
     duration_s: float
-    """How long the demonstrations take, on average; simulated time."""
+    """Mean duration of the demonstrations, s of simulated time."""
 
     def __post_init__(self) -> None:
-        outputs = self.layout.robot.size
-        freeze(self, "goal", (outputs,))
-        freeze(self, "weights", (outputs, None))
+        freeze(self, "goal", (len(self.outputs),))
+        freeze(self, "weights", (len(self.outputs), None))
         if self.layout != input_set(self.layout.robot, "position"):
             raise PolicyError(f"a primitive sees the position only, not {', '.join(self.layout.names)}")
         if self.weights.shape[1] < 2:
             raise PolicyError(f"weights have shape {self.weights.shape}; at least 2 basis functions are needed")
-        self._above_zero("duration_s")
+        self._require_positive("duration_s")
         super().__post_init__()
 
     @property
-    def points(self) -> int:
+    def n_points(self) -> int:
+        """Number of basis functions for each axis."""
         return self.weights.shape[1]
 
     @property
-    def made_of(self) -> str:
+    def point_name(self) -> str:
+        """Name of the parts that ``n_points`` counts."""
         return "basis functions for each axis"
 
     @property
     def step_u(self) -> float:
-        """What a step is of the duration."""
+        """Duration of a step as a share of the primitive's duration."""
         return self.step_s / self.duration_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Where all axes are at u, and how fast; (A,) m and m per unit of u."""
+    """State of all axes at u: position (A,) m and speed (A,) m per unit of u."""
 
     u: float
     position: FloatArray
@@ -81,16 +82,19 @@ class Motion:
 
 
 def at_rest(position: FloatArray) -> Motion:
-    """At the beginning."""
+    """Return the state at the start, u = 0."""
     return Motion(u=0.0, position=position, speed=np.zeros_like(position))
 
 
-def advanced(motion: Motion, step_u: float, start: FloatArray, goal: FloatArray, weights: FloatArray) -> Motion:
-    """One step of the classical Runge-Kutta method: with 50 or more for u = 0..1 it errs by at most 1e-5 of the way."""
+def advance(motion: Motion, step_u: float, start: FloatArray, goal: FloatArray, weights: FloatArray) -> Motion:
+    """Integrate one step with the classical Runge-Kutta method.
+
+    With 50 or more steps for u = 0..1 its error is at most 1e-5 of the way.
+    """
 
     def slope(u: float, position: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
         s = np.exp(-PHASE_RATE * u)
-        force = weights @ features(s, weights.shape[1])
+        force = weights @ basis(s, weights.shape[1])
         pull = STIFFNESS * (goal - position - (goal - start) * s + force)
         return speed, pull - DAMPING * speed
 
@@ -106,19 +110,19 @@ def advanced(motion: Motion, step_u: float, start: FloatArray, goal: FloatArray,
     )
 
 
-def path(start: FloatArray, goal: FloatArray, weights: FloatArray, *, step_u: float, steps: int) -> FloatArray:
-    """(steps + 1, A) m from rest at ``start``, which is its first row."""
+def path(start: FloatArray, goal: FloatArray, weights: FloatArray, *, step_u: float, n_steps: int) -> FloatArray:
+    """Return positions (n_steps + 1, A) m from rest at ``start``, which is the first row."""
     motions = [at_rest(start)]
-    for _ in range(steps):
-        motions.append(advanced(motions[-1], step_u, start, goal, weights))
+    for _ in range(n_steps):
+        motions.append(advance(motions[-1], step_u, start, goal, weights))
     return np.array([motion.position for motion in motions])
 
 
-def features(s: float, count: int) -> FloatArray:
-    """(B,) s psi_i(s) / sum psi: centres evenly spaced in u = 0..1, each as wide as the gap to the next."""
+def basis(s: float, count: int) -> FloatArray:
+    """Return (B,) s psi_i(s) / sum psi: centres evenly spaced in u = 0..1, each as wide as the gap to the next."""
     centres = np.exp(-PHASE_RATE * np.linspace(0.0, 1.0, count))
     gaps = -np.diff(centres)
     exponents = -(((s - centres) / np.append(gaps, gaps[-1])) ** 2)
-    # Relative to the largest: after the last centre all of them may underflow.
+    # Relative to the largest, because all of them may underflow after the last centre.
     psi = np.exp(exponents - exponents.max())
     return s * psi / psi.sum()

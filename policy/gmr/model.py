@@ -1,4 +1,4 @@
-"""A mixture of Gaussians over inputs and outputs together, and what it says of the outputs at given inputs.
+"""GmrModel: a mixture of Gaussians over inputs and outputs, conditioned on the inputs.
 
 Gaussian mixture regression (Ghahramani and Jordan 1994; Calinon, Guenter and Billard 2007). With component k of weight
 w_k, mean (m_x, m_y) and covariance ((S_xx, S_xy), (S_yx, S_yy)), all in scaled units:
@@ -9,7 +9,7 @@ w_k, mean (m_x, m_y) and covariance ((S_xx, S_xy), (S_yx, S_yy)), all in scaled 
     mean    = sum h_k m_k
     var     = sum h_k (diag S_k + m_k^2) - mean^2
 
-Unlike a Gaussian process it does not fade: far from the data it goes on along the plane of the nearest component.
+Unlike a Gaussian process it does not fade: far from the data it follows the plane of the nearest component.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SUM_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class _Conditional:
-    """One component, ready to be asked."""
+    """One component, conditioned on the inputs."""
 
     log_weight: float
     """Log of w_k and of the density's factor."""
@@ -49,16 +49,16 @@ class _Conditional:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GmrModel(RegressionModel):
-    """K components over D inputs and A outputs."""
+    """Mixture of K components over D inputs and A outputs."""
 
     FORMAT: ClassVar[str] = "layflat-gmr"
     ARRAYS: ClassVar[tuple[str, ...]] = ("input_scale", "weights", "means", "covariances")
     SETTINGS: ClassVar[Mapping[str, type]] = {"output_scale_m": float}
 
     input_scale: FloatArray
-    """(D,) what each column is divided by."""
+    """(D,) divisor of each input."""
     output_scale_m: float
-    """What 1 means in the outputs, in m per step."""
+    """Unit of the outputs, m per step."""
     weights: FloatArray
     """(K,) above 0, sum 1."""
     means: FloatArray
@@ -67,25 +67,25 @@ class GmrModel(RegressionModel):
     """(K, D + A, D + A) of the same."""
 
     def __post_init__(self) -> None:
-        size = self.layout.size + self.layout.robot.size
+        size = self.layout.size + len(self.outputs)
         freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "weights", (None,))
         freeze(self, "means", (len(self.weights), size))
         freeze(self, "covariances", (len(self.weights), size, size))
-        if not (self.input_scale > 0).all():
-            raise PolicyError(f"input_scale holds {self.input_scale.min():g}; all must be above 0")
         if not (len(self.weights) and (self.weights > 0).all() and abs(self.weights.sum() - 1) < SUM_TOLERANCE):
             raise PolicyError(f"weights sum to {self.weights.sum():g}; they must be above 0 and sum to 1")
-        self._above_zero("output_scale_m")
+        self._require_positive("input_scale", "output_scale_m")
         super().__post_init__()
-        self._components  # noqa: B018  a covariance that is none is refused here, not in the first step
+        self._components  # noqa: B018  refuses an invalid covariance here, not in the first step
 
     @property
-    def points(self) -> int:
+    def n_points(self) -> int:
+        """Number of components."""
         return len(self.weights)
 
     @property
-    def made_of(self) -> str:
+    def point_name(self) -> str:
+        """Name of the parts that ``n_points`` counts."""
         return "components"
 
     @cached_property
@@ -100,7 +100,7 @@ class GmrModel(RegressionModel):
             factor = cholesky(covariance, lower=True)
         except LinAlgError as error:
             raise PolicyError("a covariance is not positive: it cannot be conditioned on") from error
-        # The lower factor's own blocks: S_yx S_xx^-1 = L_yx L_xx^-1 and S_k = L_yy L_yy^T, without any difference.
+        # The factor's own blocks, without any difference: S_yx S_xx^-1 = L_yx L_xx^-1 and S_k = L_yy L_yy^T.
         whitening = solve_triangular(factor[:d, :d], np.eye(d), lower=True)
         return _Conditional(
             log_weight=float(np.log(weight) - np.log(np.diag(factor)[:d]).sum() - 0.5 * d * np.log(2 * np.pi)),
@@ -112,13 +112,14 @@ class GmrModel(RegressionModel):
         )
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Predict mean and standard deviation of the action; see `RegressionModel.predict`."""
         scaled = self._queries(inputs) / self.input_scale
         logs, means = [], []
         for part in self._components:
             away = scaled - part.mean_x
             logs.append(part.log_weight - 0.5 * ((away @ part.whitening.T) ** 2).sum(axis=1))
             means.append(part.mean_y + away @ part.gain.T)
-        # In logs, as far from all components every density is 0.
+        # In logs, because far from all components every density underflows to 0.
         share = np.exp(np.array(logs) - logsumexp(logs, axis=0))[..., np.newaxis]
         mean = (share * np.array(means)).sum(axis=0)
         within = np.array([part.variance for part in self._components])[:, np.newaxis]

@@ -1,4 +1,4 @@
-"""Learns Gaussian processes from demonstrations; the only importer of GPy, which rolling out does not need.
+"""Fit of Gaussian processes to demonstrations; the only module that imports GPy, which a rollout does not need.
 
 Thesis, chapter 4-1: one process per output, squared-exponential kernel (Eq. 4-6), hyperparameters by maximum
 likelihood with L-BFGS. The outputs are not centred, so that the prior mean of zero means "stay where you are".
@@ -10,21 +10,20 @@ import logging
 import math
 import platform
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import Episode, Provenance
+from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
-from layflat.policy.features import FeatureLayout
 from layflat.policy.gp import init, sparse
 from layflat.policy.gp.kernel import Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
-from layflat.policy.trained_model import STOP_STEPS, STOP_THRESHOLD_M
-from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, build_training_set
+from layflat.policy.trained_model import STOP_STEPS, STOP_THRESHOLD_M, Progress
+from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, TrainingSet
 
 LENGTH_SCALE_BOUNDS = (0.1, 5.0)
 """In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
@@ -32,36 +31,38 @@ table; below, it would remember steps instead of learning from them."""
 VARIANCE_BOUNDS = (0.01, 25.0)
 """Prior deviation of 1 mm to 50 mm a step."""
 NOISE_BOUNDS = (1e-4, 0.25)
-"""Deviation of 0.1 mm to 5 mm a step: less than the first no hand achieves, and more would drown the slowest move."""
+"""Deviation of 0.1 mm to 5 mm a step: no hand is more exact, and more noise would drown the slowest move."""
 
 MAX_POINTS = 2000
-"""Training costs N^3 and a step N^2; with more steps the sparse form takes over, in which both cost N once."""
+"""Training costs N^3 and a step N^2; with more steps the sparse form is used, in which both cost N once."""
 INDUCING_POINTS = 300
 """Of the sparse form; on ten demonstrations (766 steps) its moves are within 1.3 % of the full form's (rms)."""
 LIKELIHOOD_POINTS = 1000
-"""Hyperparameters of the full form are learned from at most so many steps, thinned evenly; the rest are kept all."""
+"""Most steps, evenly subsampled, from which the full form learns its hyperparameters; its points are all steps."""
 START_POINTS = 300
-"""So many are enough to say where the optimiser should begin."""
+"""Most steps from which the start of the optimiser is found."""
 MAX_ITERATIONS = 200
-
-Progress = Callable[[int, int, str], None]
-"""Called with outputs done, outputs in all, and a clause on the last one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
-    """What may be chosen about a fit."""
+    """Options of a fit."""
 
     ard: bool = False
-    """One length scale per input instead of the thesis's one for all."""
+    """One length scale for each input instead of the thesis's one for all."""
     starts: int = 1
-    """Starting points of the optimiser: see ``gp_start``, then drawn by the seed; the likeliest end wins."""
+    """Starting points of the optimiser: the one of `layflat.policy.gp.init`, then random ones; the likeliest end is
+    used."""
     max_points: int = MAX_POINTS
+    """Number of steps above which the sparse form is used."""
     inducing_points: int = INDUCING_POINTS
+    """Number of points of the sparse form."""
     stop_threshold_m: float = STOP_THRESHOLD_M
+    """Norm of the output below which the policy stops, m per step."""
     stop_steps: int = STOP_STEPS
+    """Number of steps for which the output must be that small."""
     intervention_weight: int = 1
-    """How often each step counts in which a person corrected a policy: 4 is as if it had been shown four times."""
+    """Weight of the steps in which a person corrected a policy: with 4 each counts as if it was shown four times."""
 
     def __post_init__(self) -> None:
         least = {"starts": 1, "max_points": MIN_POINTS, "inducing_points": MIN_POINTS, "intervention_weight": 1}
@@ -71,26 +72,20 @@ class FitOptions:
 
 
 def fit(
-    episodes: Sequence[Episode],
-    layout: FeatureLayout,
+    training: TrainingSet,
     *,
     policy: str,
     seed: int = 0,
-    options: FitOptions | None = None,
     provenance: Provenance | None = None,
     progress: Progress | None = None,
+    options: FitOptions | None = None,
 ) -> GpModel:
-    """Learn from whole demonstrations, all of one robot, cloth and step; steps of phase ``disturb`` are left out.
-
-    Which episodes are worth learning from (no failures, no folds) is the caller's choice.
-    """
-    options = options or FitOptions()
-    taught = build_training_set(episodes, layout)
-    scale = layout.scales()
-    scaled, outputs = taught.inputs / scale, taught.targets / OUTPUT_SCALE_M
+    """Fit a model that is named ``policy``; ``progress`` is called after each output."""
+    options, scale = options or FitOptions(), training.layout.scales()
+    scaled, outputs = training.inputs / scale, training.targets / OUTPUT_SCALE_M
     is_sparse = len(scaled) > options.max_points
     inducing = sparse.inducing_points(scaled, options.inducing_points, seed) if is_sparse else None
-    rows = slice(None) if is_sparse else thinned(len(scaled), LIKELIHOOD_POINTS)
+    rows = slice(None) if is_sparse else subsample(len(scaled), LIKELIHOOD_POINTS)
     hyper = fit_hyperparameters(
         scaled[rows],
         outputs[rows],
@@ -98,21 +93,21 @@ def fit(
         starts=options.starts,
         seed=seed,
         inducing=inducing,
-        names=layout.robot.action_names,
+        names=training.layout.robot.action_names,
         progress=progress,
     )
-    # Only what is predicted is weighted. Copies would tell the likelihood of a demonstrator without any noise.
-    copies = np.repeat(np.arange(len(scaled)), np.where(taught.corrections, options.intervention_weight, 1))
+    # Only the predictions are weighted. For the likelihood, copies would look like a demonstrator without any noise.
+    copies = np.repeat(np.arange(len(scaled)), np.where(training.corrections, options.intervention_weight, 1))
     if inducing is None:
-        errors = held_out_errors(scaled, outputs, taught.groups, hyper)
-        points, inner, alpha = taught.inputs[copies], None, weights(scaled[copies], outputs[copies], hyper)
+        errors = held_out_errors(scaled, outputs, training.groups, hyper)
+        points, inner, alpha = training.inputs[copies], None, weights(scaled[copies], outputs[copies], hyper)
     else:
-        errors = sparse.held_out_errors(inducing, scaled, outputs, taught.groups, hyper)
+        errors = sparse.held_out_errors(inducing, scaled, outputs, training.groups, hyper)
         points = inducing * scale
         alpha, inner = sparse.compress(inducing, scaled[copies], outputs[copies], hyper)
-    alone = len(np.unique(taught.groups)) < 2
+    single = len(np.unique(training.groups)) < 2
     return GpModel(
-        **taught.shared(policy, seed, provenance, "GPy"),
+        **training.shared(policy, seed, provenance, "GPy"),
         inputs=points,
         input_scale=scale,
         alpha=alpha,
@@ -121,7 +116,7 @@ def fit(
         hyper=hyper,
         stop_threshold_m=options.stop_threshold_m,
         stop_steps=options.stop_steps,
-        heldout_rmse_m=None if alone else tuple(OUTPUT_SCALE_M * np.sqrt((errors**2).mean(axis=0))),
+        heldout_rmse_m=None if single else tuple(OUTPUT_SCALE_M * np.sqrt((errors**2).mean(axis=0))),
     )
 
 
@@ -136,20 +131,20 @@ def fit_hyperparameters(
     names: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Hyperparameters:
-    """Maximum likelihood within the bounds, for scaled inputs (N, D) and targets (N, A), output by output.
+    """Return the likeliest hyperparameters within the bounds, for scaled inputs (N, D) and targets (N, A).
 
-    With ``inducing`` points (M, D), scaled: of the sparse form's bound on it, for which they stay where they are.
+    With scaled ``inducing`` points (M, D), which stay fixed, the sparse form's bound on the likelihood is maximised.
     """
     rng = np.random.default_rng(seed)
     size, outputs = inputs.shape[1], targets.shape[1]
-    lengths = size if ard else 1
-    few = thinned(len(inputs), START_POINTS)
-    likely = init.best_start(inputs[few], targets[few])
+    n_lengths = size if ard else 1
+    few = subsample(len(inputs), START_POINTS)
+    start = init.best_start(inputs[few], targets[few])
     found: list[tuple[FloatArray, float, float]] = []
     for a in range(outputs):
-        length, variance, noise = (float(value[a]) for value in likely)
-        begins = [_within_bounds(np.full(lengths, length), variance, noise)]
-        begins += [_drawn(rng, lengths) for _ in range(starts - 1)]
+        length, variance, noise = (float(value[a]) for value in start)
+        begins = [(np.full(n_lengths, length), _inside(variance, VARIANCE_BOUNDS), _inside(noise, NOISE_BOUNDS))]
+        begins += [_random_start(rng, n_lengths) for _ in range(starts - 1)]
         ends = [_optimise(inputs, targets[:, a : a + 1], begin, ard, inducing) for begin in begins]
         found.append(min(ends, key=lambda end: end[0])[1:])
         if progress is not None:
@@ -164,29 +159,25 @@ def fit_hyperparameters(
     )
 
 
-def thinned(count: int, most: int) -> np.ndarray:
-    """(min(count, most),) rows, evenly spread over ``count``, first and last among them."""
+def subsample(count: int, most: int) -> np.ndarray:
+    """Return (min(count, most),) rows, evenly spread over ``count``, with the first and the last."""
     if count <= most:
         return np.arange(count)
     return np.linspace(0, count - 1, most).round().astype(int)
 
 
-def _within_bounds(lengths: FloatArray, variance: float, noise: float) -> tuple[FloatArray, float, float]:
-    """Inside the bounds and not on them, where the optimiser could not tell which way to go."""
-
-    def inside(value: float, low: float, high: float) -> float:
-        return min(max(value, low * 1.1), high / 1.1)
-
-    return lengths, inside(variance, *VARIANCE_BOUNDS), inside(noise, *NOISE_BOUNDS)
+def _inside(value: float, bounds: tuple[float, float]) -> float:
+    """Move ``value`` inside the bounds and off their ends, where the optimiser has no gradient to follow."""
+    return min(max(value, bounds[0] * 1.1), bounds[1] / 1.1)
 
 
-def _drawn(rng: np.random.Generator, lengths: int) -> tuple[FloatArray, float, float]:
-    """Length scales, variance and noise, log-uniform."""
+def _random_start(rng: np.random.Generator, n_lengths: int) -> tuple[FloatArray, float, float]:
+    """Draw length scales, variance and noise, log-uniform."""
 
     def draw(low: float, high: float, size: int) -> FloatArray:
         return np.exp(rng.uniform(math.log(low), math.log(high), size))
 
-    return draw(0.3, 3.0, lengths), float(draw(0.1, 5.0, 1)[0]), float(draw(1e-3, 0.1, 1)[0])
+    return draw(0.3, 3.0, n_lengths), float(draw(0.1, 5.0, 1)[0]), float(draw(1e-3, 0.1, 1)[0])
 
 
 def _optimise(
@@ -196,10 +187,10 @@ def _optimise(
     ard: bool,
     inducing: FloatArray | None = None,
 ) -> tuple[float, FloatArray, float, float]:
-    """Negative log likelihood, length scales (1,) or (D,), variance and noise at the end of one run of L-BFGS."""
+    """Run L-BFGS once; return negative log likelihood, length scales (1,) or (D,), variance and noise at its end."""
     gpy = import_gpy()
     length, variance, noise = start
-    # A line search may try a corner of the bounds; what it overflows there is rejected by its own value.
+    # A line search may try a corner of the bounds; values that overflow there are rejected anyway.
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         kernel = gpy.kern.RBF(inputs.shape[1], variance=variance, lengthscale=length, ARD=ard)
@@ -214,16 +205,12 @@ def _optimise(
         model.likelihood.variance.constrain_bounded(*NOISE_BOUNDS, warning=False)
         model.optimize("lbfgsb", max_iters=MAX_ITERATIONS)
     lengths = np.array(model.kern.lengthscale, dtype=np.float64)
-    return (
-        float(model.objective_function()),
-        lengths,
-        float(model.kern.variance[0]),
-        float(model.likelihood.variance[0]),
-    )
+    cost = float(model.objective_function())
+    return cost, lengths, float(model.kern.variance[0]), float(model.likelihood.variance[0])
 
 
 def import_gpy() -> Any:
-    """GPy, imported when it is first needed: it takes a second or two, and placing does without."""
+    """Import GPy, which takes a second or two, only when it is needed; PolicyError if that fails."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""The kernel of Eq. 4-6 and what follows from it: matrices, factors, weights, and the errors on what was left out."""
+"""Kernel of Eq. 4-6 and the quantities that follow from it: matrices, factors, weights and held-out errors."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from layflat.policy.base import PolicyError
 from layflat.policy.trained_model import freeze
 
 KERNELS = ("se", "se-ard")
-"""Squared exponential with one length scale for all inputs (Eq. 4-6), or with one for each."""
+"""Squared exponential with one length scale for all inputs (Eq. 4-6), or with one for each input."""
 
 JITTER = 1e-8
-"""Added to the noise variance wherever a kernel matrix is factorised, as GPy does, so that both agree to the digit."""
+"""Added to the noise variance whenever a kernel matrix is factorised, as in GPy, so that both agree to the digit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hyperparameters:
-    """Of A independent processes over D inputs; inputs in units of their scale, outputs in units of theirs."""
+    """Hyperparameters of A independent processes over D inputs, in scaled units."""
 
     kernel: str
+    """One of KERNELS."""
     length_scales: FloatArray
-    """(A, D); all columns of a row are equal under kernel ``se``."""
+    """(A, D); under the kernel ``se`` all columns of a row are equal."""
     variance: FloatArray
-    """(A,) of the process."""
+    """(A,) variance of the process."""
     noise: FloatArray
     """(A,) variance of the demonstrator around the process."""
 
@@ -47,19 +48,19 @@ class Hyperparameters:
 
 
 def covariance(left: FloatArray, right: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
-    """(N, M) Eq. 4-6 of one output between scaled inputs (N, D) and (M, D)."""
+    """Return Eq. 4-6 of one output, (N, M), between scaled inputs (N, D) and (M, D)."""
     length = hyper.length_scales[output]
     squared = cdist(left / length, right / length, "sqeuclidean")
     return np.asarray(hyper.variance[output] * np.exp(-0.5 * squared))
 
 
 def cholesky(scaled: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
-    """(N, N) lower factor of K + noise I over scaled inputs (N, D)."""
+    """Return the lower factor (N, N) of K + noise I over scaled inputs (N, D)."""
     return _factor(scaled, hyper, output, float(hyper.noise[output]))
 
 
 def kernel_factor(scaled: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
-    """(M, M) lower factor of K alone, over inducing points that lie apart."""
+    """Return the lower factor (M, M) of K alone, over inducing points that lie apart."""
     return _factor(scaled, hyper, output, 0.0)
 
 
@@ -75,7 +76,7 @@ def _factor(scaled: FloatArray, hyper: Hyperparameters, output: int, noise: floa
 
 
 def weights(scaled: FloatArray, targets: FloatArray, hyper: Hyperparameters) -> FloatArray:
-    """(A, N) alpha of Eq. 4-5 for scaled inputs (N, D) and scaled targets (N, A)."""
+    """Return alpha of Eq. 4-5, (A, N), for scaled inputs (N, D) and scaled targets (N, A)."""
     columns = range(targets.shape[1])
     return np.array([cho_solve((cholesky(scaled, hyper, a), True), targets[:, a]) for a in columns])
 
@@ -83,10 +84,11 @@ def weights(scaled: FloatArray, targets: FloatArray, hyper: Hyperparameters) -> 
 def held_out_errors(
     scaled: FloatArray, targets: FloatArray, groups: Sequence[int] | np.ndarray, hyper: Hyperparameters
 ) -> FloatArray:
-    """(N, A) target minus what a model without the target's own group predicts; hyperparameters stay as they are.
+    """Return (N, A) targets minus the predictions of a model trained without each target's own group.
 
-    With P = (K + noise I)^-1 the error on group b is (P_bb)^-1 (P y)_b (Rasmussen and Williams, section 5.4.2, for
-    blocks), so that no model has to be trained again. One group alone gives the targets: nothing is left to learn from.
+    The hyperparameters stay the same. With P = (K + noise I)^-1 the error on group b is (P_bb)^-1 (P y)_b (Rasmussen
+    and Williams, section 5.4.2, for blocks), so that nothing is trained again. With a single group the errors are the
+    targets.
     """
     labels = np.asarray(groups)
     errors = np.empty_like(targets)

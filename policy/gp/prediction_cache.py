@@ -1,12 +1,12 @@
-"""Predicting from factors that are computed once: what a step of the closed loop costs is two products and no solve.
+"""PredictionCache: factors that are computed once, so that a step of the closed loop needs two products and no solve.
 
-For each output the inverse F of the lower factor of K + noise I is kept, so that with k = k(X, x*)
+For each output it keeps the inverse F of the lower factor of K + noise I. With k = k(X, x*)
 
     mean = alpha^T k        var = variance - |F k|^2 + noise
 
-F is as large as K, but only half of it is read, and that once a step: at some hundred points memory is the limit, not
-arithmetic. (K + noise I)^-1 itself, as GPy keeps it, would be no cheaper, and loses the small deviations near the
-demonstrations to rounding: its condition is the square of F's.
+F is as large as K, but only half of it is read, once per step: with some hundred points memory is the limit, not
+arithmetic. (K + noise I)^-1 itself, which GPy keeps, would not be cheaper and loses the small deviations near the
+demonstrations to rounding, because its condition number is the square of F's.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from layflat.data.arrays import FloatArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictionCache:
-    """All in scaled units; A outputs, N points, D inputs."""
+    """Factors for A outputs, N points and D inputs, all in scaled units."""
 
     columns: FloatArray
-    """(D, N) the points, one input after the other."""
+    """(D, N) points, one input after the other."""
     rates: FloatArray
     """(A, D) -1 / (2 l^2)."""
     variance: FloatArray
@@ -36,60 +36,60 @@ class PredictionCache:
     alpha: FloatArray
     """(A, N)"""
     known: Sequence[FloatArray]
-    """A times (N, N), lower, in columns: |F k|^2 is what the points take off the variance."""
+    """A lower factors F (N, N): |F k|^2 is the variance that the points remove."""
     unknown: Sequence[FloatArray] | None = None
-    """Of the sparse form, the same: |F k|^2 is what the inducing points do not know of the steps, and is added back."""
+    """A lower factors F (N, N) of the sparse form: |F k|^2 is the variance that the inducing points add back."""
 
     def predict(self, scaled: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (M, A) each, for scaled inputs (M, D)."""
+        """Return mean and standard deviation, (M, A) each, for scaled inputs (M, D)."""
         if len(scaled) == 1:
-            mean, variance = self._at(scaled[0])
+            mean, variance = self._predict_one(scaled[0])
             mean, variance = mean[np.newaxis], variance[np.newaxis]
         else:
-            mean, variance = self._on(scaled)
-        # Rounding may take the variance of the process a hair below 0 on top of a point.
+            mean, variance = self._predict_many(scaled)
+        # On top of a point, rounding may take the variance of the process a little below 0.
         return mean, np.sqrt(np.maximum(variance, 0.0) + self.noise)
 
-    def _at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(A,) mean and variance of the processes at one (D,): the step of a closed loop."""
+    def _predict_one(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (A,) mean and variance of the processes at one point (D,): a step of a closed loop."""
         cross = self._cross(point)
-        variance = self.variance - _squares(self.known, cross)
+        variance = self.variance - _squared_norms(self.known, cross)
         if self.unknown is not None:
-            variance += _squares(self.unknown, cross)
+            variance += _squared_norms(self.unknown, cross)
         return np.einsum("an,an->a", self.alpha, cross), variance
 
-    def _on(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(M, A) mean and variance of the processes on many (M, D): a picture of the field."""
+    def _predict_many(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (M, A) mean and variance of the processes at points (M, D): a picture of the field."""
         cross = np.array([self._cross(point) for point in points]).transpose(1, 2, 0)
         mean = np.einsum("an,anm->ma", self.alpha, cross)
-        variance = self.variance - _squares_of_all(self.known, cross)
+        variance = self.variance - _squared_norms_at_many(self.known, cross)
         if self.unknown is not None:
-            variance += _squares_of_all(self.unknown, cross)
+            variance += _squared_norms_at_many(self.unknown, cross)
         return mean, variance
 
     def _cross(self, point: FloatArray) -> FloatArray:
-        """(A, N) Eq. 4-6 between the points and one more; the squares are shared by all outputs."""
+        """Return (A, N) Eq. 4-6 between the points and one more; all outputs share the squares."""
         away = self.columns - point[:, np.newaxis]
         return self.variance[:, np.newaxis] * np.exp(self.rates @ (away * away))
 
 
 def inverse_of_lower(factor: FloatArray) -> FloatArray:
-    """(N, N) inverse of a lower factor, zeros above its diagonal, in the order of columns that BLAS reads fastest."""
+    """Return the inverse of a lower factor (N, N), zeros above its diagonal, in column order for BLAS."""
     inverse, _ = dtrtri(factor, lower=1)
     return np.asfortranarray(np.tril(inverse))
 
 
 def lower_product(left: FloatArray, right: FloatArray) -> FloatArray:
-    """(N, N) product of two lower factors, itself one."""
+    """Return the product of two lower factors (N, N), itself a lower factor."""
     return np.asfortranarray(np.tril(left @ right))
 
 
-def _squares(factors: Sequence[FloatArray], cross: FloatArray) -> FloatArray:
-    """(A,) |F k|^2 of each output at one place."""
-    moved = [dtrmv(factor, row, lower=1) for factor, row in zip(factors, cross, strict=True)]
-    return np.array([row @ row for row in moved])
+def _squared_norms(factors: Sequence[FloatArray], cross: FloatArray) -> FloatArray:
+    """Return (A,) |F k|^2 of each output for kernels (A, N)."""
+    products = [dtrmv(factor, row, lower=1) for factor, row in zip(factors, cross, strict=True)]
+    return np.array([product @ product for product in products])
 
 
-def _squares_of_all(factors: Sequence[FloatArray], cross: FloatArray) -> FloatArray:
-    """(M, A) the same at many places, whose kernels are (A, N, M)."""
+def _squared_norms_at_many(factors: Sequence[FloatArray], cross: FloatArray) -> FloatArray:
+    """Return (M, A) |F k|^2 of each output for kernels (A, N, M)."""
     return np.array([((factor @ rows) ** 2).sum(axis=0) for factor, rows in zip(factors, cross, strict=True)]).T

@@ -1,12 +1,13 @@
-"""The sparse form of a Gaussian process, for more steps than the full one can hold: what M inducing points know of N.
+"""Sparse form of a Gaussian process, for more steps than the full form can hold: M inducing points stand for N steps.
 
-Titsias 2009, as GPy's VarDTC. With L the lower factor of K_uu, s^2 the noise and K_uf between inducing points and steps
+Titsias 2009, as in GPy's VarDTC. With L the lower factor of K_uu, s^2 the noise and K_uf between inducing points and
+steps
 
     A = L^-1 K_uf / s        B = I + A A^T = L_B L_B^T
     alpha = L^-T L_B^-T L_B^-1 A y / s
     mean = k_u^T alpha       var = variance - |L^-1 k_u|^2 + |L_B^-1 L^-1 k_u|^2 + s^2
 
-With every step an inducing point it is the full process.
+If every step is an inducing point, it is the full process.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from layflat.policy.gp.kernel import Hyperparameters, covariance, kernel_factor
 
 
 def inducing_points(scaled: FloatArray, count: int, seed: int) -> FloatArray:
-    """(M, D) the centres of ``count`` clusters of the scaled inputs (N, D); the same for all outputs."""
-    from sklearn.cluster import KMeans  # here: only training needs it
+    """Return (M, D) the centres of ``count`` clusters of the scaled inputs (N, D); the same for all outputs."""
+    from sklearn.cluster import KMeans  # imported here because only training needs it
 
     if count >= len(scaled):
         return scaled
@@ -30,15 +31,21 @@ def inducing_points(scaled: FloatArray, count: int, seed: int) -> FloatArray:
 def compress(
     inducing: FloatArray, scaled: FloatArray, targets: FloatArray, hyper: Hyperparameters
 ) -> tuple[FloatArray, FloatArray]:
-    """alpha (A, M) and L_B (A, M, M) for scaled inducing points (M, D), inputs (N, D) and targets (N, A)."""
-    parts = [_condensed(*_whitened(inducing, scaled, hyper, a), targets[:, a]) for a in range(targets.shape[1])]
-    return np.array([alpha for alpha, _ in parts]), np.array([inner for _, inner in parts])
+    """Return alpha (A, M) and L_B (A, M, M) for scaled inducing points (M, D), inputs (N, D) and targets (N, A)."""
+    alphas, inners = [], []
+    for a in range(targets.shape[1]):
+        lower, white, noise_std = _whitened(inducing, scaled, hyper, a)
+        inner = cholesky(np.eye(len(lower)) + white @ white.T, lower=True)
+        half = _solve(inner, white @ targets[:, a] / noise_std)
+        alphas.append(solve_triangular(lower, half, lower=True, trans=1))
+        inners.append(inner)
+    return np.array(alphas), np.array(inners)
 
 
 def held_out_errors(
     inducing: FloatArray, scaled: FloatArray, targets: FloatArray, groups: np.ndarray, hyper: Hyperparameters
 ) -> FloatArray:
-    """(N, A) target minus what a model without the target's own group predicts; all else stays as it is."""
+    """Return (N, A) targets minus the predictions of a model without each target's group; the rest stays the same."""
     errors = np.empty_like(targets)
     for a in range(targets.shape[1]):
         _, white, noise_std = _whitened(inducing, scaled, hyper, a)
@@ -48,31 +55,22 @@ def held_out_errors(
             inner = np.eye(len(inducing)) + gram - white[:, own] @ white[:, own].T
             inner = cholesky(inner, lower=True)
             rest = (power - white[:, own] @ targets[own, a]) / noise_std
-            alpha = _solved(inner, rest)
             # k_u^T L^-T is a step's own column of A, times s.
-            errors[own, a] = targets[own, a] - noise_std * white[:, own].T @ alpha
+            errors[own, a] = targets[own, a] - noise_std * white[:, own].T @ _solve(inner, rest)
     return errors
 
 
 def _whitened(
     inducing: FloatArray, scaled: FloatArray, hyper: Hyperparameters, output: int
 ) -> tuple[FloatArray, FloatArray, float]:
-    """L (M, M), A (M, N) and s of one output."""
+    """Return L (M, M), A (M, N) and s of one output."""
     lower = kernel_factor(inducing, hyper, output)
     noise_std = float(np.sqrt(hyper.noise[output]))
     white = solve_triangular(lower, covariance(inducing, scaled, hyper, output), lower=True) / noise_std
     return lower, white, noise_std
 
 
-def _condensed(
-    lower: FloatArray, white: FloatArray, noise_std: float, target: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    inner = cholesky(np.eye(len(lower)) + white @ white.T, lower=True)
-    alpha = solve_triangular(lower, _solved(inner, white @ target / noise_std), lower=True, trans=1)
-    return alpha, inner
-
-
-def _solved(inner: FloatArray, right: FloatArray) -> FloatArray:
-    """B^-1 right, by the factor of B."""
+def _solve(inner: FloatArray, right: FloatArray) -> FloatArray:
+    """Return B^-1 right, by the factor of B."""
     half = solve_triangular(inner, right, lower=True)
     return np.asarray(solve_triangular(inner, half, lower=True, trans=1))

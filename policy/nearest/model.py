@@ -1,8 +1,7 @@
-"""Nearest neighbour: does what the demonstrator did in the most similar step. The floor that learning has to beat."""
+"""NearestModel: repeats what the demonstrator did in the most similar step; the baseline of all learning."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,21 +10,20 @@ from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import Episode, Provenance
+from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
-from layflat.policy.features import FeatureLayout
-from layflat.policy.trained_model import RegressionModel, freeze
-from layflat.policy.training_set import build_training_set, held_out_rmse
+from layflat.policy.trained_model import Progress, RegressionModel, freeze
+from layflat.policy.training_set import Predict, TrainingSet, held_out_rmse
 
 NEIGHBOURS = 5
-"""Whose spread is the deviation; the mean is the nearest one's alone."""
-LEAST_STD_M = 1e-4
-"""Of a prediction: no hand is more exact, and a deviation must be above 0 where all neighbours agree."""
+"""Number of steps whose spread is the standard deviation; the mean is that of the nearest one alone."""
+MIN_STD_M = 1e-4
+"""Lower bound of the standard deviation: no hand is more exact, and it must be above 0 if all neighbours agree."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NearestModel(RegressionModel):
-    """All demonstrated steps."""
+    """All N demonstrated steps."""
 
     FORMAT: ClassVar[str] = "layflat-nearest"
     ARRAYS: ClassVar[tuple[str, ...]] = ("inputs", "input_scale", "actions")
@@ -33,53 +31,54 @@ class NearestModel(RegressionModel):
     inputs: FloatArray
     """(N, D) in natural units."""
     input_scale: FloatArray
-    """(D,) what each column is divided by before distances are taken."""
+    """(D,) divisor of each column before distances are taken."""
     actions: FloatArray
     """(N, A) m per step."""
 
     def __post_init__(self) -> None:
         freeze(self, "inputs", (None, self.layout.size))
         freeze(self, "input_scale", (self.layout.size,))
-        freeze(self, "actions", (len(self.inputs), self.layout.robot.size))
+        freeze(self, "actions", (len(self.inputs), len(self.outputs)))
         if not len(self.inputs):
             raise PolicyError("a model needs at least one point")
-        if not (self.input_scale > 0).all():
-            raise PolicyError(f"input_scale holds {self.input_scale.min():g}; all must be above 0")
+        self._require_positive("input_scale")
         super().__post_init__()
 
     @property
-    def points(self) -> int:
+    def n_points(self) -> int:
+        """Number of demonstrated steps."""
         return len(self.inputs)
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The nearest step's action, and the deviation among the NEIGHBOURS nearest; of equals the first."""
+        """Return the action of the nearest step (the first of equals), and the deviation of the NEIGHBOURS nearest.
+
+        See `RegressionModel.predict`.
+        """
         distances = cdist(self._queries(inputs) / self.input_scale, self.inputs / self.input_scale)
         near = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
-        return self.actions[near[:, 0]], np.maximum(self.actions[near].std(axis=1), LEAST_STD_M)
+        return self.actions[near[:, 0]], np.maximum(self.actions[near].std(axis=1), MIN_STD_M)
 
 
 def fit(
-    episodes: Sequence[Episode],
-    layout: FeatureLayout,
+    training: TrainingSet,
     *,
     policy: str,
     seed: int = 0,
     provenance: Provenance | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> NearestModel:
-    """Keep all steps of the demonstrations."""
-    taught = build_training_set(episodes, layout)
+    """Make a model that is named ``policy`` from all steps of the demonstrations."""
     model = NearestModel(
-        **taught.shared(policy, seed, provenance),
-        inputs=taught.inputs,
-        input_scale=layout.scales(),
-        actions=taught.targets,
+        **training.shared(policy, seed, provenance),
+        inputs=training.inputs,
+        input_scale=training.layout.scales(),
+        actions=training.targets,
     )
 
-    def without(inputs: FloatArray, targets: FloatArray) -> Callable[[FloatArray], FloatArray]:
-        return lambda queries: replace(model, inputs=inputs, actions=targets).predict(queries)[0]
+    def refit(inputs: FloatArray, targets: FloatArray) -> Predict:
+        rest = replace(model, inputs=inputs, actions=targets)
+        return lambda queries: rest.predict(queries)[0]
 
-    model = replace(model, heldout_rmse_m=held_out_rmse(taught, without))
     if progress is not None:
-        progress(1, 1, f"{model.points} steps kept")
-    return model
+        progress(1, 1, f"{model.n_points} steps stored")
+    return replace(model, heldout_rmse_m=held_out_rmse(training, refit))

@@ -1,4 +1,4 @@
-"""What was done once, done again: the actions of a recorded episode as a policy."""
+"""ReplayPolicy: repeats the actions of a recorded episode."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from layflat.policy.base import Decision
 
 
 class ReplayPolicy:
-    """The actions of an episode in their order, whatever is seen; stops after the last.
+    """Repeats the actions of an episode in their order, without regard to the observations, and then stops.
 
-    The steps of a disturbance are not among them: nobody decides there.
+    Steps of the phase ``disturb`` are left out, because no policy decides them.
     """
 
     def __init__(self, episode: Episode) -> None:
@@ -19,12 +19,11 @@ class ReplayPolicy:
         self._next = 0
 
     def reset(self, seed: int) -> None:
+        """Start with the first action again."""
         self._next = 0
 
-    def resume(self) -> None:
-        """The recording goes on after its stop by itself."""
-
     def act(self, observation: Observation) -> Decision:
+        """Decide one step."""
         if self._next >= len(self._steps):
             return Decision(action=self.robot.zeros(), stop="step_limit", reason="the recording is over")
         self._next += 1

@@ -1,6 +1,6 @@
 """Wrinkle removal by WORD (chapter 3-2-2, Algorithm 2), and the two controllers that the thesis compares it with.
 
-All three move the pickers in the table's plane, by the same step, from the same starts.
+All three move the robot's points in the table's plane, by the same step, from the same starts.
 """
 
 from __future__ import annotations
@@ -10,61 +10,51 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from layflat.data.robot import RobotSpec
-from layflat.data.types import ACTION_LIMIT_M, Observation
+from layflat.data.types import Observation
 from layflat.policy.base import Decision, Policy, PolicyError
-from layflat.policy.scripted.baselines import X_LIMIT_M, DragPolicy, RandomPolicy
-from layflat.policy.stopping import AnyOf, ContactReached, StopRule, XLimit
+from layflat.policy.scripted.baselines import DragPolicy, RandomPolicy, checked_step
+from layflat.policy.stopping import AnyOf, ContactReached, RuleStoppedPolicy, StopRule, XLimit
 
 STEP_M = 0.010
-"""What a picker moves in one step."""
+"""Displacement of a picker in one step."""
 FLAT_CONTACT = 0.99
 FLAT_STEPS = 6
-"""Algorithm 2 goes on while contact is below 100 %, of which the camera's noise takes some tenths of a percent. Here it
-ends when the camera has said 99 % for six steps: a taut cloth seemed to be full while a wrinkle was left."""
+"""Algorithm 2 continues while contact is below 100 %, of which the camera's noise takes some tenths of a percent. Here
+it ends when contact has been 99 % for six steps: a taut cloth seemed to be flat while a wrinkle was left."""
 STEPS = 60
 """Steps after which an episode of any controller ends."""
 
 
-class WordFlatten:
+class WordFlatten(RuleStoppedPolicy):
     """Algorithm 2: while the contact portion is below 100 %, move the picker on WORD's side along WORD.
 
-    W = (W_x, W_y) is ``observation.word``, whichever descriptor it comes from. W_y > 0: picker 1 (at +y) moves by
-    ``step_m`` in W's direction, else picker 2 does. Where there is no direction (W = 0, wrinkles too faint for the
-    camera) the thesis says nothing; both pickers then move along +x, the direction in which the cloth is to be pulled.
+    With W = (W_x, W_y) = ``observation.word``, from any descriptor: if W_y > 0, picker 1 (at +y) moves by ``step_m``
+    in the direction of W, else picker 2 does. The thesis does not say what happens where there is no direction (W = 0,
+    wrinkles too faint for the camera); here both pickers move along +x, the direction in which the cloth is laid.
     """
 
-    name = "word"
-
     def __init__(self, robot: RobotSpec, *, step_m: float = STEP_M) -> None:
-        if not 0 < step_m <= ACTION_LIMIT_M:
-            raise PolicyError(f"step_m is {step_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
-        self.robot = robot
-        self._step_m = step_m
-        self._stop = _flat_or_out_of_view()
-
-    def reset(self, seed: int) -> None:
-        self._stop.reset()
-
-    def resume(self) -> None:
-        self._stop.reset()
+        if robot.n_points != 2:
+            raise PolicyError(f"controller word moves two pickers on their own; robot {robot} cannot")
+        super().__init__("word", robot, _flat_or_out_of_view())
+        self._step_m = checked_step("step_m", step_m)
 
     def act(self, observation: Observation) -> Decision:
-        action = np.zeros((2, 3))
-        stop = self._stop.update(observation, action.ravel())
-        if stop is not None:
-            return Decision(action=action.ravel(), stop=stop.by, reason=stop.reason)
+        """Decide one step."""
         word = observation.word
-        if not word.any():
-            return Decision(
-                action=self.robot.pack([self._step_m, 0.0, 0.0]), reason="no direction: both pickers along +x"
-            )
-        picker = 0 if word[1] > 0 else 1
-        action[picker, :2] = self._step_m * word
-        return Decision(action=action.ravel(), reason=f"picker {picker + 1} along WORD")
+        if word.any():
+            picker = 0 if word[1] > 0 else 1
+            moves = np.zeros((2, 3))
+            moves[picker, :2] = self._step_m * word
+            action, reason = self.robot.pack(moves), f"picker {picker + 1} along WORD"
+        else:
+            action = self.robot.pack([self._step_m, 0.0, 0.0])
+            reason = "no direction: both pickers along +x"
+        return self._decide(observation, action, reason)
 
 
 def _flat_or_out_of_view() -> StopRule:
-    return AnyOf(ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS), XLimit(X_LIMIT_M))
+    return AnyOf(ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS), XLimit())
 
 
 def _stretch_right(robot: RobotSpec) -> Policy:
@@ -80,7 +70,7 @@ CONTROLLERS: Mapping[str, Callable[[RobotSpec], Policy]] = {
 
 
 def controller(name: str, robot: RobotSpec) -> Policy:
-    """A controller of wrinkle removal by name; PolicyError lists the known ones."""
+    """Make a controller of wrinkle removal by name; PolicyError lists the known names."""
     if name not in CONTROLLERS:
         raise PolicyError(f"controller {name!r} is unknown; it must be one of {', '.join(CONTROLLERS)}")
     return CONTROLLERS[name](robot)

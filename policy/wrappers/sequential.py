@@ -1,30 +1,33 @@
-"""Two policies in a row: the first places the cloth, the second takes over after the disturbance."""
+"""SequentialPolicy: one policy places the cloth, another continues after the disturbance."""
 
 from __future__ import annotations
 
 from layflat.data.types import Observation
-from layflat.policy.base import Decision, Policy, PolicyError
+from layflat.policy.base import Decision, Policy, PolicyError, continue_after_disturbance
 
 
 class SequentialPolicy:
-    """Acts as ``first`` until it is told to go on after a stop, then as ``then``: a comparator for repair alone."""
+    """Acts as ``first`` until the episode continues after a stop, then as ``then``; compares repairs alone."""
 
     def __init__(self, first: Policy, then: Policy, *, name: str) -> None:
         if first.robot != then.robot:
-            raise PolicyError(f"{first.name} is for the {first.robot} robot and {then.name} for the {then.robot} robot")
+            raise PolicyError(f"{first.name} is for robot {first.robot}, but {then.name} is for {then.robot}")
         self.name = name
         self.robot = first.robot
         self._first, self._then = first, then
-        self._now = first
+        self._active = first
 
     def reset(self, seed: int) -> None:
+        """Start a new episode with the first policy."""
         self._first.reset(seed)
         self._then.reset(seed)
-        self._now = self._first
+        self._active = self._first
 
-    def resume(self) -> None:
-        self._now = self._then
-        self._then.resume()
+    def continue_after_disturbance(self) -> None:
+        """Continue with the second policy."""
+        self._active = self._then
+        continue_after_disturbance(self._then)
 
     def act(self, observation: Observation) -> Decision:
-        return self._now.act(observation)
+        """Decide one step."""
+        return self._active.act(observation)

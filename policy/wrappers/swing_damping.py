@@ -1,7 +1,7 @@
-"""Steady: a cloth that swings ahead of its holder is not laid down: it would land on its reverse side (figure 5-1).
+"""SwingDampingWrapper (``steady``): keeps a cloth that swings ahead of its holder in the air until it hangs still.
 
-Any policy can be decorated. While the cloth hangs low and the camera sees its free edge ahead of the holder, the holder
-stays where it is and goes up as fast as it may; the policy goes on when the cloth hangs still.
+Laid down while it swings ahead, it would land on its reverse side (figure 5-1). While the cloth hangs low and the
+camera sees its free edge ahead of the holder, the holder stays where it is and rises as fast as it may.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from collections import deque
 import numpy as np
 
 from layflat.data.types import ACTION_LIMIT_M, Observation
-from layflat.policy.base import Decision, Policy, extra_steps
+from layflat.policy.base import Decision, Policy, continue_after_disturbance, max_extra_steps
 
 LOW_M = 0.05
-"""Height of the free edge below which it matters where it is."""
+"""Height of the free edge below which its x matters."""
 AHEAD_M = 0.03
 """The demonstrator's free edge is behind the holder when it touches; random moves of a start swing it 1 cm ahead."""
 CLEAR_M = 0.06
@@ -22,12 +22,12 @@ CLEAR_M = 0.06
 HANGING_CONTACT = 0.02
 """Camera contact below which the cloth hangs."""
 HELD_UP_M = 0.15
-"""The holder of a hanging cloth is higher."""
+"""Height above which the holder of a hanging cloth is."""
 STILL_STEPS = 5
 STILL_M = 0.012
-"""Range of the free edge's place beside the holder, x: the camera's noise and a swing of 6 mm."""
+"""Range of the free edge's x relative to the holder: the camera's noise and a swing of 6 mm."""
 WAIT_STEPS = 40
-"""In an episode, at most; the air stops a swing in a second or two."""
+"""Most steps of waiting in an episode; air drag stops a swing in a second or two."""
 
 
 class SwingDampingWrapper:
@@ -36,37 +36,40 @@ class SwingDampingWrapper:
     def __init__(self, policy: Policy) -> None:
         self.name = f"{policy.name}+steady"
         self.robot = policy.robot
-        self.extra_steps = extra_steps(policy) + WAIT_STEPS
+        self.max_extra_steps = max_extra_steps(policy) + WAIT_STEPS
         self._policy = policy
-        self._forget()
+        self._clear()
 
     def reset(self, seed: int) -> None:
+        """Start a new episode."""
         self._policy.reset(seed)
-        self._forget()
+        self._clear()
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._waited = 0
         self._waiting = False
         self._ahead: deque[float] = deque(maxlen=STILL_STEPS)
 
-    def resume(self) -> None:
-        self._policy.resume()
+    def continue_after_disturbance(self) -> None:
+        """Prepare the policy to continue."""
+        continue_after_disturbance(self._policy)
 
     def act(self, observation: Observation) -> Decision:
-        lowest = observation.free_edge_m
-        if lowest is None or self._waited == WAIT_STEPS:
+        """Decide one step."""
+        free_edge = observation.free_edge_m
+        if free_edge is None or self._waited == WAIT_STEPS:
             return self._policy.act(observation)
-        ahead = float(lowest[0] - observation.holder_position[0])
+        ahead = float(free_edge[0] - observation.holder_position[0])
         self._ahead.append(ahead)
         hanging = observation.contact_portion < HANGING_CONTACT and observation.holder_position[2] > HELD_UP_M
         if self._waiting:
             self._waiting = len(self._ahead) < STILL_STEPS or float(np.ptp(self._ahead)) > STILL_M
         else:
-            self._waiting = bool(hanging and lowest[2] < LOW_M and ahead > AHEAD_M)
+            self._waiting = bool(hanging and free_edge[2] < LOW_M and ahead > AHEAD_M)
         if not self._waiting:
             return self._policy.act(observation)
         self._waited += 1
-        rise = float(np.clip(CLEAR_M - lowest[2], 0.0, ACTION_LIMIT_M))
+        rise = float(np.clip(CLEAR_M - free_edge[2], 0.0, ACTION_LIMIT_M))
         return Decision(
             action=self.robot.pack([0.0, 0.0, rise]), reason="the cloth swings ahead: waiting until it hangs still"
         )

@@ -1,8 +1,8 @@
-"""A person corrects a policy: it places, they take the lead when it goes wrong, and hand it back.
+"""TakeoverPolicy: a person takes control from a policy when it goes wrong, corrects it and releases control again.
 
-What they do is recorded as theirs (``Step.intervention``). The demonstrations then lie where the policy needed them, as
-in DAgger with a person who decides when to help (HG-DAgger, Kelly et al. 2019); a later training keeps what the person
-let pass and gives more weight to what they corrected (Mandlekar et al. 2020, intervention weighted regression).
+The person's steps are recorded as interventions (``Step.intervention``). The demonstrations then lie where the policy
+needed them, as in DAgger with a person who decides when to help (HG-DAgger, Kelly et al. 2019). A later training keeps
+what the person let pass and may weight the corrections (Mandlekar et al. 2020, intervention weighted regression).
 """
 
 from __future__ import annotations
@@ -12,54 +12,58 @@ from dataclasses import replace
 from typing import Literal, TypeAlias
 
 from layflat.data.types import Observation
-from layflat.policy.base import Decision, Policy, PolicyError
+from layflat.policy.base import Decision, Policy, PolicyError, continue_after_disturbance
 
-ControlRequest: TypeAlias = Literal["lead", "hand back"]
+ControlRequest: TypeAlias = Literal["take", "release"]
+"""Request of a person to take control from the policy or to release it."""
 REST_STEPS = 8
 """0.8 s: longer than a thumb rests between two moves of one correction."""
 
 
-class Takeover:
-    """Acts as ``policy`` until the person wants the lead, then as ``person`` until they hand it back.
+class TakeoverPolicy:
+    """Acts as ``policy`` until the person takes control, then as ``person`` until they release it.
 
-    ``wish`` says what the person wants now, or None where they want nothing else than before; it is asked once a step
-    and must not wait. A policy that gets the lead back goes on as after a disturbance: whatever it had counted towards
-    its stop belongs to another state of the cloth.
+    ``request`` returns the person's request, or None if nothing changes; it is called once a step and must not wait.
+    After a release the policy continues as after a disturbance, because its stop rules counted another state of the
+    cloth.
     """
 
-    def __init__(self, policy: Policy, person: Policy, wish: Callable[[], ControlRequest | None]) -> None:
+    def __init__(self, policy: Policy, person: Policy, request: Callable[[], ControlRequest | None]) -> None:
         if policy.robot != person.robot:
-            raise PolicyError(f"{policy.name} is for the {policy.robot} robot and {person.name} for {person.robot}")
+            raise PolicyError(f"{policy.name} is for robot {policy.robot}, but {person.name} is for {person.robot}")
         self.name = f"{policy.name}+{person.name}"
         self.robot = policy.robot
-        self.led = False
-        """Whether the person has the lead."""
+        self.human_in_control = False
+        """Whether the person is in control."""
         self._policy, self._person = policy, person
-        self._wish = wish
+        self._request = request
 
     def reset(self, seed: int) -> None:
+        """Start a new episode with the policy in control."""
         self._policy.reset(seed)
         self._person.reset(seed)
-        self.led = False
+        self.human_in_control = False
 
-    def resume(self) -> None:
-        self._policy.resume()
-        self._person.resume()
+    def continue_after_disturbance(self) -> None:
+        """Prepare both to continue; control does not change."""
+        continue_after_disturbance(self._policy)
+        continue_after_disturbance(self._person)
 
     def act(self, observation: Observation) -> Decision:
-        wish = self._wish()
-        if self.led and wish == "hand back":
-            self._policy.resume()
-        self.led = wish == "lead" or (self.led and wish is None)
-        if not self.led:
+        """Decide one step."""
+        request = self._request()
+        if self.human_in_control and request == "release":
+            continue_after_disturbance(self._policy)
+        self.human_in_control = request == "take" or (self.human_in_control and request is None)
+        if not self.human_in_control:
             return self._policy.act(observation)
         return replace(self._person.act(observation), intervention=True)
 
 
 class MotionTakeoverTrigger:
-    """A wish by the hands alone: who moves wants the lead, and hands it back after ``rest_steps`` steps at rest.
+    """Takes control as soon as the hands move, and releases it after ``rest_steps`` steps at rest.
 
-    ``moving`` says whether the person's hands ask for motion now.
+    ``moving`` returns whether the person's hands ask for motion now.
     """
 
     def __init__(self, moving: Callable[[], bool], *, rest_steps: int = REST_STEPS) -> None:
@@ -69,13 +73,13 @@ class MotionTakeoverTrigger:
         self._rest_steps = rest_steps
         self._rested = 0
 
-    def let_go(self) -> None:
-        """As if the hands had rested long enough."""
+    def release(self) -> None:
+        """Release control now, as if the hands had rested long enough."""
         self._rested = self._rest_steps
 
     def __call__(self) -> ControlRequest | None:
         if self._moving():
             self._rested = 0
-            return "lead"
+            return "take"
         self._rested += 1
-        return "hand back" if self._rested >= self._rest_steps else None
+        return "release" if self._rested >= self._rest_steps else None

@@ -158,7 +158,7 @@ class Forward:
     def reset(self, seed: int) -> None:
         self.resumed = 0
 
-    def resume(self) -> None:
+    def continue_after_disturbance(self) -> None:
         self.resumed += 1
 
     def act(self, observation: Observation) -> Decision:

@@ -35,7 +35,7 @@ from layflat.app.workers.schedule import ScheduledDisturbance, When
 from data import SessionRecorder
 from layflat.data.types import Pull
 from layflat.policy.base import Decision
-from layflat.policy.scripted.baselines import Hold, RandomMoves
+from layflat.policy.scripted.baselines import RandomPolicy as RandomMoves, ZeroPolicy as Hold
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.simulation import Placing
 from layflat.sim.config import BenchSettings
@@ -46,7 +46,7 @@ class Short(RandomMoves):
         self.left -= 1
         decision = super().act(observation)
         return decision if self.left >= 0 else Decision(action=decision.action, stop="converged")
-    def resume(self):
+    def continue_after_disturbance(self):
         self.left = 3
 
 def by_hand(bench, robot):

@@ -75,7 +75,7 @@ def test_every_other_method_trains_the_same_way(policy, session, tmp_path, capsy
     assert status == 0
     learned = model_files.load(model)
     assert learned.policy == policy
-    assert f"{learned.points} {learned.made_of} of {learned.points_available} steps in 2 demonstrations" in out
+    assert f"{learned.n_points} {learned.made_of} of {learned.points_available} steps in 2 demonstrations" in out
     assert learned.heldout_rmse_m is not None
     assert f"{1000 * learned.heldout_rmse_m[0]:.2f}" in out
 

@@ -14,6 +14,7 @@ from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gp import fit
 from layflat.policy.gp.kernel import JITTER
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 
 
@@ -35,7 +36,7 @@ def disagreeing(observe, episode_of):
 
 def _fit(episodes, weight):
     options = fit.FitOptions(intervention_weight=weight)
-    return fit.fit(episodes, input_set(HANGER, "all"), policy="gp-word", options=options)
+    return fit.fit(build_training_set(episodes, input_set(HANGER, "all")), policy="gp-word", options=options)
 
 
 @pytest.fixture(scope="module")

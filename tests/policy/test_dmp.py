@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.policy.base import PolicyError
-from layflat.policy.dmp import policy as dmp
-from layflat.policy.dmp.model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, features, path
+from layflat.policy.base import PolicyError, continue_after_disturbance
+from layflat.policy.dmp import fit as dmp
+from layflat.policy.dmp.model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, basis, path
 from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
 from layflat.policy.stopping import AnyOf
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 
 STEPS = 80
@@ -28,7 +29,7 @@ def test_without_a_force_it_is_the_critically_damped_spring():
     assert pytest.approx(4 * STIFFNESS) == DAMPING**2
     u = np.arange(161) / STEPS
     start, goal = np.array([0.0, 0.4, 0.2]), np.array([0.4, 0.0, 0.2])
-    got = path(start, goal, np.zeros((3, 25)), step_u=1 / STEPS, steps=160)
+    got = path(start, goal, np.zeros((3, 25)), step_u=1 / STEPS, n_steps=160)
     want = np.column_stack([spring(a, b, u) for a, b in zip(start, goal, strict=True)])
     np.testing.assert_allclose(got, want, atol=1e-5 * 0.4)
 
@@ -36,13 +37,13 @@ def test_without_a_force_it_is_the_critically_damped_spring():
 def test_whatever_was_learned_it_ends_at_the_goal():
     rng = np.random.default_rng(0)
     goal = np.array([0.5, 0.01])
-    got = path(np.array([0.1, 0.4]), goal, rng.normal(0, 0.5, (2, 25)), step_u=1 / STEPS, steps=4 * STEPS)
+    got = path(np.array([0.1, 0.4]), goal, rng.normal(0, 0.5, (2, 25)), step_u=1 / STEPS, n_steps=4 * STEPS)
     assert np.abs(got - goal).max() > 0.1
     np.testing.assert_allclose(got[-1], goal, atol=1e-5)
 
 
 def test_it_never_overshoots_without_a_force():
-    way = path(np.array([0.0]), np.array([1.0]), np.zeros((1, 25)), step_u=1 / STEPS, steps=3 * STEPS)[:, 0]
+    way = path(np.array([0.0]), np.array([1.0]), np.zeros((1, 25)), step_u=1 / STEPS, n_steps=3 * STEPS)[:, 0]
     assert (np.diff(way) >= -1e-9).all()
     assert way.max() <= 1.0 + 1e-9
 
@@ -50,7 +51,7 @@ def test_it_never_overshoots_without_a_force():
 @pytest.mark.parametrize("u", [0.0, 0.3, 1.0, 5.0, 100.0])
 def test_basis_functions_share_the_phase(u):
     s = np.exp(-PHASE_RATE * u)
-    values = features(s, 25)
+    values = basis(s, 25)
     assert (values >= 0).all()
     assert values.sum() == pytest.approx(s)
 
@@ -81,7 +82,7 @@ def rolled_out(model: DmpModel, observe, start, n_steps: int) -> np.ndarray:
 
 def test_reproduces_its_demonstration(observe, episode_of):
     episode, way = demonstration(observe, episode_of)
-    model = dmp.fit([episode], input_set(HANGER, "position"), policy="dmp")
+    model = dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
     assert model.duration_s == pytest.approx(0.1 * STEPS)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, way[0], STEPS)
     assert len(got) == len(way)
@@ -90,7 +91,7 @@ def test_reproduces_its_demonstration(observe, episode_of):
 
 def test_from_another_start_it_ends_at_the_mean_of_the_ends(observe, episode_of):
     taught = [demonstration(observe, episode_of, x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
-    model = dmp.fit(taught, input_set(HANGER, "position"), policy="dmp")
+    model = dmp.fit(build_training_set(taught, input_set(HANGER, "position")), policy="dmp")
     np.testing.assert_allclose(model.goal, [0.42, 0.0], atol=1e-9)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, (-0.1, 0.45), 3 * STEPS)
     np.testing.assert_allclose(got[-1], [0.42, 0.0], atol=1e-4)
@@ -100,13 +101,13 @@ def test_from_another_start_it_ends_at_the_mean_of_the_ends(observe, episode_of)
 
 def test_demonstrations_of_different_length_are_one_way(observe, episode_of):
     slow, fast = (demonstration(observe, episode_of, n_steps=n)[0] for n in (100, 60))
-    model = dmp.fit([slow, fast], input_set(HANGER, "position"), policy="dmp")
+    model = dmp.fit(build_training_set([slow, fast], input_set(HANGER, "position")), policy="dmp")
     assert model.duration_s == pytest.approx(8.0)
 
 
 def test_what_the_limit_cuts_off_is_made_up_for(observe, episode_of):
     episode, way = demonstration(observe, episode_of)
-    model = dmp.fit([episode], input_set(HANGER, "position"), policy="dmp")
+    model = dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
     slow = replace(model, action_limit_m=0.006, stop_threshold_m=1e-9)
     got = rolled_out(slow, observe, way[0], 2 * STEPS)
     assert np.abs(np.diff(got, axis=0)).max() <= 0.006 + 1e-12
@@ -116,11 +117,13 @@ def test_what_the_limit_cuts_off_is_made_up_for(observe, episode_of):
 def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of):
     """A trajectory knows nothing of the cloth: after a disturbance it stays where it is."""
     episode, way = demonstration(observe, episode_of)
-    policy = DmpPolicy(dmp.fit([episode], input_set(HANGER, "position"), policy="dmp"), guard=AnyOf())
+    policy = DmpPolicy(
+        dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp"), guard=AnyOf()
+    )
     policy.reset(0)
     decisions = [policy.act(observe(*way[-1])) for _ in range(2 * STEPS)]
     assert next(d.stop for d in decisions if d.stop) == "threshold"
-    policy.resume()
+    continue_after_disturbance(policy)
     after = [policy.act(observe(*way[-1], contact=0.7)) for _ in range(20)]
     assert max(np.linalg.norm(d.action) for d in after) < policy.model.stop_threshold_m
     assert any(d.stop == "threshold" for d in after)
@@ -136,7 +139,9 @@ def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of
     ],
 )
 def test_a_primitive_that_makes_no_sense_is_refused(observe, episode_of, changes, message):
-    model = dmp.fit([demonstration(observe, episode_of)[0]], input_set(HANGER, "position"), policy="dmp")
+    model = dmp.fit(
+        build_training_set([demonstration(observe, episode_of)[0]], input_set(HANGER, "position")), policy="dmp"
+    )
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)
 
@@ -145,4 +150,4 @@ def test_a_demonstration_without_placing_is_refused(observe, episode_of):
     seen = [observe() for _ in range(12)]
     episode = episode_of(seen, np.zeros((12, 2)), phases=["place"] + ["repair"] * 11)
     with pytest.raises(PolicyError, match="seed 0 holds 1 steps of placing"):
-        dmp.fit([episode], input_set(HANGER, "position"), policy="dmp")
+        dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")

@@ -8,13 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
+from layflat.policy.base import continue_after_disturbance
 from layflat.policy.scripted.demonstrator import (
     DRAG_STEP_M,
     FLAT_CONTACT,
     LAND_STEP_M,
     LAY_STEP_M,
     ScriptedDemonstrator,
-    _tautly,
+    keep_taut,
 )
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
@@ -71,7 +72,7 @@ class RodCloth:
 
 def expert_for(cloth):
     return ScriptedDemonstrator(
-        cloth.robot, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, look=cloth.ground_truth
+        cloth.robot, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, ground_truth=cloth.ground_truth
     )
 
 
@@ -120,7 +121,7 @@ def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(robot):
         expert.reset(1)
         demonstrate(cloth, expert)
         cloth.wrinkle_m = wrinkle_m
-        expert.resume()
+        continue_after_disturbance(expert)
         return expert.act(cloth.see(0)).action[0]
 
     speeds = [drag_speed(w) for w in (0.013, 0.019, 0.025)]
@@ -136,7 +137,7 @@ def test_repairs_after_a_disturbance(robot):
     demonstrate(cloth, expert)
     cloth.wrinkle_m = 0.03
     assert cloth.contact() < 0.9
-    expert.resume()
+    continue_after_disturbance(expert)
     demonstrate(cloth, expert)
     assert cloth.contact() >= FLAT_CONTACT
 
@@ -180,10 +181,10 @@ def test_two_pickers_come_back_to_their_lines():
 @given(
     laid=st.floats(0.0, 0.27), height=st.floats(0.003, 0.27), dx=st.floats(0.004, 0.012), dz=st.floats(-0.012, -0.0015)
 )
-def test_a_small_cloth_is_laid_tautly(laid, height, dx, dz):
+def test_a_small_cloth_is_laidkeep_taut(laid, height, dx, dz):
     """The step leaves the edges as far apart as they should be, or goes there as fast as any; it always descends."""
     taut = 0.82 * 0.275
-    ahead, down = _tautly(dx, dz, laid, height, taut)
+    ahead, down = keep_taut(dx, dz, laid, height, taut)
     distance = np.hypot(laid + ahead, max(height + down, 0.0))
     assert distance >= taut - 1e-9 or ahead >= LAY_STEP_M - 1e-12
     assert ahead >= dx

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.policy import finishing_policy
 from layflat.policy.base import Policy
 from layflat.policy.features import input_set
-from layflat.policy.finishing_policy import FinishingPolicy
-from layflat.policy.gp import fit
+from layflat.policy.gp import finishing_policy, fit
+from layflat.policy.gp.finishing_policy import FinishingPolicy
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 
 GOAL = np.array([0.4, 0.02])
@@ -42,7 +42,7 @@ def model(observe, episode_of):
             moves.append(towards(place) + rng.normal(0, 2e-4, 2))
             place = place + moves[-1]
         episodes.append(episode_of(seen, np.array(moves), seed=seed))
-    return fit.fit(episodes, input_set(HANGER, "position"), policy="gp-finish")
+    return fit.fit(build_training_set(episodes, input_set(HANGER, "position")), policy="gp-finish")
 
 
 def starts(model, distance: float) -> np.ndarray:
@@ -50,7 +50,7 @@ def starts(model, distance: float) -> np.ndarray:
     rng, found = np.random.default_rng(9), []
     length_m = float(model.hyper.length_scales.mean() * model.input_scale[0])
     while len(found) < STARTS:
-        anchor = model.inputs[rng.integers(0, model.points // 2)]
+        anchor = model.inputs[rng.integers(0, model.n_points // 2)]
         angle = rng.uniform(0, 2 * np.pi)
         place = anchor + distance * length_m * np.array([np.cos(angle), np.sin(angle)])
         gap = np.linalg.norm(model.inputs - place, axis=1).min()

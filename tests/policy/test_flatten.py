@@ -7,7 +7,6 @@ import pytest
 
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.policy.base import PolicyError
-from layflat.policy.scripted.baselines import X_LIMIT_M
 from layflat.policy.scripted.wrinkle_removal import (
     CONTROLLERS,
     FLAT_CONTACT,
@@ -16,6 +15,7 @@ from layflat.policy.scripted.wrinkle_removal import (
     WordFlatten,
     controller,
 )
+from layflat.policy.stopping import X_LIMIT_M
 from layflat.tests.factories import PICKERS
 
 ANGLES = np.radians([-90, -60, -10, 10, 45, 90])

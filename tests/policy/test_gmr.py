@@ -10,6 +10,7 @@ from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gmr import fit
 from layflat.policy.gmr.model import GmrModel
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 
 SCALE_M = 0.01
@@ -109,7 +110,7 @@ def test_the_mixture_finds_clusters_that_are_known():
             rng.multivariate_normal([40, 0, 0], ground_truth[1], 2000),
         ]
     )
-    mixture = fit.mixture_of(joint, 2, seed=0)
+    mixture = fit.fit_mixture(joint, 2, seed=0)
     order = np.argsort(mixture.means_[:, 0])
     np.testing.assert_allclose(mixture.weights_[order], [0.75, 0.25], atol=1e-6)
     for component, rows in zip(order, (joint[:6000], joint[6000:]), strict=True):
@@ -124,8 +125,8 @@ def test_two_ways_of_acting_need_two_components(observe, episode_of):
     heights = np.concatenate([rng.uniform(0.3, 0.4, 60), rng.uniform(0.0, 0.1, 60)])
     seen = [observe(rng.uniform(0, 0.1), z) for z in heights]
     moves = np.where(heights[:, None] > 0.2, [0.008, 0.0], [0.0, -0.008]) + rng.normal(0, 2e-4, (120, 2))
-    model = fit.fit([episode_of(seen, moves)], input_set(HANGER, "position"), policy="gmr")
-    assert model.points >= 2
+    model = fit.fit(build_training_set([episode_of(seen, moves)], input_set(HANGER, "position")), policy="gmr")
+    assert model.n_points >= 2
     high, low = model.predict([[0.05, 0.35], [0.05, 0.05]])[0]
     np.testing.assert_allclose([high, low], [[0.008, 0.0], [0.0, -0.008]], atol=5e-4)
     assert model.heldout_rmse_m is None
@@ -135,7 +136,9 @@ def test_same_seed_same_model(observe, episode_of):
     rng = np.random.default_rng(6)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
     episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))
-    first, again = (fit.fit([episode], input_set(HANGER, "all"), policy="gmr", seed=3) for _ in range(2))
+    first, again = (
+        fit.fit(build_training_set([episode], input_set(HANGER, "all")), policy="gmr", seed=3) for _ in range(2)
+    )
     np.testing.assert_array_equal(first.covariances, again.covariances)
 
 

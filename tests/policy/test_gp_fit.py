@@ -14,12 +14,13 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from layflat.data.types import Episode
 from layflat.policy import registry
-from layflat.policy.base import PolicyError
+from layflat.policy.base import PolicyError, continue_after_disturbance
 from layflat.policy.features import input_set
 from layflat.policy.gp import fit
 from layflat.policy.gp.kernel import JITTER
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER, PICKERS
 
 GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
@@ -74,7 +75,7 @@ def models(drags):
 @pytest.mark.parametrize("ard", [False, True])
 def test_prediction_is_gpys_own_to_the_digit(drags, ard):
     gpy, layout = fit.import_gpy(), input_set(HANGER, "all")
-    model = fit.fit(drags[:2], layout, policy="gp-word", options=fit.FitOptions(ard=ard))
+    model = fit.fit(build_training_set(drags[:2], layout), policy="gp-word", options=fit.FitOptions(ard=ard))
     scaled = model.inputs / model.input_scale
     targets = np.concatenate([[step.action for step in e.steps] for e in drags[:2]]) / model.output_scale_m
     queries = np.random.default_rng(0).normal(size=(20, 5))
@@ -125,9 +126,9 @@ def test_the_likeliest_of_the_starts_is_kept(monkeypatch):
 def test_same_seed_same_model_whatever_numpys_global_state(drags):
     layout = input_set(HANGER, "all")
     np.random.seed(1)  # noqa: NPY002  GPy draws from the global state when asked to restart; a fit must not
-    first = fit.fit(drags[:2], layout, policy="gp-word", seed=3)
+    first = fit.fit(build_training_set(drags[:2], layout), policy="gp-word", seed=3)
     np.random.seed(2)  # noqa: NPY002
-    second = fit.fit(drags[:2], layout, policy="gp-word", seed=3)
+    second = fit.fit(build_training_set(drags[:2], layout), policy="gp-word", seed=3)
     np.testing.assert_array_equal(first.alpha, second.alpha)
     np.testing.assert_array_equal(first.hyper.length_scales, second.hyper.length_scales)
 
@@ -136,7 +137,10 @@ def test_prior_mean_is_zero_however_large_the_demonstrated_moves(observe, episod
     """Not centred: far away a model of moves of +8 mm says 0, not +8 mm."""
     rng = np.random.default_rng(0)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 30)]
-    model = fit.fit([episode_of(seen, np.full((30, 2), 0.008))], input_set(HANGER, "position"), policy="gp-baseline")
+    model = fit.fit(
+        build_training_set([episode_of(seen, np.full((30, 2), 0.008))], input_set(HANGER, "position")),
+        policy="gp-baseline",
+    )
     near, _ = model.predict([[0.15, 0.1]])
     far, _ = model.predict([[50.0, 50.0]])
     np.testing.assert_allclose(near, 0.008, atol=5e-4)
@@ -148,14 +152,16 @@ def test_disturbed_steps_are_not_learned_from(drags, observe, episode_of):
     wild = [observe(0.2, 0.2) for _ in range(12)]
     phases = ["place"] * 4 + ["disturb"] * 6 + ["repair"] * 2
     episode = episode_of(wild, np.zeros((12, 2)), phases=phases)
-    model = fit.fit([drags[0], episode], input_set(HANGER, "all"), policy="gp-word", options=fit.FitOptions())
-    assert model.points == model.points_available == len(drags[0].steps) + 6
+    model = fit.fit(
+        build_training_set([drags[0], episode], input_set(HANGER, "all")), policy="gp-word", options=fit.FitOptions()
+    )
+    assert model.n_points == model.points_available == len(drags[0].steps) + 6
 
 
 def test_more_points_than_allowed_make_a_sparse_process(drags):
     options = fit.FitOptions(max_points=50, inducing_points=30)
-    model = fit.fit(drags, input_set(HANGER, "all"), policy="gp-word", options=options)
-    assert (model.points, model.points_available, model.demonstrations) == (30, 210, 6)
+    model = fit.fit(build_training_set(drags, input_set(HANGER, "all")), policy="gp-word", options=options)
+    assert (model.n_points, model.points_available, model.demonstrations) == (30, 210, 6)
 
 
 @pytest.mark.parametrize("name", ["starts", "max_points", "inducing_points"])
@@ -176,7 +182,7 @@ def test_the_shared_start_ends_where_the_best_of_many_ends(drags):
 
 @given(count=st.integers(1, 5000), most=st.integers(10, 1200))
 def test_thinning_is_even_and_keeps_the_ends(count, most):
-    rows = fit.thinned(count, most)
+    rows = fit.subsample(count, most)
     gaps = np.diff(rows)
     assert len(rows) == min(count, most)
     assert (rows[0], rows[-1]) == (0, count - 1)
@@ -187,7 +193,10 @@ def test_progress_names_each_output(drags):
     said: list[tuple[int, int, str]] = []
     options = fit.FitOptions()
     fit.fit(
-        drags, input_set(HANGER, "all"), policy="gp-word", options=options, progress=lambda *told: said.append(told)
+        build_training_set(drags, input_set(HANGER, "all")),
+        policy="gp-word",
+        options=options,
+        progress=lambda *told: said.append(told),
     )
     assert [(done, total) for done, total, _ in said] == [(1, 2), (2, 2)]
     assert [text.split(":")[0] for _, _, text in said] == ["dx", "dz"]
@@ -205,7 +214,7 @@ def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
             assert _run(policy, world) == "threshold"
             placed_x = world.x
             world.slack_m += added_m
-            policy.resume()
+            continue_after_disturbance(policy)
             assert _run(policy, world) == "threshold"
             travel[name, added_m], left[name, added_m] = world.x - placed_x, world.slack_m
     assert travel["gp-baseline", 0.045] == travel["gp-baseline", 0.0]
@@ -253,7 +262,7 @@ def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of)
         ([drags[0], episode_of(seen, np.zeros((4, 6)), robot=PICKERS)], "is of robot pickers"),
     ):
         with pytest.raises(PolicyError, match=message):
-            fit.fit(episodes, layout, policy="gp-word")
+            fit.fit(build_training_set(episodes, layout), policy="gp-word")
 
 
 def test_a_gpy_that_cannot_be_imported_is_one_sentence(monkeypatch):
@@ -270,4 +279,4 @@ def test_rolling_out_does_not_import_gpy():
 
 def test_the_model_sees_by_the_descriptor_of_its_demonstrations(drags):
     taught = [replace(episode, descriptor="how") for episode in drags]
-    assert fit.fit(taught, input_set(HANGER, "position"), policy="gp-word").descriptor == "how"
+    assert fit.fit(build_training_set(taught, input_set(HANGER, "position")), policy="gp-word").descriptor == "how"

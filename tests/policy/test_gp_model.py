@@ -8,7 +8,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from layflat.data.errors import DataError
-from layflat.policy.base import PolicyError
+from layflat.policy.base import PolicyError, continue_after_disturbance
 from layflat.policy.gp.kernel import JITTER, Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
 from layflat.policy.model_policy import ModelPolicy
@@ -136,7 +136,7 @@ def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, o
     for _ in range(2):
         stops = [policy.act(lost).stop for _ in range(model.stop_steps)]
         assert stops == [None] * (model.stop_steps - 1) + ["threshold"]
-        policy.resume()
+        continue_after_disturbance(policy)
 
 
 def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):

@@ -11,6 +11,7 @@ from layflat.policy.features import input_set
 from layflat.policy.gp import fit, sparse
 from layflat.policy.gp.kernel import Hyperparameters, weights
 from layflat.policy.gp.model import GpModel
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 
 NOISE_STD = 0.05
@@ -125,10 +126,10 @@ def long_lesson(observe, episode_of):
 
 def test_beyond_two_thousand_steps_training_switches_by_itself(long_lesson, tmp_path):
     options = fit.FitOptions(inducing_points=40)
-    model = fit.fit(long_lesson, input_set(HANGER, "all"), policy="gp-word", options=options)
+    model = fit.fit(build_training_set(long_lesson, input_set(HANGER, "all")), policy="gp-word", options=options)
     assert fit.MAX_POINTS == 2000 < model.points_available == 2100
-    assert model.points == 40
-    assert "sparse" in model.made_of
+    assert model.n_points == 40
+    assert "sparse" in model.point_name
     assert model.heldout_rmse_m is not None
     assert model.heldout_rmse_m[0] < 4e-4  # the noise of the demonstrator is 3e-4
     model_file.save(model, tmp_path / "m.npz")
@@ -136,9 +137,9 @@ def test_beyond_two_thousand_steps_training_switches_by_itself(long_lesson, tmp_
     assert isinstance(again, GpModel)
     for ours, theirs in zip(model.predict(model.inputs), again.predict(model.inputs), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    few = fit.fit(long_lesson[:1], input_set(HANGER, "all"), policy="gp-word")
+    few = fit.fit(build_training_set(long_lesson[:1], input_set(HANGER, "all")), policy="gp-word")
     assert few.inner is None
-    assert few.points == 700
+    assert few.n_points == 700
 
 
 def test_an_inner_factor_that_is_none_is_refused():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from layflat.policy import registry
-from layflat.policy.base import PolicyError
+from layflat.policy.base import PolicyError, continue_after_disturbance
 from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.tests.factories import HANGER, PICKERS
 
@@ -21,12 +21,12 @@ def handover():
 
 def test_the_second_acts_only_after_resume(handover, observe):
     assert not handover.act(observe(0.3, 0.01)).action.any()
-    handover.resume()
+    continue_after_disturbance(handover)
     assert handover.act(observe(0.3, 0.01)).action[0] > 0
 
 
 def test_reset_hands_back_to_the_first(handover, observe):
-    handover.resume()
+    continue_after_disturbance(handover)
     handover.reset(1)
     np.testing.assert_array_equal(handover.act(observe(0.3, 0.01)).action, np.zeros(2))
 

@@ -9,6 +9,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.nearest import model as nearest_model
+from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 
 
@@ -25,19 +26,19 @@ def taught(observe, episode_of):
 
 def test_is_scikit_learns_nearest_neighbour(taught):
     layout = input_set(HANGER, "all")
-    model = nearest_model.fit(taught, layout, policy="nearest")
+    model = nearest_model.fit(build_training_set(taught, layout), policy="nearest")
     inputs = np.concatenate([layout.matrix(e.steps) for e in taught]) / layout.scales()
     actions = np.array([step.action for e in taught for step in e.steps])
     queries = np.random.default_rng(1).uniform(-0.2, 0.6, (50, 5))
     mean, std = model.predict(queries)
     oracle = KNeighborsRegressor(1).fit(inputs, actions)
     np.testing.assert_array_equal(mean, oracle.predict(queries / layout.scales()))
-    assert (std >= nearest_model.LEAST_STD_M).all()
+    assert (std >= nearest_model.MIN_STD_M).all()
 
 
 def test_a_demonstrated_step_is_answered_with_its_action(taught):
     layout = input_set(HANGER, "all")
-    model = nearest_model.fit(taught, layout, policy="nearest")
+    model = nearest_model.fit(build_training_set(taught, layout), policy="nearest")
     for step in taught[1].steps:
         np.testing.assert_array_equal(model.predict([layout.vector(step.observation)])[0][0], step.action)
 
@@ -46,11 +47,13 @@ def test_held_out_error_is_that_of_the_others_steps(taught):
     layout = input_set(HANGER, "all")
     errors = []
     for k, episode in enumerate(taught):
-        rest = nearest_model.fit([e for e in taught if e is not taught[k]], layout, policy="nearest")
+        rest = nearest_model.fit(
+            build_training_set([e for e in taught if e is not taught[k]], layout), policy="nearest"
+        )
         errors.append(np.array([s.action for s in episode.steps]) - rest.predict(layout.matrix(episode.steps))[0])
-    model = nearest_model.fit(taught, layout, policy="nearest")
+    model = nearest_model.fit(build_training_set(taught, layout), policy="nearest")
     np.testing.assert_allclose(model.heldout_rmse_m, np.sqrt((np.concatenate(errors) ** 2).mean(axis=0)))
-    assert nearest_model.fit(taught[:1], layout, policy="nearest").heldout_rmse_m is None
+    assert nearest_model.fit(build_training_set(taught[:1], layout), policy="nearest").heldout_rmse_m is None
 
 
 @pytest.mark.parametrize(
@@ -62,6 +65,6 @@ def test_held_out_error_is_that_of_the_others_steps(taught):
     ],
 )
 def test_a_model_that_makes_no_sense_is_refused(taught, changes, message):
-    model = nearest_model.fit(taught, input_set(HANGER, "all"), policy="nearest")
+    model = nearest_model.fit(build_training_set(taught, input_set(HANGER, "all")), policy="nearest")
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)

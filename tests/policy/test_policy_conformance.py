@@ -9,13 +9,13 @@ import pytest
 
 from layflat.data.types import ACTION_LIMIT_M, STOP_REASONS, GroundTruth, Observation
 from layflat.policy import registry
-from layflat.policy.base import Policy
+from layflat.policy.base import Policy, continue_after_disturbance
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
 from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, controller
 from layflat.policy.wrappers.sequential import SequentialPolicy
-from layflat.policy.wrappers.takeover import Takeover
+from layflat.policy.wrappers.takeover import TakeoverPolicy
 from layflat.tests.factories import PICKERS, ROBOT_SPECS
 
 HANDOVER = "handover"
@@ -48,11 +48,13 @@ def policy(request, model_of, learned_of, make_episode) -> Policy:
         first = ModelPolicy(model_of(robot, "position"))
         return SequentialPolicy(first, registry.make("drag-rule", robot), name="gp-baseline+drag-rule")
     if name == TAKEOVER:
-        return Takeover(ModelPolicy(model_of(robot, "position")), registry.make("random", robot), lambda: "lead")
+        return TakeoverPolicy(ModelPolicy(model_of(robot, "position")), registry.make("random", robot), lambda: "take")
     if name == EXPERT:
         # A cloth that lies at x = 0 whatever is done to it.
         ground_truth = GroundTruth(nodes=np.zeros((9, 3)), contact_portion_true=1.0, flat_area=1.0)
-        return ScriptedDemonstrator(robot, length_m=0.35, columns=3, held_width_m=0.36, look=lambda: ground_truth)
+        return ScriptedDemonstrator(
+            robot, length_m=0.35, columns=3, held_width_m=0.36, ground_truth=lambda: ground_truth
+        )
     if name in registry.TRAINABLE_POLICIES:
         return registry.from_model(learned_of(name, robot))
     return registry.make(name, robot)
@@ -109,6 +111,6 @@ def test_resume_goes_on_where_a_new_episode_would_begin(policy, observe):
         pytest.skip("goes on as another policy, see test_handover")
     policy.reset(0)
     fresh = [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)]
-    policy.resume()
+    continue_after_disturbance(policy)
     resumed = [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)]
     assert fresh == resumed

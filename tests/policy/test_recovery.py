@@ -9,7 +9,7 @@ import pytest
 
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, Observation
-from layflat.policy.base import Decision
+from layflat.policy.base import Decision, continue_after_disturbance
 from layflat.policy.wrappers.recovery import (
     CLEAR_M,
     FLAT_CONTACT,
@@ -37,7 +37,7 @@ class Layer:
     def reset(self, seed: int) -> None:
         self.begun += 1
 
-    def resume(self) -> None:
+    def continue_after_disturbance(self) -> None:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Decision:
@@ -107,7 +107,7 @@ def test_a_fold_is_lifted_once_and_laid_again(robot: RobotSpec, observe) -> None
     # It begins and ends without a jerk: no move differs from the one before by more than a millimetre.
     heights = np.array([0.0, *(action[1 if robot == HANGER else 2] for action in lifts)])
     assert np.abs(np.diff(heights)).max() < 0.0011
-    assert len(decisions) < 160 + policy.extra_steps
+    assert len(decisions) < 160 + policy.max_extra_steps
 
 
 def test_what_a_lift_has_not_undone_is_wiped_over_the_table(observe) -> None:
@@ -133,7 +133,7 @@ def test_what_stays_folded_is_given_up_after_so_many_tries(hidden: float, observ
     assert len(policy.tried) == TRIES
     assert contact < FLAT_CONTACT
     assert decisions[-1].reason == "laid"
-    policy.resume()
+    continue_after_disturbance(policy)
     assert policy.tried == []
     run(policy, toy)
     assert len(policy.tried) == TRIES

@@ -8,12 +8,10 @@ from hypothesis import strategies as st
 from layflat.data.types import STOP_REASONS
 from layflat.policy.base import PolicyError
 from layflat.policy.stopping import (
-    AllOf,
     AnyOf,
     BelowThreshold,
     ContactReached,
     NoContactGain,
-    StepLimit,
     StopRule,
     Stuck,
     XLimit,
@@ -45,14 +43,6 @@ def test_threshold_looks_at_the_norm_not_at_one_axis(observe):
     rule = BelowThreshold(threshold_m=0.002)
     assert rule.update(observe(), np.full(6, 0.0015)) is None
     assert rule.update(observe(), np.array([0.0, 0.0, 0.0, 0.0, 0.0, -0.0015])) is not None
-
-
-def test_step_limit_counts_from_the_reset(observe):
-    rule = StepLimit(3)
-    seen = 3 * [observe()]
-    assert fires(rule, seen, np.ones(3)) == [False, False, True]
-    rule.reset()
-    assert fires(rule, seen, np.ones(3)) == [False, False, True]
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=40), st.integers(1, 8))
@@ -109,19 +99,9 @@ def test_contact_may_have_to_last(observe):
 
 def test_any_tells_every_rule_of_every_step(observe):
     """Also the rules behind the one that fires: else their counts would lag."""
-    rule = AnyOf(ContactReached(0.9), StepLimit(3))
+    rule = AnyOf(ContactReached(0.9), BelowThreshold(threshold_m=9.0, n_steps=3))
     stops = [rule.update(observe(contact=c), np.ones(2)) for c in (0.95, 0.95, 0.0)]
-    assert [stop.by if stop else None for stop in stops] == ["converged", "converged", "step_limit"]
-
-
-def test_all_waits_for_the_last(observe):
-    rule = AllOf(ContactReached(0.9), StepLimit(2))
-    assert fires(rule, [observe(contact=0.95)] * 2, np.ones(2)) == [False, True]
-    rule.reset()
-    assert fires(rule, [observe(contact=0.5)] * 4, np.ones(4)) == [False] * 4
-    stop = rule.update(observe(contact=0.95), np.ones(2))
-    assert stop is not None
-    assert " and " in stop.reason
+    assert [stop.by if stop else None for stop in stops] == ["converged", "converged", "threshold"]
 
 
 def test_any_of_nothing_never_stops(observe):
@@ -131,7 +111,6 @@ def test_any_of_nothing_never_stops(observe):
 def test_every_rule_uses_words_that_files_know(observe):
     rules = [
         BelowThreshold(threshold_m=1.0),
-        StepLimit(1),
         Stuck(n_steps=1, within_m=1.0),
         NoContactGain(n_steps=1),
         ContactReached(0.1),
@@ -149,7 +128,8 @@ def test_every_rule_uses_words_that_files_know(observe):
     "make",
     [
         lambda: BelowThreshold(threshold_m=0.0),
-        lambda: StepLimit(0),
+        lambda: BelowThreshold(threshold_m=0.1, n_steps=0),
+        lambda: Stuck(n_steps=0, within_m=0.1),
         lambda: NoContactGain(n_steps=1, gain=float("nan")),
     ],
 )

@@ -30,7 +30,7 @@ from layflat.data.types import DragTarget, Episode, Outcome, StoppedBy
 from layflat.policy import registry
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.trained_model import TrainedModel
-from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, Takeover
+from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, TakeoverPolicy
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
@@ -182,7 +182,7 @@ class EpisodeWorker:
         policy: Policy = TeleopPolicy(job.settings.robot_spec, job.source, lambda: self._reading)
         self._grip = MotionTakeoverTrigger(lambda: self._reading.moving)
         if job.model is not None:
-            policy = Takeover(registry.from_model(job.model), policy, self._grip)
+            policy = TakeoverPolicy(registry.from_model(job.model), policy, self._grip)
 
         def journal(beginning: Episode) -> JournalWriter:
             self._journal = job.ticket.begin(beginning)
@@ -208,7 +208,7 @@ class EpisodeWorker:
             flat_area=run.ground_truth.flat_area,
             stopped_by=stopped_by,
             disturbed=run.disturbed,
-            led=isinstance(run.policy, Takeover) and run.policy.led,
+            led=isinstance(run.policy, TakeoverPolicy) and run.policy.human_in_control,
         )
 
     def obey(self, command: str, *details: Any) -> object:
@@ -232,7 +232,7 @@ class EpisodeWorker:
         return self.glance()
 
     def hand_back(self) -> EpisodeStatus:
-        self._grip.let_go()
+        self._grip.release()
         return self.glance()
 
     def end(self, outcome: Outcome, stopped_by: StoppedBy) -> str:

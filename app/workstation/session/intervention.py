@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
 from layflat.policy.base import Policy
-from layflat.policy.wrappers.takeover import ControlRequest, MotionTakeoverTrigger, Takeover
+from layflat.policy.wrappers.takeover import ControlRequest, MotionTakeoverTrigger, TakeoverPolicy
 
 Change: TypeAlias = Literal["gone", "back"]
 """Of the device."""
@@ -24,13 +24,13 @@ class InterventionController:
         """The newest of the device."""
         self.helped = policy.name
         self._grip = MotionTakeoverTrigger(lambda: self.reading.moving)
-        self.policy = Takeover(policy, TeleopPolicy(policy.robot, source, lambda: self.reading), self._wish)
+        self.policy = TakeoverPolicy(policy, TeleopPolicy(policy.robot, source, lambda: self.reading), self._wish)
         """What decides."""
 
     @property
     def leads(self) -> bool:
         """Whether the person does."""
-        return self.policy.led
+        return self.policy.human_in_control
 
     def hear(self, reading: TeleopInput) -> Change | None:
         """Take note of a reading; says whether the device has gone with it, or come."""
@@ -41,14 +41,14 @@ class InterventionController:
 
     def hand_back(self) -> None:
         """The person has done, and the policy leads from the next step on, unless the hands still move."""
-        self._grip.let_go()
+        self._grip.release()
 
     def told(self) -> str:
         """Who leads, in a sentence."""
         return led_sentence(self.leads, self.helped)
 
     def _wish(self) -> ControlRequest | None:
-        return self._grip() if self.reading.connected else "hand back"
+        return self._grip() if self.reading.connected else "release"
 
 
 def led_sentence(person: bool, policy: str) -> str:

@@ -20,7 +20,7 @@ from layflat.app.workstation.session.requests import model_of, recorder_of, sett
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.types import DragTarget, Episode, Outcome, Phase, StoppedBy
-from layflat.policy.base import extra_steps
+from layflat.policy.base import continue_after_disturbance, max_extra_steps
 from layflat.sim.simulation import ClothSimulation
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
@@ -72,7 +72,7 @@ class PlaceTask:
         begin = None if self._recorder is None else self._begin
         policy, source = policy_of(job, self.bench), str(order.get("source", ""))
         self._person = InterventionController(policy, source) if source else None
-        self._name, self._extra_steps = policy.name, extra_steps(policy)
+        self._name, self._extra_steps = policy.name, max_extra_steps(policy)
         self._decides: State = "placing"
         self._without_device = False
         self.run = EpisodeRunner(
@@ -214,7 +214,7 @@ class PlaceTask:
         elif self.state == "disturbing":
             self._settle = SETTLE_STEPS if pull is not None else self._settle - 1
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
-                self.run.policy.resume()
+                continue_after_disturbance(self.run.policy)
                 self._turn("repairing")
                 self.message = f"{self._name} goes on"
         elif stop is not None and pull is None and not self.run.disturbed:

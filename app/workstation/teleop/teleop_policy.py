@@ -24,9 +24,6 @@ class TeleopPolicy:
     def reset(self, seed: int) -> None:
         """A person remembers what they like."""
 
-    def resume(self) -> None:
-        """A person goes on by themselves."""
-
     def act(self, observation: Observation) -> Decision:
         reading = self._read()
         if reading.hand is not None:

@@ -222,7 +222,7 @@ class Person:
         spec, robot = cloth_spec(moment.cloth), robot_spec(moment.robot)
         return ScriptedDemonstrator(
             robot, length_m=spec.length_m, columns=spec.columns, held_width_m=HELD_STRETCH * spec.width_m,
-            look=lambda: truth_of(self.moment()),
+            ground_truth=lambda: truth_of(self.moment()),
         )  # fmt: skip
 
     def _move(self) -> bool:

@@ -36,7 +36,6 @@ def test_decides_what_the_newest_reading_says(robot):
         assert decision.action == pytest.approx(newest[0].motion * newest[0].speed * ACTION_LIMIT_M)
         assert (decision.stop, decision.hand) == (None, None)
         assert decision.reason
-        person.resume()
 
 
 def test_a_hand_that_leads_is_passed_on():
