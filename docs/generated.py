@@ -9,6 +9,23 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("data", "perception", "policy", "sim")
+CONTENTS = {
+    "": "tutorial",
+    "How-to guides": """
+        how-to/index how-to/record how-to/workstation how-to/train how-to/place how-to/evaluate how-to/suites
+        how-to/cluster how-to/sessions how-to/export how-to/camera how-to/python""",
+    "Reference": """
+        reference/index reference/cli reference/python reference/api/index reference/names reference/controls
+        reference/session-file reference/files changelog""",
+    "Explanation": """
+        explanation/index explanation/architecture explanation/word explanation/contact explanation/policies
+        explanation/simulation explanation/pybullet explanation/durability""",
+    "Results": """
+        explanation/results/thesis explanation/results/policies explanation/results/wrinkle-removal
+        explanation/results/word explanation/results/contact explanation/results/camera
+        explanation/results/disturbances explanation/results/speed""",
+}
+"""Pages of each part, in the order of the site's table of contents."""
 
 
 def page(name: str, written: str) -> str:
@@ -21,15 +38,18 @@ def from_root(file: str) -> Callable[[str], str]:
 
     def make(written: str) -> str:
         text = (ROOT / file).read_text(encoding="utf-8").replace("](docs/", "](")
-        text = re.sub(r"\[([^\]]+)\]\(LICENSE\)", r"\1", text.replace("](CHANGELOG.md", "](changelog.md"))
-        return text + "\n" + _directives(written)
+        return re.sub(r"\[([^\]]+)\]\(LICENSE\)", r"\1", text.replace("](CHANGELOG.md", "](changelog.md"))
 
     return make
 
 
-def _directives(written: str) -> str:
-    """Return the tables of contents that a page holds besides its text."""
-    return "\n\n".join(re.findall(r"^```\{toctree\}\n.*?^```$", written, re.M | re.S))
+def home_page(written: str) -> str:
+    """Return README.md with the site's table of contents."""
+    contents = [
+        "\n".join(["```{toctree}", ":hidden:", *([f":caption: {part}"] if part else []), "", *pages.split(), "```"])
+        for part, pages in CONTENTS.items()
+    ]
+    return "\n\n".join([from_root("README.md")(written), *contents]) + "\n"
 
 
 def package_page(package: str) -> Callable[[str], str]:
@@ -106,7 +126,7 @@ def _row(left: str, text: str) -> str:
 
 
 PAGES: dict[str, Callable[[str], str]] = {
-    "index": from_root("README.md"),
+    "index": home_page,
     "changelog": from_root("CHANGELOG.md"),
     "reference/cli": cli_page,
     **{f"reference/api/{package}": package_page(package) for package in PACKAGES},
