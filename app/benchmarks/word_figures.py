@@ -13,21 +13,21 @@ from matplotlib.figure import Figure
 
 from layflat.app.report.figures import DPI, INK, MUTED, STYLE
 
-COLOURS = {"word": "#c2571a", "word-axial": "#0f766e", "how": "#6d5bd0", "hog": "#b8336a"}
+COLORS = {"word": "#c2571a", "word-axial": "#0f766e", "how": "#6d5bd0", "hog": "#b8336a"}
 LIGHT = re.compile(r"from (\d+) degrees, (\d+) degrees high")
 
 
-def bias_figure(ladder: pd.DataFrame, names: Sequence[str]) -> bytes:
-    """Signed error over the true direction, for some rungs of the ladder."""
+def bias_figure(ablation: pd.DataFrame, names: Sequence[str]) -> bytes:
+    """Plot the signed error over the true direction, for some rows of the ablation."""
     shown = {names[2]: "#c2571a", names[3]: "#d9a441", names[4]: "#8aa4c8", names[-1]: "#0f766e"}
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(6.6, 3.6))
-        for name, colour in shown.items():
-            part = ladder[ladder.descriptor == name].dropna()
+        for name, color in shown.items():
+            part = ablation[ablation.descriptor == name].dropna()
             groups = part.groupby("normal_deg").error_deg
             centre = groups.median()
-            axes.plot(part.normal_deg, part.error_deg, ".", color=colour, markersize=3, alpha=0.35)
-            axes.plot(centre.index, centre, color=colour, linewidth=1.6, label=name.replace("`", ""))
+            axes.plot(part.normal_deg, part.error_deg, ".", color=color, markersize=3, alpha=0.35)
+            axes.plot(centre.index, centre, color=color, linewidth=1.6, label=name.replace("`", ""))
         axes.axhline(0, color=MUTED, linewidth=0.8)
         axes.set(xlabel="direction across the wrinkles, degrees from +x", ylabel="error, degrees", ylim=(-90, 90))
         axes.set_xticks(range(-90, 91, 30))
@@ -38,7 +38,7 @@ def bias_figure(ladder: pd.DataFrame, names: Sequence[str]) -> bytes:
 
 
 def light_figure(frame: pd.DataFrame) -> bytes:
-    """Polar plots, one per descriptor: 90th percentile of the error over where the light comes from, by its height."""
+    """Plot, polar and one per descriptor, the 90th percentile of the error over the light's azimuth, by its height."""
     light = frame[frame.group == "light"].copy()
     found = light.condition.str.extract(LIGHT).astype(float)
     light["azimuth"], light["elevation"] = found[0], found[1]
@@ -55,7 +55,7 @@ def light_figure(frame: pd.DataFrame) -> bytes:
                 errors = ring.groupby("azimuth")["size"].quantile(0.9)
                 turn = np.radians([*errors.index, errors.index[0] + 360])
                 axes.plot(
-                    turn, [*errors, errors.iloc[0]], color=COLOURS.get(name, INK), alpha=shade, label=f"{elevation:g}"
+                    turn, [*errors, errors.iloc[0]], color=COLORS.get(name, INK), alpha=shade, label=f"{elevation:g}"
                 )
             axes.set_title(name, pad=14)
             axes.set_rlim(0, 90)

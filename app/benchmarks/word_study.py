@@ -1,8 +1,7 @@
-"""How right each descriptor is, by light and sensor: the tables and plots of docs/explanation/results/word.md.
+"""Accuracy of each descriptor by light and sensor: the tables and plots of the documentation's page on WORD.
 
-``python -m layflat.app.benchmarks.word_study --out DIR`` draws sheets of known wrinkles as the bench's camera would see
-them, spoils the
-depth as a D435 does, and holds every descriptor's direction against the wrinkles that were drawn.
+``python -m layflat.app.benchmarks.word_study --out DIR`` renders sheets of known wrinkles from the simulation's camera,
+adds a D435's depth noise, and compares every descriptor's direction with the wrinkles that were rendered.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 
 ANGLES = 24
-"""Directions of the wrinkles, over half a turn."""
+"""Number of wrinkle directions, over half a turn."""
 PHASES = 2
-"""Places of the wrinkles on the sheet for each direction."""
+"""Number of wrinkle positions on the sheet for each direction."""
 RGB_NOISE = 3.0
 SEED = 0
 FRAME_S = 0.25
@@ -42,7 +41,7 @@ FRAME_S = 0.25
 
 PRINTED_MM = 17.0
 """8 pixels where a 0.35 m cloth is 165 pixels wide, as in a camera of 320x240 (figure 3-1 does not give its scale)."""
-LADDER: Mapping[str, WordDescriptor] = {
+ABLATION: Mapping[str, WordDescriptor] = {
     "Algorithm 1, kernel of Eq. 3-1 as it stands, lambda 17 mm (8 px)": WordDescriptor(
         config=replace(THESIS_CONFIG, wavelength_mm=PRINTED_MM, zero_mean=False)
     ),
@@ -61,29 +60,30 @@ LADDER: Mapping[str, WordDescriptor] = {
     "local contrast, cut": WordDescriptor(config=replace(AXIAL_CONFIG, rms=False), axial=True),
     "`word-axial`: root mean square instead of the sum": WordDescriptor(config=AXIAL_CONFIG, axial=True),
 }
-"""Each row has all that the rows above it have."""
+"""WORD step by step: each row has all that the rows above it have."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """One row: what the sheets and their light are like."""
+    """Sheets, light and sensor of one row of the tables."""
 
     group: str
     name: str
     wave: Wave = field(default_factory=lambda: Wave(wavelength_m=0.06))
-    """Its normal and phase are varied."""
-    across: float | None = None
-    """A second wave at this share of the first's amplitude, at right angles."""
-    drawing: RenderConfig = field(default_factory=lambda: RenderConfig(rgb_noise=RGB_NOISE))
+    """Wrinkles; their normal and phase are varied."""
+    cross_wave: float | None = None
+    """Amplitude of a second wave at right angles, share of the first's."""
+    render: RenderConfig = field(default_factory=lambda: RenderConfig(rgb_noise=RGB_NOISE))
     depth_noise: float = 1.0
     """Factor on a D435's disparity error."""
 
-    def light(self, **changes: object) -> Condition:
-        return replace(self, drawing=replace(self.drawing, light=replace(self.drawing.light, **changes)))  # type: ignore[arg-type]
+    def with_light(self, **changes: object) -> Condition:
+        """Return the same under another light."""
+        return replace(self, render=replace(self.render, light=replace(self.render.light, **changes)))  # type: ignore[arg-type]
 
 
 def conditions() -> Iterator[Condition]:
-    """Every row of the tables, in order."""
+    """Yield every row of the tables, in order."""
     usual = Condition(group="usual", name="60 mm, 2 mm, light from 45 degrees at 45 degrees")
     yield usual
     for wavelength in (45, 80, 100):
@@ -91,33 +91,33 @@ def conditions() -> Iterator[Condition]:
     for amplitude in (1.0, 3.0):
         wave = Wave(wavelength_m=0.06, amplitude_m=amplitude / 1000)
         yield replace(usual, group="wrinkles", name=f"{amplitude:g} mm high", wave=wave)
-    yield replace(usual, group="wrinkles", name="others across them, half as high", across=0.5)
+    yield replace(usual, group="wrinkles", name="others across them, half as high", cross_wave=0.5)
     for elevation in (15, 30, 45, 60, 75):
         for azimuth in range(0, 360, 45):
             name = f"from {azimuth} degrees, {elevation} degrees high"
-            yield replace(usual, group="light", name=name).light(azimuth_deg=azimuth, elevation_deg=elevation)
-    yield replace(usual, group="light", name="straight above").light(elevation_deg=90)
-    yield replace(usual, group="light", name="room light only").light(ambient=1.0)
+            yield replace(usual, group="light", name=name).with_light(azimuth_deg=azimuth, elevation_deg=elevation)
+    yield replace(usual, group="light", name="straight above").with_light(elevation_deg=90)
+    yield replace(usual, group="light", name="room light only").with_light(ambient=1.0)
     for exposure in (0.25, 0.5, 1.3, 1.8):
-        yield replace(usual, group="exposure", name=f"{exposure:g} times").light(exposure=exposure)
-    yield replace(usual, group="shadow", name="half of the cloth in shadow").light(shaded_from_m=0.0)
-    yield replace(usual, group="shadow", name="low light, crests throw shadows").light(elevation_deg=8)
+        yield replace(usual, group="exposure", name=f"{exposure:g} times").with_light(exposure=exposure)
+    yield replace(usual, group="shadow", name="half of the cloth in shadow").with_light(shaded_from_m=0.0)
+    yield replace(usual, group="shadow", name="low light, crests throw shadows").with_light(elevation_deg=8)
     for noise in (0.0, 0.5, 2.0, 3.0):
         yield replace(usual, group="depth noise", name=f"{noise:g} times a D435's", depth_noise=noise)
-    yield replace(usual, group="depth noise", name="10 % missing", drawing=replace(usual.drawing, missing=0.10))
+    yield replace(usual, group="depth noise", name="10 % missing", render=replace(usual.render, missing=0.10))
     for name, tint in (("red lamp", (1.3, 1.0, 0.8)), ("blue lamp", (0.8, 1.0, 1.2)), ("green cast", (0.9, 1.25, 0.9))):
-        yield replace(usual, group="colour", name=name).light(tint=tint)
+        yield replace(usual, group="colour", name=name).with_light(tint=tint)
 
 
 def sheets(condition: Condition, phases: int = PHASES) -> Iterator[tuple[float, SyntheticSheet, int]]:
-    """Angle of the wrinkles' perpendicular, rad; the sheet; a seed of its own."""
+    """Yield the angle of the wrinkles' perpendicular, rad, the sheet, and a seed."""
     for k in range(ANGLES * phases):
         normal = -math.pi / 2 + math.pi * (k // phases) / ANGLES
         rng = np.random.default_rng([SEED, k])
         wave = replace(condition.wave, normal=normal, phase=float(rng.uniform(0, 2 * math.pi)))
         waves = [wave]
-        if condition.across is not None:
-            smaller = condition.across * wave.amplitude_m
+        if condition.cross_wave is not None:
+            smaller = condition.cross_wave * wave.amplitude_m
             phase = float(rng.uniform(0, 2 * math.pi))
             waves.append(replace(wave, normal=normal + math.pi / 2, amplitude_m=smaller, phase=phase))
         centre = (float(rng.uniform(0.2, 0.3)), float(rng.uniform(-0.03, 0.03)))
@@ -125,100 +125,104 @@ def sheets(condition: Condition, phases: int = PHASES) -> Iterator[tuple[float, 
 
 
 class SyntheticCamera:
-    """The bench's camera over drawn sheets."""
+    """The simulation's camera over rendered sheets."""
 
     def __init__(self) -> None:
         self.camera = default_pinhole()
-        self.perceiver = PerceptionPipeline(self.camera)
+        self.pipeline = PerceptionPipeline(self.camera)
 
     def view(self, sheet: SyntheticSheet, condition: Condition, seed: int) -> ClothView | None:
-        drawn = render_sheet(self.camera, sheet, replace(condition.drawing, seed=seed))
-        depth = drawn.depth
+        """Return the rectified view of a sheet; None if no cloth is seen."""
+        frame = render_sheet(self.camera, sheet, replace(condition.render, seed=seed))
+        depth = frame.depth
         if condition.depth_noise > 0:
             noise = replace(DepthNoise(), subpixel_px=condition.depth_noise * DepthNoise().subpixel_px)
             depth = DepthSensor(noise, seed=seed).measure(depth)
-        return self.perceiver.cloth_view(drawn.rgb, depth)
+        return self.pipeline.cloth_view(frame.rgb, depth)
 
 
 def axis_error_deg(vector: FloatArray, normal: float) -> float:
-    """Signed angle in -90..90 degrees from the axis at ``normal`` rad to that of ``vector``."""
+    """Return the signed angle in -90..90 degrees from the axis at ``normal`` rad to that of ``vector``."""
     return (math.degrees(math.atan2(vector[1], vector[0]) - normal) + 90) % 180 - 90
 
 
 def measure(
-    viewer: SyntheticCamera, condition: Condition, entrants: Mapping[str, Descriptor], phases: int
+    camera: SyntheticCamera, condition: Condition, descriptors: Mapping[str, Descriptor], phases: int
 ) -> pd.DataFrame:
-    """One line per sheet and descriptor: true angle, signed error (NaN where no direction was given)."""
-    lines = []
+    """Return one row per sheet and descriptor: true angle, signed error (NaN if no direction was given)."""
+    rows = []
     for normal, sheet, seed in sheets(condition, phases):
-        view = viewer.view(sheet, condition, seed)
-        for name, descriptor in entrants.items():
-            found = None if view is None else descriptor.direction(view)
-            known = found is not None and bool(found.vector.any())
-            error = axis_error_deg(found.vector, normal) if found is not None and known else math.nan
-            lines.append({"group": condition.group, "condition": condition.name, "descriptor": name})
-            lines[-1] |= {"normal_deg": math.degrees(normal), "error_deg": error}  # type: ignore[dict-item]
-            if found is not None:
-                lines[-1] |= {"coherence": found.coherence, "strength": found.strength}  # type: ignore[dict-item]
-    return pd.DataFrame(lines)
+        view = camera.view(sheet, condition, seed)
+        for name, descriptor in descriptors.items():
+            row: dict[str, object] = {"group": condition.group, "condition": condition.name, "descriptor": name}
+            row |= {"normal_deg": math.degrees(normal), "error_deg": math.nan}
+            if view is not None:
+                found = descriptor.direction(view)
+                if found.vector.any():
+                    row["error_deg"] = axis_error_deg(found.vector, normal)
+                row |= {"coherence": found.coherence, "strength": found.strength}
+            rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def study(out: Path, *, phases: int = PHASES) -> pd.DataFrame:
-    """Measure everything; ``out`` gets word.csv, word-tables.md, word-bias.png and word-light.png."""
+    """Measure everything and write word.csv, word-tables.md, word-bias.png and word-light.png to ``out``."""
     from layflat.app.benchmarks.word_figures import bias_figure, light_figure
 
     validators.writable_folder(out)
     cv2.setNumThreads(1)
-    viewer, rows = SyntheticCamera(), list(conditions())
-    made: dict[str, Descriptor] = {name: make() for name, make in DESCRIPTORS.items()}
+    camera, rows = SyntheticCamera(), list(conditions())
+    descriptors = {name: make() for name, make in DESCRIPTORS.items()}
     parts = []
-    with Progress({"ladder": FRAME_S * ANGLES * phases, "conditions": FRAME_S * ANGLES * phases * len(rows)}) as bar:
-        bar.phase("ladder", items=1)
-        ladder = measure(viewer, rows[0], LADDER, 3 * phases)
+    condition_s = FRAME_S * ANGLES * phases
+    with Progress({"ablation": condition_s, "conditions": condition_s * len(rows)}) as bar:
+        bar.phase("ablation", items=1)
+        ablation = measure(camera, rows[0], ABLATION, 3 * phases)
         bar.advance()
         bar.phase("conditions", items=len(rows))
         for row in rows:
-            parts.append(measure(viewer, row, made, phases))
+            parts.append(measure(camera, row, descriptors, phases))
             bar.advance(status=row.name)
     frame = pd.concat(parts, ignore_index=True)
     write_text(out / "word.csv", frame.to_csv(index=False, float_format="%.4f"))
-    write_text(out / "word-tables.md", tables(ladder, frame))
-    for name, figure in (("word-bias.png", bias_figure(ladder, list(LADDER))), ("word-light.png", light_figure(frame))):
-        with atomic_write(out / name) as aside:
-            aside.write_bytes(figure)
+    write_text(out / "word-tables.md", tables(ablation, frame))
+    figures = {"word-bias.png": bias_figure(ablation, list(ABLATION)), "word-light.png": light_figure(frame)}
+    for name, png in figures.items():
+        with atomic_write(out / name) as temporary:
+            temporary.write_bytes(png)
     return frame
 
 
-def tables(ladder: pd.DataFrame, frame: pd.DataFrame) -> str:
-    """Markdown: the ladder, then every condition."""
+def tables(ablation: pd.DataFrame, frame: pd.DataFrame) -> str:
+    """Return Markdown tables: the ablation, then every condition."""
     lines = [
         "| what is computed | n | error, degrees: median | mean | largest | no direction |",
         "|---|---|---|---|---|---|",
     ]
-    for name in LADDER:
-        errors = ladder[ladder.descriptor == name].error_deg
+    for name in ABLATION:
+        errors = ablation[ablation.descriptor == name].error_deg
         size = errors.abs()
-        lines.append(
-            f"| {name} | {len(errors)} | {size.median():.1f} | {size.mean():.1f} | {size.max():.1f} | {share(errors)} |"
-        )
+        numbers = " | ".join(f"{value:.1f}" for value in (size.median(), size.mean(), size.max()))
+        lines.append(f"| {name} | {len(errors)} | {numbers} | {missing_share(errors)} |")
     names = list(dict.fromkeys(frame.descriptor))
     lines += ["", "| | " + " | ".join(f"`{name}`" for name in names) + " |", "|---|" + "---|" * len(names)]
     for (group, condition), part in frame.groupby(["group", "condition"], sort=False):
-        cells = [cell(part[part.descriptor == name].error_deg) for name in names]
+        cells = [error_cell(part[part.descriptor == name].error_deg) for name in names]
         lines.append(f"| {group}: {condition} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
-def cell(errors: pd.Series) -> str:
-    """Median / largest error, and the share without a direction where there is any."""
+def error_cell(errors: pd.Series) -> str:
+    """Return median / largest error, and the share without a direction if there is any."""
     size = errors.abs().dropna()
     if size.empty:
         return "none"
-    missing = f" ({share(errors)} none)" if errors.isna().any() else ""
+    missing = f" ({missing_share(errors)} none)" if errors.isna().any() else ""
     return f"{size.median():.1f} / {size.max():.0f}{missing}"
 
 
-def share(errors: pd.Series) -> str:
+def missing_share(errors: pd.Series) -> str:
+    """Return the percentage without a direction."""
     return f"{100 * errors.isna().mean():.0f} %"
 
 
@@ -231,7 +235,7 @@ def _main(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """``python -m layflat.app.benchmarks.word_study``."""
+    """Run ``python -m layflat.app.benchmarks.word_study``."""
     from layflat.app.support.errors import run_command
 
     app = typer.Typer(add_completion=False, rich_markup_mode=None)

@@ -1,4 +1,4 @@
-"""`layflat word`: WORD and contact portion of a real camera's frame, from two files."""
+"""`layflat word`: WORD and contact portion of a real camera's frame from two files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.media.rgbd_io import read_depth, read_rgb, same_size
+from layflat.app.media.rgbd_io import check_same_size, read_depth, read_rgb
 from layflat.app.support import validators
 from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.errors import LayflatError, UsageError
@@ -19,15 +19,16 @@ from layflat.app.support.metrics import write_json
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import hue_name
-from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig
+from layflat.perception.cloth.pipeline import PerceptionConfig
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.descriptors.base import Descriptor
 from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
 from layflat.perception.overlay import draw_cloth_state
 
-MOST_CONTACT = 1.05
-"""A contact portion that noise does not explain."""
-WIDEST_NAMED = 120.0
+INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+MAX_CONTACT = 1.05
+"""A larger contact portion is not explained by noise."""
+MAX_NAMED_SPAN = 120.0
 """Degrees; a wider range of hue has no name."""
 
 
@@ -47,41 +48,41 @@ def analyze_frame_files(
     seed: int,
     force: bool,
 ) -> FrameResult:
-    """See the frame; a few lines on stdout, a JSON file and a drawn picture where asked for.
+    """Analyze the frame; print the result, and write a JSON file and an overlay if asked for.
 
-    ``seed`` draws the pixels and trials that the table is found with.
+    ``seed`` draws the pixels and trials of the table fit.
     """
     if hsv is not None and cloth_at is not None:
         raise UsageError("--hsv and --cloth-at both say what colour the cloth has; give one of them")
-    color, at = parse_hsv(hsv), parse_point(cloth_at)
-    known = make_descriptor(validators.one_of("descriptor", descriptor_name, DESCRIPTORS))
-    contact_m = contact_height(contact_mm)
+    color, at, contact_m = parse_hsv(hsv), parse_point(cloth_at), contact_height(contact_mm)
+    descriptor = make_descriptor(validators.one_of("descriptor", descriptor_name, DESCRIPTORS))
     _check_outputs(json, overlay, (rgb_path, depth_path), force=force)
     rgb, depth = read_rgb(rgb_path), read_depth(depth_path, depth_scale)
-    same_size(rgb_path, rgb, depth_path, depth)
-    lens = parse_intrinsics(intrinsics, *rgb.shape[1::-1])
-    seen = analyze_frame(
+    check_same_size(rgb_path, rgb, depth_path, depth)
+    frame = analyze_frame(
         rgb,
         depth,
-        lens,
+        parse_intrinsics(intrinsics, *rgb.shape[1::-1]),
         color=color,
         cloth_at=at,
         contact_height_m=contact_m,
         flat_pixels=flat_pixels,
         rng=np.random.default_rng(seed),
     )
-    result = content(seen, known, lens, assumed=intrinsics is None, flat_pixels=flat_pixels)
+    result = result_json(frame, descriptor, assumed=intrinsics is None, flat_pixels=flat_pixels)
     result |= {"depth_scale_mm": depth_scale, "seed": seed}
     if overlay is not None:
-        _write_picture(overlay, _drawn(rgb, seen, known))
+        with atomic_write(overlay) as temporary:
+            if not cv2.imwrite(str(temporary), _overlay(rgb, frame, descriptor)[..., ::-1]):
+                raise LayflatError(f"{overlay} could not be written; is the disc full?")
     if json is not None:
         write_json(json, result)
-    show(result)
-    return seen
+    print_results(result)
+    return frame
 
 
 def contact_height(millimetres: float | None) -> float:
-    """m; the perceiver's own where none is given."""
+    """Return the contact height, m; the default if none is given."""
     if millimetres is None:
         return PerceptionConfig.contact_height_m
     if not 1 <= millimetres < 1000 * PerceptionConfig.near_height_m:
@@ -93,7 +94,7 @@ def contact_height(millimetres: float | None) -> float:
 
 
 def parse_hsv(text: str | None) -> HsvRange | None:
-    """H_MIN,H_MAX,S_MIN,V_MIN."""
+    """Parse H_MIN,H_MAX,S_MIN,V_MIN."""
     if text is None:
         return None
     hue_min, hue_max, saturation_min, value_min = _numbers("--hsv", text, "H_MIN,H_MAX,S_MIN,V_MIN")
@@ -103,7 +104,7 @@ def parse_hsv(text: str | None) -> HsvRange | None:
 
 
 def parse_point(text: str | None) -> tuple[int, int] | None:
-    """X,Y: column and row."""
+    """Parse X,Y: column and row."""
     if text is None:
         return None
     x, y = _numbers("--cloth-at", text, "X,Y")
@@ -113,7 +114,7 @@ def parse_point(text: str | None) -> tuple[int, int] | None:
 
 
 def parse_intrinsics(text: str | None, width: int, height: int) -> Intrinsics:
-    """FX,FY,CX,CY in pixels, or those of a D435 for this size."""
+    """Parse FX,FY,CX,CY in pixels; by default the intrinsics of a D435 for this size."""
     if text is None:
         return Intrinsics.d435(width, height)
     fx, fy, cx, cy = _numbers("--intrinsics", text, "FX,FY,CX,CY")
@@ -121,7 +122,7 @@ def parse_intrinsics(text: str | None, width: int, height: int) -> Intrinsics:
 
 
 def _numbers(option: str, text: str, form: str) -> list[float]:
-    """The finite numbers of a list, as many as ``form`` has."""
+    """Parse a list of as many finite numbers as ``form`` has."""
     wanted = form.count(",") + 1
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -133,58 +134,55 @@ def _numbers(option: str, text: str, form: str) -> list[float]:
 
 
 def _check_outputs(json: Path | None, overlay: Path | None, inputs: tuple[Path, ...], *, force: bool) -> None:
-    """Every output can be written, and none is an input or another output."""
+    """Raise UsageError unless every output can be written and differs from all other files."""
+    outputs = [path for path in (json, overlay) if path is not None]
     taken = [path.resolve() for path in inputs]
-    for path in (json, overlay):
-        if path is None:
-            continue
+    for path in outputs:
         if path.resolve() in taken:
             raise UsageError(f"{path} is named twice; inputs and outputs must be different files")
         taken.append(path.resolve())
     if overlay is not None and overlay.suffix.lower() != ".png":
         raise UsageError(f"{overlay} is not a .png file; the overlay is written as .png")
-    for path in (json, overlay):
-        if path is not None:
-            validators.writable_file(path, force=force)
+    for path in outputs:
+        validators.writable_file(path, force=force)
 
 
-def _drawn(rgb: NDArray[np.uint8], seen: FrameResult, known: Descriptor) -> NDArray[np.uint8]:
-    """The frame with the direction that this descriptor gives."""
-    direction = known.direction(seen.view)
-    shown = replace(seen.cloth_state, word=direction.vector, strength=direction.strength)
-    return draw_cloth_state(rgb, shown, seen.camera, label="WORD" if known.name == "word" else known.name)
+def _overlay(rgb: NDArray[np.uint8], frame: FrameResult, descriptor: Descriptor) -> NDArray[np.uint8]:
+    direction = descriptor.direction(frame.view)
+    state = replace(frame.cloth_state, word=direction.vector, strength=direction.strength)
+    label = "WORD" if descriptor.name == "word" else descriptor.name
+    return draw_cloth_state(rgb, state, frame.camera, label=label)
 
 
-def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
-    with atomic_write(path) as aside:
-        if not cv2.imwrite(str(aside), rgb[..., ::-1]):
-            raise LayflatError(f"{path} could not be written; is the disc full?")
-
-
-def content(
-    seen: FrameResult, known: Descriptor, lens: Intrinsics, *, assumed: bool, flat_pixels: int | None
+def result_json(
+    frame: FrameResult, descriptor: Descriptor, *, assumed: bool, flat_pixels: int | None
 ) -> dict[str, Any]:
-    """The JSON object without its schema number; directions in image axes, x right, y up."""
-    cloth_state, plane = seen.cloth_state, seen.plane
-    portion = None if math.isnan(cloth_state.contact_portion) else min(1.0, cloth_state.contact_portion)
-    direction, axial = known.direction(seen.view), make_descriptor("word-axial").direction(seen.view)
+    """Return the JSON object without its schema number; directions in image axes, x right, y up."""
+    state, plane, camera = frame.cloth_state, frame.plane, frame.camera
+    direction, axial = descriptor.direction(frame.view), make_descriptor("word-axial").direction(frame.view)
+    warnings = list(frame.warnings)
+    if flat_pixels is not None and state.contact_portion > MAX_CONTACT:
+        warnings.append(
+            f"{state.contact_pixels} pixels lie on the table, more than {flat_pixels} flat pixels: "
+            "were these counted with this cloth?"
+        )
     return {
-        "word": _or_none(make_descriptor("word").describe(seen.view)),
+        "word": _or_none(make_descriptor("word").describe(frame.view)),
         "word_axial": _or_none(axial.vector),
         "coherence": axial.coherence,
         "strength": axial.strength,
-        "cloth_pixels": cloth_state.cloth_pixels,
-        "contact_pixels": cloth_state.contact_pixels,
-        "contact_portion": portion,
-        "mm_per_pixel": cloth_state.grid.mm_per_px,
+        "cloth_pixels": state.cloth_pixels,
+        "contact_pixels": state.contact_pixels,
+        "contact_portion": None if math.isnan(state.contact_portion) else min(1.0, state.contact_portion),
+        "mm_per_pixel": state.grid.mm_per_px,
         "descriptor": {
-            "name": known.name,
-            "vector": known.describe(seen.view),
+            "name": descriptor.name,
+            "vector": descriptor.describe(frame.view),
             "direction": _or_none(direction.vector),
             "coherence": direction.coherence,
             "strength": direction.strength,
         },
-        "hsv": {**asdict(seen.config.color), "source": seen.color_source},
+        "hsv": {**asdict(frame.config.color), "source": frame.color_source},
         "plane": {
             "normal": plane.normal,
             "distance_mm": 1000 * plane.distance_m,
@@ -192,30 +190,20 @@ def content(
             "rms_mm": 1000 * plane.rms_m,
             "share": plane.inlier_share,
         },
-        "intrinsics": {**asdict(lens), "assumed": assumed},
-        "contact_mm": 1000 * seen.config.contact_height_m,
+        "intrinsics": {name: getattr(camera, name) for name in INTRINSICS} | {"assumed": assumed},
+        "contact_mm": 1000 * frame.config.contact_height_m,
         "flat_pixels": flat_pixels,
-        "warnings": [*seen.warnings, *_doubts(cloth_state, flat_pixels)],
+        "warnings": warnings,
     }
-
-
-def _doubts(cloth_state: ClothState, flat_pixels: int | None) -> list[str]:
-    """What makes the contact portion doubtful."""
-    if flat_pixels is None or cloth_state.contact_portion <= MOST_CONTACT:
-        return []
-    return [
-        f"{cloth_state.contact_pixels} pixels lie on the table, more than {flat_pixels} flat pixels: "
-        "were these counted with this cloth?"
-    ]
 
 
 def _or_none(vector: NDArray[np.float64]) -> list[float] | None:
     return [float(value) for value in vector] if vector.any() else None
 
 
-def show(result: dict[str, Any]) -> None:
+def print_results(result: dict[str, Any]) -> None:
     """Print the result on stdout."""
-    found, plane, lens = result["descriptor"], result["plane"], result["intrinsics"]
+    found, plane, intrinsics = result["descriptor"], result["plane"], result["intrinsics"]
     print(f"WORD        {_degrees(result['word'])}; axial {_degrees(result['word_axial'])}")
     print(f"wrinkles    coherence {result['coherence']:.2f}, strength {result['strength']:.4f}")
     if found["name"] not in ("word", "word-axial"):
@@ -225,15 +213,15 @@ def show(result: dict[str, Any]) -> None:
         f"table       {plane['distance_mm']:.0f} mm below the camera, tilt {plane['tilt_deg']:.1f} deg, "
         f"scatter {plane['rms_mm']:.1f} mm"
     )
-    print(f"colour      {_colour(result['hsv'])}")
-    numbers = ",".join(f"{lens[name]:g}" for name in ("fx", "fy", "cx", "cy"))
-    print(f"intrinsics  {numbers}{', assumed: a D435 of this image size' if lens['assumed'] else ''}")
+    print(f"colour      {_color(result['hsv'])}")
+    numbers = ",".join(f"{intrinsics[name]:g}" for name in INTRINSICS[2:])
+    print(f"intrinsics  {numbers}{', assumed: a D435 of this image size' if intrinsics['assumed'] else ''}")
     for sentence in result["warnings"]:
         print(f"warning     {sentence}")
 
 
 def _degrees(vector: list[float] | None) -> str:
-    """Angle from the image's right, counter-clockwise."""
+    """Return the angle from the image's right, counter-clockwise."""
     return "no direction" if vector is None else f"{math.degrees(math.atan2(vector[1], vector[0])):+.1f} deg"
 
 
@@ -244,8 +232,8 @@ def _contact(result: dict[str, Any]) -> str:
     return f"{counts}; portion {100 * result['contact_portion']:.1f} % of {result['flat_pixels']} flat pixels"
 
 
-def _colour(hsv: dict[str, Any]) -> str:
+def _color(hsv: dict[str, Any]) -> str:
     span = (hsv["hue_max"] - hsv["hue_min"]) % 360.0
-    name = hue_name(hsv["hue_min"] + span / 2) if 0 < span < WIDEST_NAMED else "several hues"
+    name = hue_name(hsv["hue_min"] + span / 2) if 0 < span < MAX_NAMED_SPAN else "several hues"
     numbers = ",".join(f"{hsv[key]:g}" for key in ("hue_min", "hue_max", "saturation_min", "value_min"))
     return f"{name}, {hsv['source']}: --hsv {numbers}"

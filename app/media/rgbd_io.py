@@ -1,4 +1,4 @@
-"""A camera's frame from two PNG files: colour with 8 bits, depth with 16 bits and one channel."""
+"""RGB-D frames from two PNG files: colour with 8 bits, depth with 16 bits and one channel."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from PIL import Image
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 
-MOST_PIXELS = 50_000_000
-"""A D435's largest picture has 2 million; decoding more than this is not what was meant."""
-NOT_DECODED = (OSError, SyntaxError, ValueError, LookupError, struct.error, zlib.error, cv2.error)
+MAX_PIXELS = 50_000_000
+"""A D435's largest image has 2 million pixels; a larger file is not a camera frame and is not decoded."""
+DECODE_ERRORS = (OSError, SyntaxError, ValueError, LookupError, struct.error, zlib.error, cv2.error)
 
 
 def read_rgb(path: Path) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 RGB of a colour PNG; transparency is dropped. UsageError for anything else."""
+    """Read a colour PNG as (H, W, 3) uint8 RGB; transparency is dropped. UsageError for anything else."""
     mode, pixels = _read(path, "a colour picture as PNG")
     if mode in ("1", "L", "LA") or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
         raise UsageError(
@@ -35,7 +35,7 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
 
 
 def read_depth(path: Path, scale_mm: float = 1.0) -> NDArray[np.float32]:
-    """(H, W) float32 m of a 16-bit PNG in units of ``scale_mm``, 0 where missing. UsageError for anything else."""
+    """Read a 16-bit PNG in units of ``scale_mm`` as (H, W) float32 m, 0 where missing. UsageError for anything else."""
     if not (math.isfinite(scale_mm) and 0 < scale_mm <= 1000):
         raise UsageError(f"--depth-scale is {scale_mm:g}; it must be the millimetres of one unit, such as 1 or 0.25")
     mode, pixels = _read(path, "a depth image as PNG with 16 bits")
@@ -52,8 +52,8 @@ def read_depth(path: Path, scale_mm: float = 1.0) -> NDArray[np.float32]:
     return np.asarray(pixels * np.float32(scale_mm / 1000), dtype=np.float32)
 
 
-def same_size(rgb_path: Path, rgb: NDArray[Any], depth_path: Path, depth: NDArray[Any]) -> None:
-    """UsageError unless both show the same pixels."""
+def check_same_size(rgb_path: Path, rgb: NDArray[Any], depth_path: Path, depth: NDArray[Any]) -> None:
+    """Raise UsageError unless both have the same size."""
     if rgb.shape[:2] != depth.shape:
         raise UsageError(
             f"{rgb_path} is {rgb.shape[1]}x{rgb.shape[0]} px and {depth_path} {depth.shape[1]}x{depth.shape[0]} px; "
@@ -62,42 +62,38 @@ def same_size(rgb_path: Path, rgb: NDArray[Any], depth_path: Path, depth: NDArra
 
 
 def _read(path: Path, what: str) -> tuple[str, NDArray[Any]]:
-    """Pillow's mode and OpenCV's pixels of a PNG, unchanged, after a look at its header and its checksums."""
+    """Return Pillow's mode and OpenCV's pixels of a PNG, unchanged, after a check of its header and checksums."""
     validators.readable_file(path, what)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about its size, which is looked at here
-            with Image.open(path) as picture:
-                kind, mode, size = picture.format, picture.mode, picture.size
-            if kind == "PNG" and size[0] * size[1] <= MOST_PIXELS:
-                _try_out(path)
+            warnings.simplefilter("ignore")  # about the size, which is checked here
+            with Image.open(path) as image:
+                kind, mode, (width, height) = image.format, image.mode, image.size
+            if kind == "PNG" and width * height <= MAX_PIXELS:
+                _decode_with_pillow(path)
     except Image.DecompressionBombError as error:
-        raise UsageError(
-            f"{path} has more than {MOST_PIXELS // 10**6} million pixels; that is no camera's frame"
-        ) from error
-    except NOT_DECODED as error:
+        raise UsageError(f"{path} has more than {MAX_PIXELS // 10**6} million pixels; no camera frame has") from error
+    except DECODE_ERRORS as error:
         raise UsageError(f"{path} is not a whole picture; give {what}") from error
     if kind != "PNG":
         raise UsageError(f"{path} is a {kind} file; give {what}, which loses nothing")
-    if size[0] * size[1] > MOST_PIXELS:
-        raise UsageError(
-            f"{path} has {size[0]}x{size[1]} px; more than {MOST_PIXELS // 10**6} million are no camera's frame"
-        )
+    if width * height > MAX_PIXELS:
+        raise UsageError(f"{path} has {width}x{height} px; no camera frame has over {MAX_PIXELS // 10**6} million")
     try:
         pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except NOT_DECODED as error:
+    except DECODE_ERRORS as error:
         raise UsageError(f"{path} cannot be decoded; give {what}") from error
     if pixels is None:
         raise UsageError(f"{path} cannot be decoded; give {what}")
     return mode, pixels
 
 
-def _try_out(path: Path) -> None:
-    """Decode a PNG with Pillow, which raises where OpenCV prints: its checksums first, then its pixels."""
-    with Image.open(path) as picture:
-        picture.verify()
-    with Image.open(path) as picture:
-        picture.load()
+def _decode_with_pillow(path: Path) -> None:
+    """Check a PNG's checksums, then its pixels: Pillow raises where OpenCV only prints."""
+    with Image.open(path) as image:
+        image.verify()
+    with Image.open(path) as image:
+        image.load()
 
 
 def _kind(pixels: NDArray[Any]) -> str:
