@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from layflat.app.report.figures import DPI, INK, MUTED, STYLE
+from layflat.app.media.plot_style import DPI, INK, MUTED, STYLE
 
 COLORS = {"word": "#c2571a", "word-axial": "#0f766e", "how": "#6d5bd0", "hog": "#b8336a"}
 LIGHT = re.compile(r"from (\d+) degrees, (\d+) degrees high")

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from layflat.app.media.episode_plots import curves_of, plot_session
-from layflat.app.media.episode_video import camera_frames, check_drawable, write_episode_video
+from layflat.app.media.episode_renderer import EpisodeRenderer, check_drawable
+from layflat.app.media.video import write_episode_video
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
@@ -78,7 +79,8 @@ def film(path: Path, out: Path, *, episode: int, force: bool) -> None:
         recorded = session.episode(schema.demo_name(episode))
     check_drawable(recorded)
     validators.writable_file(out, force=force)
-    count = write_episode_video(out, camera_frames(recorded), recorded)
+    with EpisodeRenderer() as renderer:
+        count = write_episode_video(out, renderer.camera_frames(recorded), recorded)
     print(f"filmed {schema.demo_name(episode)}, {count} frames {out}")
 
 

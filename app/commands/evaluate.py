@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import re
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
-from rich.table import Table
+import pandas as pd
 
 from layflat.app.evaluation.local_engine import Engine, local_engine
+from layflat.app.evaluation.paired import CONDITION
 from layflat.app.evaluation.plan import EvaluationPlan, PolicySpec
 from layflat.app.evaluation.ray_engine import ray_engine
 from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
 from layflat.app.evaluation.suites import cases_of
-from layflat.app.report.evaluation import write_evaluation
+from layflat.app.report.comparison_sentences import paired_table
+from layflat.app.report.evaluation_page import EXAMPLES, PageOptions, write_evaluation
+from layflat.app.report.policies import policies_of
+from layflat.app.report.result_tables import group_table
 from layflat.app.support import validators
+from layflat.app.support.console import print_table
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.make_policy import SCRIPTED
@@ -74,8 +77,9 @@ def evaluate(
         progress.phase("episodes", items=plan.episodes)
         results = run_batch(plan, out, engine=on, force=force, progress=progress)
         progress.phase("report")
-        page = write_evaluation(results, videos=videos, on_progress=progress.status)
-    show(results.summary)
+        options = PageOptions(videos=EXAMPLES if videos else ())
+        page = write_evaluation(results, options, on_progress=progress.status)
+    show(results.rows)
     print(f"results: {out}")
     print(f"report: {page}")
     if results.rows["crashed"].all():
@@ -175,66 +179,11 @@ def _plain(stem: str) -> str:
     return re.sub(r"[^A-Za-z0-9.]+", "-", stem).strip("-")
 
 
-def show(summary: Mapping[str, Any]) -> None:
-    """Print one line per group, and one per difference between two policies, on stdout."""
-    # Without a terminal there is no width to fit, and a cut word is of no use in a file.
-    console = Console(width=None if sys.stdout.isatty() else 200)
-    table = Table(title=None)
-    for name in ("policy", "robot", "cloth", "disturbance"):
-        table.add_column(name)
-    for name in (
-        "n",
-        "final contact [95 %]",
-        "min",
-        "max",
-        "regained [95 %]",
-        "flat area",
-        "success [95 %]",
-        "crashed",
-    ):
-        table.add_column(name, justify="right")
-    for group in summary["groups"]:
-        final = group["contact_final"]
-        low, high = group["success_wilson95"]
-        table.add_row(
-            *(group[name] for name in ("policy", "robot", "cloth", "disturbance")),
-            str(group["n"]),
-            _with_interval(final),
-            _percent(final["min"]),
-            _percent(final["max"]),
-            _with_interval(group["gain"]),
-            "-" if group["flat_area_final"]["mean"] is None else f"{group['flat_area_final']['mean']:.3f}",
-            f"{_percent(group['success_rate'])} [{_percent(low)}, {_percent(high)}]",
-            str(group["crashed"]),
-        )
-    console.print(table)
-    if summary["paired"]:
-        console.print(_differences(summary["paired"]))
-
-
-def _differences(paired: Sequence[Mapping[str, Any]]) -> Table:
-    table = Table(title=None)
-    for name in ("difference", "robot", "cloth", "disturbance"):
-        table.add_column(name)
-    for name in ("pairs", "final contact, points [95 %]", "regained, points [95 %]", "success, points [95 %]"):
-        table.add_column(name, justify="right")
-    for pair in paired:
-        table.add_row(
-            f"{pair['b']} - {pair['a']}",
-            *(pair[name] for name in ("robot", "cloth", "disturbance")),
-            str(pair["contact_final"]["n"]),
-            *(_with_interval(pair[name], signed=True) for name in ("contact_final", "gain", "success")),
-        )
-    return table
-
-
-def _with_interval(measure: Mapping[str, Any], *, signed: bool = False) -> str:
-    if measure["mean"] is None:
-        return "-"
-    low, high = measure["ci95"]
-    interval = "" if low is None else f" [{_percent(low, signed)}, {_percent(high, signed)}]"
-    return _percent(measure["mean"], signed) + interval
-
-
-def _percent(share: float | None, signed: bool = False) -> str:
-    return "-" if share is None else f"{round(100 * share, 1) + 0.0:{'+' if signed else ''}.1f}"
+def show(rows: pd.DataFrame) -> None:
+    """Print one line for each policy and one for each difference, for every condition, on stdout."""
+    for key, part in rows.groupby(list(CONDITION), sort=False):
+        groups, policies = group_table(part), policies_of(part)
+        print_table(groups.header, groups.rows, title=", ".join(key), left=1, width=200)
+        pairs = paired_table(part, [(b, a) for a, b in combinations(policies, 2)])
+        if pairs.rows:
+            print_table(pairs.header, pairs.rows, left=2, width=200)

@@ -9,19 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from layflat.app.media import frames
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.png import write_png
 from layflat.app.media.video import write_video
 from layflat.app.support import validators
-from layflat.app.support.console import console
+from layflat.app.support.console import print_table
 from layflat.app.support.errors import UsageError
+from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
-from layflat.app.support.statistics import statistics
+from layflat.app.support.statistics import describe
 from layflat.app.workers.episode_collector import EpisodeCollector
 from layflat.app.workers.episode_pool import EpisodeConfig, EpisodeFailure, run_episodes
 from layflat.data.types import Episode
@@ -110,7 +110,7 @@ def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | Non
 def strip_frames(episode: Episode, drawer: PerceptionOverlay, width: int) -> list[frames.Frame]:
     """Ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their step."""
     strip = frames.frame_strip(episode, frames.placing_steps(episode), drawer, width)
-    return [replace(frame, word=f"step {frame.step}:") for frame in strip]
+    return [replace(frame, label=f"step {frame.step}:") for frame in strip]
 
 
 def _content(
@@ -133,38 +133,26 @@ def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """n, and mean, min, max and ci95 (None where there is none) of contact at the start, the end, and in the mesh."""
     summary: dict[str, Any] = {"n": len(rows)}
     for column in ("contact_start", "contact_final", "contact_final_true", "flat_area_final", "steps"):
-        values = statistics(np.array([row[column] for row in rows], dtype=float))
-        known = {name: None if np.isnan(value) else value for name, value in values.items()}
-        summary[column] = {name: known[name] for name in ("mean", "min", "max")} | {
-            "ci95": [known["low"], known["high"]]
-        }
+        summary[column] = describe(np.array([row[column] for row in rows], dtype=float)).to_json()
     return summary
 
 
 def show(episodes: Sequence[Episode]) -> None:
     """Print one line per episode and their mean on stdout."""
-    table = Table(title=None)
-    for name in ("seed", "start", "mesh start", "final", "mesh final", "flat area", "steps", "stopped by"):
-        table.add_column(name, justify="right")
+    columns = ("seed", "start", "mesh start", "final", "mesh final", "flat area", "steps", "stopped by")
     lines = []
     for episode in episodes:
-        row = episode_metrics(episode)
-        line = (
-            row["contact_start"],
-            episode.ground_truths()[0].contact_portion_true,
-            row["contact_final"],
-            row["contact_final_true"],
-            row["flat_area_final"],
-            row["steps"],
-        )
-        lines.append(line)
-        table.add_row(str(episode.seed), *_cells(line, "d"), episode.stopped_by)
-    if len(episodes) > 1:
-        table.add_section()
-        table.add_row("mean", *_cells(tuple(np.mean(lines, axis=0)), ".1f"), "")
-    console().print(table)
+        row, mesh_start = episode_metrics(episode), episode.ground_truths()[0].contact_portion_true
+        contacts = (row["contact_start"], mesh_start, row["contact_final"], row["contact_final_true"])
+        lines.append((*contacts, row["flat_area_final"], row["steps"]))
+    rows = [
+        (str(episode.seed), *_cells(line, "d"), episode.stopped_by)
+        for episode, line in zip(episodes, lines, strict=True)
+    ]
+    mean = ("mean", *_cells(tuple(np.mean(np.array(lines, dtype=float), axis=0)), ".1f"), "")
+    print_table(columns, rows, footer=mean if len(episodes) > 1 else ())
 
 
-def _cells(line: Sequence[Any], steps_form: str) -> list[str]:
+def _cells(line: Sequence[Any], steps_spec: str) -> list[str]:
     *contacts, area, n_steps = line
-    return [*(f"{100 * c:.1f} %" for c in contacts), f"{area:.3f}", format(n_steps, steps_form)]
+    return [*map(percent, contacts), ratio(area), format(n_steps, steps_spec)]

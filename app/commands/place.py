@@ -7,15 +7,14 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 from layflat.app.commands.record import run_kept
 from layflat.app.media.frames import video_frames
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.video import write_video
 from layflat.app.support import validators
-from layflat.app.support.console import console
+from layflat.app.support.console import print_table
 from layflat.app.support.errors import UsageError
+from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import crashed_metrics, episode_metrics, write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.provenance import capture_provenance
@@ -138,13 +137,9 @@ def _results(
 
 def show(episodes: list[Episode]) -> None:
     """Print one line per episode on stdout."""
-    table = Table(title=None)
-    for name in ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "steps", "stopped by"):
-        table.add_column(name, justify="right")
-    for episode in episodes:
-        row = episode_metrics(episode)
-        contacts = [row["contact_placed"], row["contact_disturbed"], row["contact_final"], row["contact_final_true"]]
-        cells = ["-" if c is None else f"{100 * c:.1f} %" for c in contacts]
-        flat = f"{row['flat_area_final']:.3f}"
-        table.add_row(str(episode.seed), *cells, flat, str(row["steps"]), episode.stopped_by)
-    console().print(table)
+    rows = []
+    for row in map(episode_metrics, episodes):
+        contacts = (row["contact_placed"], row["contact_disturbed"], row["contact_final"], row["contact_final_true"])
+        area, n_steps = ratio(row["flat_area_final"]), str(row["steps"])
+        rows.append((str(row["seed"]), *map(percent, contacts), area, n_steps, row["stopped_by"]))
+    print_table(("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "steps", "stopped by"), rows)

@@ -12,7 +12,8 @@ import numpy as np
 from pebble import ProcessExpired
 from rich.table import Table
 
-from layflat.app.media.episode_video import check_drawable, scene_frames, write_episode_video
+from layflat.app.media.episode_renderer import EpisodeRenderer, check_drawable
+from layflat.app.media.video import write_episode_video
 from layflat.app.support import validators
 from layflat.app.support.console import console
 from layflat.app.support.errors import LayflatError, UsageError
@@ -79,7 +80,8 @@ def replay(
     if json is not None:
         write_json(json, {**about, **report})
     if video is not None:
-        write_episode_video(video, scene_frames(shown), shown)
+        with EpisodeRenderer() as renderer:
+            write_episode_video(video, renderer.scene_frames(shown), shown)
 
 
 def read_episode(path: Path, number: int) -> Episode:

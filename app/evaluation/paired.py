@@ -7,56 +7,44 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from layflat.app.support.statistics import confidence_interval
+from layflat.app.support.statistics import SampleStatistics, describe
+from layflat.data.arrays import FloatArray
 
-PAIR = ("robot", "cloth", "seed", "disturbance")
-"""What two episodes share that are compared."""
-LEAST = 6
-"""Pairs below which nothing is said: five that all point the same way do so by chance in one of 16."""
+CONDITION = ("robot", "cloth", "disturbance")
+"""Columns within which policies are compared."""
+PAIR = (*CONDITION, "seed")
+"""Columns that two paired episodes share."""
+MIN_PAIRS = 6
+"""Pairs below which nothing is concluded: five that all point the same way do so by chance in one of 16."""
 TIE = 5e-4
-"""Contact portions that are nearer than this are the same: a twentieth of a point."""
+"""Contact portions nearer than this count as the same: a twentieth of a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairedComparison:
-    """Differences a - b over n pairs, in the unit of the column."""
+class PairedComparison(SampleStatistics):
+    """Statistics of the differences a - b over n pairs, in the unit of the column."""
 
-    n: int
-    mean: float
-    low: float
-    high: float
-    """95 % bootstrap interval of the mean; NaN for fewer than two pairs."""
-    better: int
-    worse: int
+    n_higher: int = 0
+    """Pairs in which a is higher than b."""
+    n_lower: int = 0
 
     @property
     def is_significant(self) -> bool:
-        """Whether there are enough pairs, and the interval leaves 0 out."""
-        return self.n >= LEAST and bool(self.low > 0 or self.high < 0)
+        """Whether there are enough pairs and the interval excludes 0."""
+        return self.n >= MIN_PAIRS and bool(self.low > 0 or self.high < 0)
 
 
-NO_PAIRS = PairedComparison(n=0, mean=float("nan"), low=float("nan"), high=float("nan"), better=0, worse=0)
+NO_PAIRS = PairedComparison(n=0)
 
 
-def compare_paired(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> PairedComparison:
-    """``column`` of ``a`` less that of ``b`` where both have the same ``on`` and a value."""
+def paired_differences(a: pd.DataFrame, b: pd.DataFrame, column: str, *, on: Sequence[str] = PAIR) -> FloatArray:
+    """Return ``column`` of ``a`` less that of ``b`` where both have the same ``on`` and a value."""
     both = a.merge(b, on=list(on), suffixes=("_a", "_b"))
-    values = (both[f"{column}_a"].astype(float) - both[f"{column}_b"].astype(float)).dropna().to_numpy(float)
-    if not len(values):
-        return NO_PAIRS
-    low, high = confidence_interval(values)
-    return PairedComparison(
-        n=len(values),
-        mean=float(values.mean()),
-        low=low,
-        high=high,
-        better=int((values > TIE).sum()),
-        worse=int((values < -TIE).sum()),
-    )
+    return (both[f"{column}_a"].astype(float) - both[f"{column}_b"].astype(float)).dropna().to_numpy(float)
 
 
-def with_gain(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with ``gain``: contact regained after the (last) disturbance, unless they have one; NaN without any."""
-    if "gain" in rows:
-        return rows
-    return rows.assign(gain=rows["contact_final"].astype(float) - rows["contact_disturbed"].astype(float))
+def compare_paired(a: pd.DataFrame, b: pd.DataFrame, column: str) -> PairedComparison:
+    """Compare ``column`` of ``a`` with that of ``b`` over the pairs that have both values."""
+    differences = paired_differences(a, b, column)
+    n_higher, n_lower = int((differences > TIE).sum()), int((differences < -TIE).sum())
+    return PairedComparison(**vars(describe(differences)), n_higher=n_higher, n_lower=n_lower)

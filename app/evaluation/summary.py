@@ -1,4 +1,4 @@
-"""What a batch's rows amount to: groups with intervals, and differences between what is paired."""
+"""Summary of an evaluation's rows: groups with intervals, and differences between paired episodes."""
 
 from __future__ import annotations
 
@@ -6,30 +6,32 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from scipy.stats import binomtest
 
-from layflat.app.support.statistics import GROUP, statistics
+from layflat.app.evaluation.paired import CONDITION, PAIR, paired_differences
+from layflat.app.support.statistics import describe, wilson_interval
 from layflat.data.types import FLAT_AREA
 
+GROUP = ("policy", *CONDITION)
 MEASURES = ("contact_final", "gain", "flat_area_final", "contact_final_true")
 """``gain`` is contact_final - contact_disturbed."""
-PLACE = ["robot", "cloth", "disturbance"]
 
 
 def with_measures(rows: pd.DataFrame) -> pd.DataFrame:
-    """With the columns ``gain`` and ``success``: flat at the end, and neither unstable nor crashed."""
-    gain = rows["contact_final"] - rows["contact_disturbed"]
-    success = (rows["flat_area_final"] > FLAT_AREA) & ~rows["unstable"] & ~rows["crashed"]
+    """Add ``gain`` unless there is one, and ``success``: flat at the end, and neither unstable nor crashed."""
+    lost = rows["unstable"].fillna(False).astype(bool) | rows["crashed"].astype(bool)
+    success = (rows["flat_area_final"].astype(float) > FLAT_AREA) & ~lost
+    if "gain" in rows:
+        return rows.assign(success=success)
+    gain = rows["contact_final"].astype(float) - rows["contact_disturbed"].astype(float)
     return rows.assign(gain=gain, success=success)
 
 
 def summary_of(rows: pd.DataFrame) -> dict[str, Any]:
-    """``groups``, ``paired`` (between policies), ``twins`` (disturbed less undisturbed) and counts of what crashed.
+    """Return ``groups``, ``paired`` (between policies), ``twins`` (disturbed less undisturbed) and counts of crashes.
 
-    Each measure has n, mean, min, max and ci95, the 95 % bootstrap interval of the mean; None where there is nothing
-    to say. Crashed episodes count in a group's n and as no success, and have no measures.
+    Each measure has n, mean, min, max and ci95, the 95 % bootstrap interval of the mean; None where there is no value.
+    Crashed episodes count in a group's n and as no success, and have no measures.
     """
     measured = with_measures(rows)
     return {
@@ -41,23 +43,6 @@ def summary_of(rows: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def wilson(successes: int, n: int) -> list[float]:
-    """95 % Wilson interval of a share."""
-    interval = binomtest(successes, n).proportion_ci(confidence_level=0.95, method="wilson")
-    return [float(interval.low), float(interval.high)]
-
-
-def measure(values: pd.Series) -> dict[str, Any]:
-    """n, mean, min, max and ci95 [low, high] of the values that are there."""
-    known = values.dropna().to_numpy(float)
-    found = {name: None if np.isnan(value) else value for name, value in statistics(known).items()}
-    return {
-        "n": len(known),
-        **{name: found[name] for name in ("mean", "min", "max")},
-        "ci95": [found["low"], found["high"]],
-    }
-
-
 def _group(key: tuple[str, ...], group: pd.DataFrame) -> dict[str, Any]:
     successes = int(group["success"].sum())
     return {
@@ -66,31 +51,33 @@ def _group(key: tuple[str, ...], group: pd.DataFrame) -> dict[str, Any]:
         "crashed": int(group["crashed"].sum()),
         "unstable": int(group["unstable"].sum()),
         "success_rate": successes / len(group),
-        "success_wilson95": wilson(successes, len(group)),
-        **{name: measure(group[name]) for name in MEASURES},
+        "success_wilson95": list(wilson_interval(successes, len(group))),
+        **{name: describe(group[name].dropna().to_numpy(float)).to_json() for name in MEASURES},
     }
 
 
 def _paired(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """``b`` less ``a`` from the same starts, for each two policies that met them."""
-    for key, met in rows.groupby(PLACE, sort=False):
-        by_policy = {name: group.set_index("seed") for name, group in met.groupby("policy", sort=False)}
+    """Yield ``b`` less ``a`` from the same starts, for every two policies of a condition."""
+    for key, part in rows.groupby(list(CONDITION), sort=False):
+        by_policy = dict(list(part.groupby("policy", sort=False)))
         for a, b in combinations(by_policy, 2):
-            yield {**dict(zip(PLACE, key, strict=True)), "a": a, "b": b, **_difference(by_policy[a], by_policy[b])}
+            condition = dict(zip(CONDITION, key, strict=True))
+            yield {**condition, "a": a, "b": b, **_differences(by_policy[b], by_policy[a])}
 
 
 def _twins(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """What a disturbance has left behind in the end: the disturbed episode less its undisturbed twin."""
-    for key, group in rows.groupby(["policy", "robot", "cloth"], sort=False):
-        by_case = {name: case.set_index("seed") for name, case in group.groupby("disturbance", sort=False)}
-        alone = by_case.pop("none", None)
-        for name, case in by_case.items():
-            if alone is not None:
-                whose = dict(zip(("policy", "robot", "cloth"), key, strict=True))
-                yield {**whose, "disturbance": name, **_difference(alone, case)}
+    """Yield what a disturbance changed in the end: the disturbed episode less its undisturbed twin."""
+    names = [name for name in GROUP if name != "disturbance"]
+    for key, group in rows.groupby(names, sort=False):
+        by_case = dict(list(group.groupby("disturbance", sort=False)))
+        undisturbed = by_case.pop("none", None)
+        for case, disturbed in by_case.items():
+            if undisturbed is not None:
+                twin = undisturbed.assign(disturbance=case)
+                yield {**dict(zip(names, key, strict=True)), "disturbance": case, **_differences(disturbed, twin)}
 
 
-def _difference(a: pd.DataFrame, b: pd.DataFrame) -> dict[str, Any]:
-    names = [*MEASURES, "success"]
-    both = (b[names].astype(float) - a[names].astype(float)).dropna(how="all")
-    return {name: measure(both[name]) for name in names}
+def _differences(a: pd.DataFrame, b: pd.DataFrame) -> dict[str, Any]:
+    names = (*MEASURES, "success")
+    a, b = (rows[[*PAIR, *names]] for rows in (a, b))
+    return {name: describe(paired_differences(a, b, name)).to_json() for name in names}

@@ -1,4 +1,4 @@
-"""Pictures of an observation with what perception makes of it: contact tinted, WORD as an arrow."""
+"""Pictures of an observation with the perceived contact tinted and WORD as an arrow."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ SCALE = 2
 
 
 class PerceptionOverlay:
-    """Perceives an observation's own images again and draws them, with the WORD and contact that were recorded."""
+    """Draws an observation: its images are perceived again, WORD and contact are those that were recorded."""
 
     def __init__(self) -> None:
         self._camera = default_pinhole()
-        self._perceiver = PerceptionPipeline(self._camera)
+        self._pipeline = PerceptionPipeline(self._camera)
 
     def __call__(self, observation: Observation) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8 RGB, twice the camera's size."""
+        """Return (H, W, 3) uint8 RGB, twice the camera's size."""
         if observation.rgb is None or observation.depth is None:
             raise ValueError("the observation has no images; record it with images")
-        cloth_state = self._perceiver.perceive(observation.rgb, observation.depth)
         shown = replace(
-            cloth_state,
+            self._pipeline.perceive(observation.rgb, observation.depth),
             contact_portion=observation.contact_portion,
             word=observation.word,
             strength=observation.word_strength,

@@ -1,4 +1,4 @@
-"""Pictures as PNG files, whole or not there."""
+"""Images as PNG files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from layflat.app.support.errors import LayflatError
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write (H, W, 3) RGB to ``path``."""
+    """Write (H, W, 3) RGB to ``path``, whole or not at all."""
     with atomic_write(path) as part:
         if not cv2.imwrite(str(part), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
             raise LayflatError(f"{path} could not be written as a PNG file; check the disk")

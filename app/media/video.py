@@ -1,4 +1,4 @@
-"""Films as .webm (VP8), which every browser plays and the OpenCV wheel writes without anything installed."""
+"""Videos as .webm (VP8), which every browser plays and the OpenCV wheel writes without anything installed."""
 
 from __future__ import annotations
 
@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 
 from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.errors import LayflatError
+from layflat.app.support.progress import Progress
+from layflat.data.types import Episode
 
 FOURCC = "VP80"
+FRAME_S = 0.06
+"""Expected wall time of a frame, for the first estimate of the time left."""
 
 
 def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float = 10.0) -> int:
-    """Write (H, W, 3) RGB frames, all of one size, to ``path`` (atomically) and return how many it holds.
+    """Write (H, W, 3) RGB frames, all of one size, to ``path`` (whole or not at all); return their number.
 
-    The film is read back: a codec that fails silently is an error here, not an empty box in a browser.
+    The video is read back: a codec that fails silently is an error here, not an empty box in a browser.
     """
     if path.suffix != ".webm":
         raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
@@ -33,8 +37,22 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
     return count
 
 
+def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode: Episode) -> int:
+    """Write the frames of an episode, one for each observation, at its own speed, with progress on stderr."""
+    count = len(episode.steps) + 1
+
+    def counted() -> Iterator[NDArray[np.uint8]]:
+        for frame in frames:
+            yield frame
+            progress.advance(1 / count)
+
+    with Progress({"video": FRAME_S * count}) as progress:
+        progress.phase("video")
+        return write_video(path, counted(), fps=1.0 / episode.step_s)
+
+
 def count_frames(path: Path) -> int:
-    """Frames of a film that decode."""
+    """Count the frames of a video that decode."""
     capture = cv2.VideoCapture(str(path))
     count = 0
     while capture.read()[0]:
@@ -60,7 +78,7 @@ def _encode(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
         if writer is not None:
             writer.release()
     if count == 0:
-        raise LayflatError("there are no frames to make a film of; record with images")
+        raise LayflatError("there are no frames to make a video of; record with images")
     return count
 
 

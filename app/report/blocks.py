@@ -1,37 +1,47 @@
-"""What a report says, apart from how it looks: sections of texts, tables, figures, strips and films."""
+"""Content of a page, apart from its looks: sections of texts, tables, figures, strips and videos."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.media.frames import Frame
-from layflat.app.report.tables import Table
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as text; the first column is left-aligned."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    cited: frozenset[int] = frozenset()
+    """Indices of the rows that are the thesis's, not ours."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Text:
-    """Paragraphs. ``finding``: what the numbers say, set apart from what was done."""
+    """Paragraphs."""
 
     lines: tuple[str, ...]
     finding: bool = False
+    """Whether they are conclusions from numbers, which are set apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableBlock:
-    """A table, with a sentence below that says what its columns are."""
+    """A table with its title, and a note on its columns below."""
 
     table: Table
     title: str = ""
     note: str = ""
     folded: bool = False
-    """Shown only when asked for: long lists."""
+    """Whether it opens on a click: long lists."""
     wordy: bool = False
-    """Cells are sentences, not numbers: to the left, and on several lines."""
+    """Whether cells are sentences: left-aligned, on several lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,20 +55,21 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameStrip:
-    """Frames of one episode in a row; ``tag`` is the policy."""
+    """Frames of one episode in a row."""
 
     frames: tuple[Frame, ...]
-    tag: str
+    policy: str
     caption: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class VideoBlock:
-    """A film, made when the page is; ``frames`` may be called once."""
+    """A video, encoded when the page is written."""
 
     frames: Callable[[], Iterator[NDArray[np.uint8]]]
+    """Called once."""
     fps: float
-    tag: str
+    policy: str
     caption: str
 
 
@@ -67,7 +78,7 @@ Block: TypeAlias = Text | TableBlock | Figure | FrameStrip | VideoBlock
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """One heading and what is below it."""
+    """A heading and its blocks."""
 
     id: str
     """Unique on its page; letters, digits and hyphens."""
@@ -75,12 +86,12 @@ class Section:
     blocks: tuple[Block, ...]
     lead: str = ""
     short: str = ""
-    """Title in the page's table of contents; ``title`` by default."""
+    """Title in the table of contents; ``title`` by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """One number that matters, with a word above and a word below."""
+    """One number that matters, with its name above and a remark below."""
 
     name: str
     value: str
@@ -89,13 +100,13 @@ class Card:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """Everything that a page shows."""
+    """Content of a whole page."""
 
     title: str
     lead: str
     sections: tuple[Section, ...]
     cards: tuple[Card, ...] = ()
     notes: tuple[str, ...] = ()
-    """Sentences for the reader before anything else: what fell short, what was cut."""
-    made: tuple[str, ...] = field(default_factory=tuple)
-    """How this was made: lines at the end."""
+    """Sentences that the reader must see first: what is missing."""
+    provenance: tuple[str, ...] = ()
+    """Lines at the end: how the page was made."""

@@ -1,23 +1,22 @@
-"""Figures of many episodes, as PNG bytes: contact before, after and final; contact over time with its spread."""
+"""Figures of many episodes, as PNG bytes: box plots, contact over time with its spread, and means with intervals."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from layflat.app.evaluation.phases import phase_spans
-from layflat.app.report.figures import DPI, STYLE, colour_of
-from layflat.app.support.statistics import confidence_interval
+from layflat.app.media.plot_style import ALERT, BOXED_LEGEND, png_bytes, styled_figure
+from layflat.app.report.policies import policy_color
+from layflat.app.support.phases import phase_spans
+from layflat.app.support.statistics import describe
 from layflat.data.arrays import FloatArray
 from layflat.data.types import Episode
 
+WIDTH_IN = 10.4
 QUARTILES = (25.0, 50.0, 75.0)
 JITTER = 0.12
 CURVE_STEPS = 600
@@ -26,160 +25,127 @@ CURVE_STEPS = 600
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """Camera contact (0..1) of one episode over time."""
+    """Camera contact portion (0..1) of one episode over time."""
 
     time_s: FloatArray
-    """(T + 1,), 0 when placing ended, or at the first step where the episode has no disturbance."""
+    """(T + 1,), 0 at the beginning of the first phase ``disturb``, or at the first step of an undisturbed episode."""
     contact: FloatArray
     spans_s: tuple[tuple[float, float], ...]
-    """Begin and end of each disturbance."""
+    """Beginning and end of each phase ``disturb``."""
 
 
 def curve_of(episode: Episode) -> Curve:
-    """What a figure keeps of an episode, a few kilobytes."""
-    parts = [part for part in phase_spans(episode) if part.phase == "disturb"]
-    zero = parts[0].first if parts else 0
-    step_times = np.arange(len(episode.steps) + 1, dtype=np.float64)
+    """Extract the curve of an episode: a few kilobytes."""
+    spans = [span for span in phase_spans(episode) if span.phase == "disturb"]
+    zero = spans[0].first if spans else 0
     return Curve(
-        time_s=(step_times - zero) * episode.step_s,
+        time_s=(np.arange(len(episode.steps) + 1, dtype=np.float64) - zero) * episode.step_s,
         contact=np.clip(episode.contact(), 0.0, 1.0),
-        spans_s=tuple(((p.first - zero) * episode.step_s, (p.after - zero) * episode.step_s) for p in parts),
+        spans_s=tuple(((span.first - zero) * episode.step_s, (span.end - zero) * episode.step_s) for span in spans),
     )
 
 
-def boxes(groups: Mapping[str, Mapping[str, FloatArray]], *, unit: str = "contact portion (%)") -> bytes:
-    """Box plots side by side: ``groups`` is moment -> policy -> values (0..1); every value is a dot.
+def box_plots(groups: Mapping[str, Mapping[str, FloatArray]], *, ylabel: str = "contact portion (%)") -> bytes:
+    """Draw box plots side by side: ``groups`` is moment -> policy -> values (0..1); every value is a dot.
 
     Boxes are quartiles, whiskers reach to the furthest value within 1.5 times the box.
     """
     policies = list(dict.fromkeys(policy for group in groups.values() for policy in group))
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.4, 3.4), layout="constrained")
+    width = 0.8 / max(len(policies), 1)
+    rng = np.random.default_rng(0)
+    with styled_figure(WIDTH_IN, 3.4) as figure:
         axis = figure.subplots()
-        width = 0.8 / max(len(policies), 1)
-        rng = np.random.default_rng(0)
         for column, group in enumerate(groups.values()):
             for number, policy in enumerate(policies):
                 if policy in group and len(group[policy]):
-                    place = column + (number - (len(policies) - 1) / 2) * width
-                    _draw_box(axis, place, 100 * group[policy], width, colour_of(policy, number), rng)
+                    center = column + (number - (len(policies) - 1) / 2) * width
+                    _draw_box(axis, center, 100 * group[policy], width, policy_color(policy, number), rng)
         for number, policy in enumerate(policies):
-            axis.plot([], [], "s", color=colour_of(policy, number), alpha=0.6, label=policy)
+            axis.plot([], [], "s", color=policy_color(policy, number), alpha=0.6, label=policy)
         axis.set_xticks(range(len(groups)), list(groups))
-        axis.set_xlim(-0.55, len(groups) - 0.45)
-        axis.set_ylabel(unit)
+        axis.set(xlim=(-0.55, len(groups) - 0.45), ylabel=ylabel)
         axis.grid(axis="y")
-        figure.legend(loc="outside right upper", frameon=False)
-        return png(figure)
+        figure.legend(loc="outside right upper")
+        return png_bytes(figure)
 
 
 def _draw_box(
-    axis: Axes, place: float, values: FloatArray, width: float, colour: str, rng: np.random.Generator
+    axis: Axes, center: float, values: FloatArray, width: float, color: str, rng: np.random.Generator
 ) -> None:
+    line = {"color": color}
     axis.boxplot(
-        [values], positions=[place], widths=0.8 * width, showfliers=False, patch_artist=True, manage_ticks=False,
-        boxprops={"facecolor": colour, "alpha": 0.25, "edgecolor": colour},
-        medianprops={"color": colour, "linewidth": 2}, whiskerprops={"color": colour}, capprops={"color": colour},
+        [values], positions=[center], widths=0.8 * width, showfliers=False, patch_artist=True, manage_ticks=False,
+        boxprops={"facecolor": color, "alpha": 0.25, "edgecolor": color},
+        medianprops={**line, "linewidth": 2}, whiskerprops=line, capprops=line,
     )  # fmt: skip
-    dots = place + JITTER * width * rng.uniform(-1.5, 1.5, len(values))
-    axis.plot(dots, values, ".", color=colour, markersize=4, alpha=0.7, markeredgewidth=0, zorder=3)
+    dots = center + JITTER * width * rng.uniform(-1.5, 1.5, len(values))
+    axis.plot(dots, values, ".", color=color, markersize=4, alpha=0.7, markeredgewidth=0, zorder=3)
 
 
-def spread_over_time(groups: Mapping[str, Sequence[Curve]]) -> bytes:
-    """Median camera contact over time (bold) and the quarter above and below it (band), for each policy.
+def contact_over_time(groups: Mapping[str, Sequence[Curve]]) -> bytes:
+    """Draw the median camera contact over time (bold) and its quartiles (band) for each policy.
 
     Time 0 is the end of placing where the episodes were disturbed. Drawn from when half of the runs have begun; a run
-    that has ended keeps its last value: its cloth lies still.
+    that has ended keeps its last value, since its cloth lies still.
     """
-    disturbed = [span for group in groups.values() for curve in group for span in curve.spans_s]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.4, 3.4), layout="constrained")
-        axes = list(
-            figure.subplots(1, 2 if disturbed else 1, squeeze=False, width_ratios=(1, 1.6) if disturbed else (1,))[0]
-        )
-        for number, (policy, group) in enumerate(groups.items()):
-            if group:
-                time_s, quartiles = quartiles_over_time(group)
-                for axis in axes:
-                    colour = colour_of(policy, number)
-                    axis.fill_between(
-                        time_s, 100 * quartiles[0], 100 * quartiles[2], color=colour, alpha=0.18, linewidth=0
-                    )
-                    axis.plot(
-                        time_s, 100 * quartiles[1], color=colour, linewidth=2.2, label=f"{policy} (n = {len(group)})"
-                    )
+    bands = {policy: quartiles_over_time(group) for policy, group in groups.items() if group}
+    spans = {span for group in groups.values() for curve in group for span in curve.spans_s}
+    with styled_figure(WIDTH_IN, 3.4) as figure:
+        ratios = (1, 1.6) if spans else (1,)
+        axes = list(figure.subplots(1, len(ratios), squeeze=False, width_ratios=ratios)[0])
         for axis in axes:
-            axis.set_xlabel("time since the stop (s)" if disturbed else "time (s)")
-            axis.set_ylabel("contact portion (%)")
+            for number, policy in enumerate(groups):
+                if policy in bands:
+                    label = f"{policy} (n = {len(groups[policy])})"
+                    _draw_band(axis, *bands[policy], policy_color(policy, number), label)
+            axis.set(xlabel="time since the stop (s)" if spans else "time (s)", ylabel="contact portion (%)")
             axis.grid(axis="y")
-            for begin, end in set(disturbed):
-                axis.axvspan(begin, end, color="#b3372b", alpha=0.25 / len(set(disturbed)), linewidth=0, zorder=0)
-        axes[0].set_title("whole episode")
-        axes[0].set_ylim(0, 105)
-        if disturbed:
-            _zoom(axes[1], groups)
-        if any(groups.values()):
-            axes[-1].legend(
-                loc="lower right", frameon=True, facecolor="white", edgecolor="none", framealpha=0.85, fontsize=8
-            )
-        return png(figure)
+            for begin, end in spans:
+                axis.axvspan(begin, end, color=ALERT, alpha=0.25 / len(spans), linewidth=0, zorder=0)
+        axes[0].set(title="whole episode", ylim=(0, 105))
+        if spans:  # from shortly before the first disturbance, on the range that the bands cover there
+            lows = [100 * quartiles[0][time_s >= 0].min(initial=1.0) for time_s, quartiles in bands.values()]
+            last_s = max(curve.time_s[-1] for group in groups.values() for curve in group)
+            axes[1].set(title="disturbance and repair", xlim=(-2.0, last_s), ylim=(max(0.0, min(lows) - 6), 102))
+        if bands:
+            axes[-1].legend(loc="lower right", **BOXED_LEGEND)
+        return png_bytes(figure)
+
+
+def _draw_band(axis: Axes, time_s: FloatArray, quartiles: FloatArray, color: str, label: str) -> None:
+    low, median, high = 100 * quartiles
+    axis.fill_between(time_s, low, high, color=color, alpha=0.18, linewidth=0)
+    axis.plot(time_s, median, color=color, linewidth=2.2, label=label)
 
 
 def quartiles_over_time(group: Sequence[Curve]) -> tuple[FloatArray, FloatArray]:
-    """Times (T,) s and the quartiles (3, T) of the contact portion, from when half of the runs have begun."""
+    """Return times (T,) s and the quartiles (3, T) of the contact portion, from when half of the runs have begun."""
     step_s = float(np.median(np.diff(group[0].time_s))) if len(group[0].time_s) > 1 else 0.1
     first = float(np.median([curve.time_s[0] for curve in group]))
     grid = np.arange(first, max(curve.time_s[-1] for curve in group) + step_s / 2, step_s)[:CURVE_STEPS]
     known = np.array([np.interp(grid, curve.time_s, curve.contact, left=np.nan) for curve in group])
-    there = np.isfinite(known).any(axis=0)
-    return grid[there], np.nanpercentile(known[:, there], QUARTILES, axis=0)
-
-
-def _zoom(axis: Axes, groups: Mapping[str, Sequence[Curve]]) -> None:
-    """From shortly before the first disturbance, on the range that the bands cover there."""
-    axis.set_title("disturbance and repair")
-    axis.set_xlim(-2.0, max((curve.time_s[-1] for group in groups.values() for curve in group), default=1.0))
-    lows = []
-    for group in groups.values():
-        if group:
-            time_s, quartiles = quartiles_over_time(group)
-            lows.append(100 * quartiles[0][time_s >= 0].min(initial=1.0))
-    axis.set_ylim(max(0.0, min(lows, default=6.0) - 6), 102)
+    present = np.isfinite(known).any(axis=0)
+    return grid[present], np.nanpercentile(known[:, present], QUARTILES, axis=0)
 
 
 Lines: TypeAlias = Mapping[str, Sequence[tuple[float, FloatArray]]]
-"""For each name, values (0..1) at numbers."""
+"""For each name, samples of values (0..1) at numbers."""
 
 
-def against(panels: Mapping[str, Lines], *, xlabel: str) -> bytes:
-    """Means of values against a number, with the 95 % interval of the mean as a bar; a panel for each y label."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.4, 3.2), layout="constrained")
-        for axis, (ylabel, lines) in zip(
-            figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
-        ):
-            for number, (name, points) in enumerate(lines.items()):
-                _draw_means(axis, name, points, colour_of(name, number), shift=0.1 * (number - (len(lines) - 1) / 2))
-            axis.set_xlabel(xlabel)
-            axis.set_ylabel(ylabel)
+def means_against(panels: Mapping[str, Lines], *, xlabel: str) -> bytes:
+    """Draw means of samples against a number, with their 95 % intervals as bars; one panel for each y label."""
+    with styled_figure(WIDTH_IN, 3.2) as figure:
+        axes = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axis, (ylabel, lines) in zip(axes, panels.items(), strict=True):
+            for number, (name, samples) in enumerate(lines.items()):
+                shift = 0.1 * (number - (len(lines) - 1) / 2)
+                known = [(x + shift, describe(100 * values)) for x, values in samples if len(values)]
+                reach = np.nan_to_num([[s.mean - s.low, s.high - s.mean] for _, s in known]).reshape(-1, 2).T
+                axis.errorbar(
+                    [x for x, _ in known], [s.mean for _, s in known], yerr=np.abs(reach),
+                    color=policy_color(name, number), marker="o", markersize=4, capsize=2.5, label=name,
+                )  # fmt: skip
+            axis.set(xlabel=xlabel, ylabel=ylabel)
             axis.grid(axis="y")
-        axis.legend(loc="best")
-        return png(figure)
-
-
-def _draw_means(
-    axis: Axes, name: str, points: Sequence[tuple[float, FloatArray]], colour: str, *, shift: float
-) -> None:
-    known = [(at, values) for at, values in points if len(values)]
-    x = np.array([at for at, _ in known])
-    mean = np.array([100 * values.mean() for _, values in known])
-    ends = np.array([100 * np.array(confidence_interval(values)) for _, values in known]).reshape(-1, 2)
-    reach = np.nan_to_num(np.abs(np.column_stack([mean - ends[:, 0], ends[:, 1] - mean]))).T
-    axis.errorbar(x + shift, mean, yerr=reach, color=colour, marker="o", markersize=4, capsize=2.5, label=name)
-
-
-def png(figure: Figure) -> bytes:
-    """The figure as a file's content; the same figure gives the same bytes."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
-    return buffer.getvalue()
+        axes[-1].legend(loc="best")
+        return png_bytes(figure)

@@ -1,11 +1,13 @@
-"""What numbers say, in words that go no further than they do."""
+"""Conclusions from paired differences, in words that claim no more than the numbers show."""
 
 from __future__ import annotations
 
 import pandas as pd
 
-from layflat.app.evaluation.paired import LEAST, PairedComparison, compare_paired, with_gain
-from layflat.app.report.tables import Table, interval, points
+from layflat.app.evaluation.paired import MIN_PAIRS, NO_PAIRS, PairedComparison, compare_paired
+from layflat.app.evaluation.summary import with_measures
+from layflat.app.report.blocks import Table
+from layflat.app.support.formatting import interval, points
 
 QUANTITIES = {
     "contact_placed": ("placed", "contact after placing"),
@@ -16,69 +18,61 @@ QUANTITIES = {
     "contact_final_true": ("mesh", "final mesh contact"),
     "flat_area_final": ("flat area", "final flat area"),
 }
-"""Columns that policies are compared by, and what a table and a sentence call them; all are shares."""
+"""Columns that policies are compared by, all shares, and their names in a table and in a sentence."""
 PAIRED_HEADER = ("difference", "of", "n pairs", "mean (points)", "95\u00a0%\u00a0CI", "higher / lower in", "says")
 
 
-def verdict(difference: PairedComparison) -> str:
-    """What a paired difference shows: "higher", "lower", or that these n can show none."""
-    if difference.n == 0:
+def compare_policies(rows: pd.DataFrame, a: str, b: str, column: str) -> PairedComparison:
+    """Compare two policies' rows in a column of QUANTITIES; NO_PAIRS where the rows lack it."""
+    if not len(rows) or (column != "gain" and column not in rows):
+        return NO_PAIRS
+    known = with_measures(rows) if column == "gain" else rows
+    return compare_paired(known[known["policy"] == a], known[known["policy"] == b], column)
+
+
+def verdict(pair: PairedComparison) -> str:
+    """Return what a paired difference shows: "higher", "lower", or that these n cannot show one."""
+    if pair.n == 0:
         return "no pair has both values"
-    if difference.n < LEAST:
-        return f"{difference.n} pair{'s are' if difference.n > 1 else ' is'} too few to say"
-    if difference.better == difference.worse == 0:
-        return f"the same in all {difference.n} pairs"
-    if not difference.is_significant:
-        return f"no difference that {difference.n} pairs can show"
-    return "higher" if difference.mean > 0 else "lower"
+    if pair.n < MIN_PAIRS:
+        return f"{pair.n} pair{'s are' if pair.n > 1 else ' is'} too few to say"
+    if pair.n_higher == pair.n_lower == 0:
+        return f"the same in all {pair.n} pairs"
+    if not pair.is_significant:
+        return f"no difference that {pair.n} pairs can show"
+    return "higher" if pair.mean > 0 else "lower"
 
 
-def difference_sentence(a: str, b: str, column: str, difference: PairedComparison, where: str = "") -> str:
-    """One sentence on ``a`` less ``b`` in a column of QUANTITIES."""
-    quantity = QUANTITIES[column][1]
-    numbers = (
-        f"{points(difference.mean)} points [{interval(difference.low, difference.high, '+.1f')}], n = {difference.n}"
-    )
-    at = f" ({where})" if where else ""
-    said = verdict(difference)
-    if said in ("higher", "lower"):
-        return f"{quantity[0].upper()}{quantity[1:]} is {said} with {a} than with {b}{at}: {numbers}."
-    if difference.n < 2:
-        return f"{quantity[0].upper()}{quantity[1:]}, {a} against {b}{at}: {said}."
-    if difference.n < LEAST:
-        return f"{quantity[0].upper()}{quantity[1:]}, {a} less {b}{at}: {numbers}; {said}."
-    return f"{quantity[0].upper()}{quantity[1:]}: {said} between {a} and {b}{at}: {numbers}."
-
-
-def _short(difference: PairedComparison) -> str:
-    """As verdict, for a table's cell."""
-    said = verdict(difference)
-    return (
-        said
-        if said in ("higher", "lower")
-        else "the same"
-        if "same" in said
-        else "too few"
-        if "few" in said
-        else "none shown"
-    )
-
-
-def compared(rows: pd.DataFrame, a: str, b: str, quantity: str) -> PairedComparison:
-    """The paired difference of two policies' rows in a column of QUANTITIES."""
-    known = with_gain(rows) if quantity == "gain" else rows
-    return compare_paired(known[known["policy"] == a], known[known["policy"] == b], quantity)
+def comparison_sentence(a: str, b: str, column: str, pair: PairedComparison, where: str = "") -> str:
+    """Return one sentence on ``a`` less ``b`` in a column of QUANTITIES."""
+    name = QUANTITIES[column][1]
+    quantity, at = name[0].upper() + name[1:], f" ({where})" if where else ""
+    numbers = f"{points(pair.mean)} points [{interval(pair.low, pair.high, '+.1f')}], n = {pair.n}"
+    result = verdict(pair)
+    if result in ("higher", "lower"):
+        return f"{quantity} is {result} with {a} than with {b}{at}: {numbers}."
+    if pair.n < 2:
+        return f"{quantity}, {a} against {b}{at}: {result}."
+    if pair.n < MIN_PAIRS:
+        return f"{quantity}, {a} less {b}{at}: {numbers}; {result}."
+    return f"{quantity}: {result} between {a} and {b}{at}: {numbers}."
 
 
 def paired_table(rows: pd.DataFrame, pairs: list[tuple[str, str]]) -> Table:
-    """Every pair of policies (a, b) in every quantity that has values; a - b."""
+    """Compare every pair of policies (a, b), a - b, in every quantity that has values."""
     lines = []
     for a, b in pairs:
-        for column, (word, _) in QUANTITIES.items():
-            d = compared(rows, a, b, column) if column in rows or column == "gain" else None
-            if d is not None and d.n:
-                ends = interval(d.low, d.high, "+.1f")
-                lines.append(
-                    (f"{a} \u2212 {b}", word, str(d.n), points(d.mean), ends, f"{d.better} / {d.worse}", _short(d))
-                )
-    return Table(PAIRED_HEADER, tuple(lines), (True,) * len(lines))
+        for column, (name, _) in QUANTITIES.items():
+            pair = compare_policies(rows, a, b, column)
+            if pair.n:
+                ends, counts = interval(pair.low, pair.high, "+.1f"), f"{pair.n_higher} / {pair.n_lower}"
+                cells = (str(pair.n), points(pair.mean), ends, counts, _short_verdict(pair))
+                lines.append((f"{a} \u2212 {b}", name, *cells))
+    return Table(PAIRED_HEADER, tuple(lines))
+
+
+def _short_verdict(pair: PairedComparison) -> str:
+    if pair.n < MIN_PAIRS:
+        return "too few"
+    result = verdict(pair)
+    return result if result in ("higher", "lower") else "the same" if "same" in result else "none shown"

@@ -1,4 +1,4 @@
-"""What a page holds inside itself: pictures and films as data URIs, and the templates that it is made with."""
+"""Parts of a self-contained page: its template, and pictures and videos as data URIs."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from numpy.typing import NDArray
 
 from layflat.app.media.frames import Frame
 from layflat.app.media.video import write_video
-from layflat.app.report import figures, tables
+from layflat.app.report.policies import policy_color
+from layflat.app.support.formatting import percent
 
 JPEG_QUALITY = 84
 UNBROKEN = re.compile(
     r"(\[[^\]]*\]|n = \d+|[\u2212+]?[\d.]+ to [\u2212+]?[\d.]+"
     r"|[\u2212+]?[\d.]+ (?:%|mm|points)|[^\s,;()]*\w-\w[^\s,;()]*)"
 )
-MOODS = {"disturbance": "bad", "disturbed": "bad", "repair": "good"}
-"""How a frame of a strip is framed, by what goes on in it."""
+FRAME_CLASSES = {"disturbance": "bad", "disturbed": "bad", "repair": "good"}
+"""CSS class of a frame by its label."""
 
 
-def template(name: str) -> jinja2.Template:
-    """A template of this program; whatever it is given is escaped."""
+def page_template() -> jinja2.Template:
+    """Return the page's template, which escapes the values that it is given."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("layflat.app.report"),
         autoescape=True,
@@ -36,47 +37,49 @@ def template(name: str) -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["colours"] = dict(figures.POLICY_COLOURS)
-    environment.filters["unbroken"] = unbroken
-    environment.globals["colour_of"] = figures.colour_of
-    return environment.get_template(name)
+    environment.filters["no_wrap"] = no_wrap
+    environment.globals["policy_color"] = policy_color
+    return environment.get_template("page.html.j2")
 
 
-def unbroken(text: str) -> Markup:
-    """The text, in which no line ends within a name, an interval, a number and its unit, or "n = 20"."""
+def no_wrap(text: str) -> Markup:
+    """Keep names, intervals, numbers with their units and "n = 20" on one line."""
     parts = UNBROKEN.split(text)  # every second one matched
     pieces = [Markup('<span class="unbroken">{}</span>').format(p) if k % 2 else escape(p) for k, p in enumerate(parts)]
     return Markup("").join(pieces)
 
 
-def strip_view(frames: Sequence[Frame]) -> list[dict[str, str]]:
-    """Frames as the macro ``strip`` wants them."""
+def frame_views(frames: Sequence[Frame]) -> list[dict[str, str]]:
+    """Return the frames for the template's macro ``strip``."""
     return [
         {
             "uri": jpeg_uri(frame.image),
             "number": str(number),
-            "word": frame.word,
-            "contact": tables.percent(frame.contact),
+            "label": frame.label,
+            "contact": percent(frame.contact),
             "time": f"{frame.time_s:.1f} s",
-            "mood": MOODS.get(frame.word, ""),
+            "kind": FRAME_CLASSES.get(frame.label, ""),
         }
         for number, frame in enumerate(frames, start=1)
     ]
 
 
-def film_uri(frames: Iterator[NDArray[np.uint8]], *, fps: float) -> str:
+def video_uri(frames: Iterator[NDArray[np.uint8]], *, fps: float) -> str:
+    """Encode a video as a data URI."""
     with tempfile.TemporaryDirectory(prefix="layflat-") as folder:
-        film = Path(folder) / "film.webm"
-        write_video(film, frames, fps=fps)
-        return _uri("video/webm", film.read_bytes())
+        path = Path(folder) / "video.webm"
+        write_video(path, frames, fps=fps)
+        return _uri("video/webm", path.read_bytes())
 
 
 def jpeg_uri(image: NDArray[np.uint8]) -> str:
+    """Encode an RGB image as the data URI of a JPEG."""
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return _uri("image/jpeg", encoded.tobytes())
 
 
 def png_uri(content: bytes) -> str:
+    """Encode a PNG's content as a data URI."""
     return _uri("image/png", content)
 
 

@@ -2,45 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from layflat.app.report.blocks import Block, Figure, FrameStrip, Page, TableBlock, Text, VideoBlock
-from layflat.app.report.html_assets import film_uri, png_uri, strip_view, template
-from layflat.app.report.tables import Table
+from layflat.app.report.blocks import Block, Figure, FrameStrip, Page, Table, TableBlock, Text, VideoBlock
+from layflat.app.report.html_assets import frame_views, page_template, png_uri, video_uri
 from layflat.app.support.atomic_write import write_text
 
 OnProgress = Callable[[str], None]
 
 
 def write_page(path: Path, page: Page, *, on_progress: OnProgress | None = None) -> None:
-    """Write the page, whole or not at all; ``step`` hears of each section."""
-    say = on_progress or (lambda text: None)
+    """Write the page, whole or not at all; ``on_progress`` is called with each section's title."""
     views = []
     for section in page.sections:
-        say(section.short or section.title)
+        if on_progress is not None:
+            on_progress(section.short or section.title)
         views.append({"section": section, "blocks": [_view(block) for block in section.blocks]})
-    write_text(path, template("page.html.j2").render(page=page, views=views))
-
-
-def write_markdown(path: Path, page: Page) -> None:
-    """Write headings, texts and tables of the page; what is folded or drawn is left to the page."""
-    write_text(path, markdown(page))
+    write_text(path, page_template().render(page=page, views=views))
 
 
 def markdown(page: Page) -> str:
-    """As write_markdown, as text."""
+    """Return the headings, texts and tables of a page; folded tables and pictures are left out."""
     parts = [f"# {page.title}", page.lead, *(f"- {note}" for note in page.notes)]
     for section in page.sections:
         parts += [f"## {section.title}", section.lead]
         parts += [text for block in section.blocks for text in _markdown_of(block)]
-    parts.append("\n".join(page.made))
+    parts.append("\n".join(page.provenance))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def table_markdown(table: Table, *, wordy: bool = False) -> str:
-    """A pipe table; bars in cells are escaped."""
+    """Return a pipe table; bars in cells are escaped."""
     lines = [table.header, ("---",) + ("---" if wordy else "---:",) * (len(table.header) - 1), *table.rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
@@ -54,13 +48,13 @@ def _markdown_of(block: Block) -> list[str]:
     return []
 
 
-def _view(block: Block) -> Mapping[str, Any]:
-    """A block as the template wants it: its kind, itself, and what it shows as data URIs."""
+def _view(block: Block) -> dict[str, Any]:
+    """Return a block for the template: its kind, itself, and its pictures as data URIs."""
     view: dict[str, Any] = {"kind": type(block).__name__, "block": block}
     if isinstance(block, Figure):
         view["uri"] = png_uri(block.png)
     elif isinstance(block, FrameStrip):
-        view["frames"] = strip_view(block.frames)
+        view["frames"] = frame_views(block.frames)
     elif isinstance(block, VideoBlock):
-        view["uri"] = film_uri(block.frames(), fps=block.fps)
+        view["uri"] = video_uri(block.frames(), fps=block.fps)
     return view

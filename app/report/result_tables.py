@@ -1,120 +1,74 @@
-"""Tables of many episodes' rows."""
+"""Tables of an evaluation's rows."""
 
 from __future__ import annotations
 
 import pandas as pd
 
-from layflat.app.evaluation.paired import with_gain
-from layflat.app.evaluation.summary import wilson, with_measures
-from layflat.app.report.tables import Table, interval, order, percent, points, ratio
-from layflat.app.support.statistics import statistics
+from layflat.app.evaluation.summary import with_measures
+from layflat.app.report.blocks import Table
+from layflat.app.report.policies import policies_of
+from layflat.app.report.table_cells import END_HEADER, end_cells, gain_cell, mean_cell, range_cell, values
+from layflat.app.support.formatting import MISSING, percent, points, ratio
+from layflat.app.support.statistics import describe
 
 GROUP_HEADER = (
-    "policy",
-    "n",
-    "contact placed",
-    "contact final",
-    "min,\u00a0max",
-    "95\u00a0%\u00a0CI",
-    "regained (points)",
-    "95\u00a0%\u00a0CI",
-    "mesh contact",
-    "flat area",
-    "flat at the end",
-    "Wilson 95\u00a0%",
-)
+    "policy", "n", "placed", "final [95\u00a0%\u00a0CI]", "min,\u00a0max", "regained, points [95\u00a0%\u00a0CI]",
+    *END_HEADER,
+)  # fmt: skip
 GROUP_NOTE = (
-    "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact "
-    "and flat area (of the area on the "
-    "table, reverse side negative) are the simulator's, all three at the end. Intervals of means are 95 % bootstrap "
-    "intervals over episodes; flat counts "
-    "flat area above 0.97, and an episode that diverged or crashed as not flat."
+    "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact and "
+    "flat area (of the area on the table, reverse side negative) are the simulator's, all three at the end. Intervals "
+    "of means are 95 % bootstrap intervals over episodes, that of a share is Wilson's; flat counts flat area above "
+    "0.97, and an episode that diverged or crashed (lost) as not flat."
 )
-EVERY_HEADER = (
-    "policy",
-    "seed",
-    "start",
-    "placed",
-    "disturbed",
-    "final",
-    "regained",
-    "mesh contact",
-    "flat area",
-    "steps",
-    "stopped by",
-    "wall",
-)
-FAILED_HEADER = ("policy", "what", "episodes", "of", "seeds", "why")
-SEEDS_SHOWN = 12
-
-
-def policies_of(rows: pd.DataFrame) -> list[str]:
-    """In the order of tables: the baseline, the proposed method, the others as they come."""
-    return order(dict.fromkeys(rows["policy"]))
+EPISODE_HEADER = (
+    "policy", "seed", "start", "placed", "disturbed", "final", "regained", "mesh contact", "flat area", "steps",
+    "stopped by", "wall",
+)  # fmt: skip
+FAILURE_HEADER = ("policy", "what", "episodes", "of", "seeds", "why")
+MAX_SEEDS = 12
 
 
 def group_table(rows: pd.DataFrame) -> Table:
-    """One line per policy, over all given rows."""
+    """Make one line for each policy, over all given rows."""
     lines = []
     for policy in policies_of(rows):
-        group = with_gain(rows[rows["policy"] == policy])
-        final, gain = _numbers(group, "contact_final"), _numbers(group, "gain")
-        flat = int(with_measures(group)["success"].sum())
-        low, high = wilson(flat, len(group))
-        lines.append(
-            (
-                policy,
-                str(len(group)),
-                percent(_numbers(group, "contact_placed")["mean"]),
-                percent(final["mean"]),
-                f"{percent(final['min'])}, {percent(final['max'])}",
-                interval(final["low"], final["high"], ".1f"),
-                points(gain["mean"]),
-                interval(gain["low"], gain["high"], "+.1f"),
-                percent(_numbers(group, "contact_final_true")["mean"]),
-                _ratio(_numbers(group, "flat_area_final")["mean"]),
-                f"{flat} of {len(group)}",
-                interval(low, high, ".0f"),
-            )
-        )
-    return Table(GROUP_HEADER, tuple(lines), (True,) * len(lines))
+        group = with_measures(rows[rows["policy"] == policy])
+        final = values(group, "contact_final")
+        placed = percent(describe(values(group, "contact_placed")).mean)
+        numbers = (placed, mean_cell(final), range_cell(final), gain_cell(values(group, "gain")))
+        lines.append((policy, str(len(group)), *numbers, *end_cells(group)))
+    return Table(GROUP_HEADER, tuple(lines))
 
 
-def every_table(rows: pd.DataFrame) -> Table:
-    """One line per episode, nothing left out."""
+def episode_table(rows: pd.DataFrame) -> Table:
+    """Make one line for each episode."""
     lines = []
-    for row in with_gain(rows).to_dict(orient="records"):
+    for row in with_measures(rows).to_dict(orient="records"):
         contacts = [row[name] for name in ("contact_start", "contact_placed", "contact_disturbed", "contact_final")]
-        lines.append(
-            (
-                str(row["policy"]),
-                str(row["seed"]),
-                *(percent(_float(value)) for value in contacts),
-                points(_float(row["gain"])),
-                percent(_float(row["contact_final_true"])),
-                _ratio(_float(row["flat_area_final"])),
-                f"{_float(row['n_steps']):.0f}",
-                str(row["stopped_by"]),
-                f"{_float(row['wall_s']):.1f} s",
-            )
+        mesh, area = percent(row["contact_final_true"]), ratio(row["flat_area_final"])
+        steps, wall = (
+            MISSING if pd.isna(n) else f"{n:.{d}f}{u}" for n, d, u in ((row["steps"], 0, ""), (row["wall_s"], 1, " s"))
         )
-    return Table(EVERY_HEADER, tuple(lines), (True,) * len(lines))
+        cells = (*map(percent, contacts), points(row["gain"]), mesh, area, steps, row["stopped_by"], wall)
+        lines.append((row["policy"], str(row["seed"]), *cells))
+    return Table(EPISODE_HEADER, tuple(lines))
 
 
-def failed_table(rows: pd.DataFrame) -> Table:
-    """What went wrong, by policy and reason: crashed, diverged, cut off by the step limit, or not flat at the end."""
+def failure_table(rows: pd.DataFrame) -> Table:
+    """Make one line for each policy, kind of failure and reason."""
     lines = []
     for policy in policies_of(rows):
         group = rows[rows["policy"] == policy]
-        kinds = failures(group)
-        for (what, why), part in group.assign(what=kinds, why=_reasons(group)).groupby(["what", "why"], sort=True):
+        reasons = group.assign(what=failures(group), why=_reasons(group))
+        for (what, why), part in reasons.groupby(["what", "why"], sort=True):
             if what:
-                lines.append((policy, what, str(len(part)), str(len(group)), _seeds(part), why or "\u2013"))
-    return Table(FAILED_HEADER, tuple(lines), (True,) * len(lines))
+                lines.append((policy, what, str(len(part)), str(len(group)), _seeds(part), why or MISSING))
+    return Table(FAILURE_HEADER, tuple(lines))
 
 
 def failures(rows: pd.DataFrame) -> pd.Series:
-    """What went wrong with each row, "" where nothing did."""
+    """Return the kind of failure of each row, "" for a success."""
     kinds = pd.Series("", index=rows.index, dtype=object)
     kinds[~with_measures(rows)["success"]] = "not flat at the end"
     kinds[rows["stopped_by"] == "step_limit"] = "cut off by the step limit"
@@ -125,24 +79,12 @@ def failures(rows: pd.DataFrame) -> pd.Series:
 
 
 def _reasons(rows: pd.DataFrame) -> pd.Series:
-    """The recorded reason; that of an episode that only is not flat lies in where it stopped."""
+    """Return the recorded reason, or else how the episode stopped."""
     recorded = rows["reason"].fillna("").astype(str) if "reason" in rows else pd.Series("", index=rows.index)
     return recorded.where(recorded != "", "stopped by " + rows["stopped_by"].astype(str))
 
 
 def _seeds(rows: pd.DataFrame) -> str:
-    seeds = sorted({int(seed) for seed in rows["seed"]})
-    more = f", and {len(seeds) - SEEDS_SHOWN} more" if len(seeds) > SEEDS_SHOWN else ""
-    return ", ".join(map(str, seeds[:SEEDS_SHOWN])) + more
-
-
-def _numbers(rows: pd.DataFrame, column: str) -> dict[str, float]:
-    return statistics(rows[column].dropna().to_numpy(float))
-
-
-def _float(value: object) -> float:
-    return float("nan") if value is None or pd.isna(value) else float(value)  # type: ignore[arg-type, call-overload]
-
-
-def _ratio(value: float) -> str:
-    return "\u2013" if pd.isna(value) else ratio(value)
+    seeds = sorted(set(map(int, rows["seed"])))
+    more = f", and {len(seeds) - MAX_SEEDS} more" if len(seeds) > MAX_SEEDS else ""
+    return ", ".join(map(str, seeds[:MAX_SEEDS])) + more

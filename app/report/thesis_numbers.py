@@ -1,6 +1,6 @@
-"""The thesis's results as it states them, each with the place where it stands; contact portions in 0..1.
+"""Results that the thesis reports, each with the place where it stands; contact portions in 0..1.
 
-Every number here is read off its text and tables; its figures have no axes to read more from.
+Every number is from its text and tables: its figures have no axes to read more from.
 """
 
 from __future__ import annotations
@@ -17,23 +17,17 @@ class ReportedResult:
 
     value: float
     source: str
-    about: str = ""
 
 
-FLATTENING_START = ReportedResult(
-    value=0.74, source="chapter 3-2-2, Figure 3-5", about="contact of the particles, about"
-)
-FLATTENING_START_SEEN = ReportedResult(value=0.7434, source="chapter 3-2-2, Figure 3-6, frame 1")
+FLATTENING_START_MESH = ReportedResult(value=0.74, source="chapter 3-2-2, Figure 3-5")
+"""Contact of the particles at the start, about."""
+FLATTENING_START = ReportedResult(value=0.7434, source="chapter 3-2-2, Figure 3-6, frame 1")
 FLATTENING: Mapping[str, ReportedResult] = {
     "word": ReportedResult(value=1.0, source="chapter 3-2-2, Figure 3-6, frame 10"),
     "stretch-right": ReportedResult(value=0.9267, source="chapter 3-2-2, Figure 3-7"),
     "random": ReportedResult(value=0.7333, source="chapter 3-2-2, Figure 3-8"),
 }
 """Final contact portion of each controller, one run each."""
-
-FIELD_DEMONSTRATIONS = ReportedResult(
-    value=5, source="chapter 4-2-2, Figure 4-1", about="demonstrations behind the field"
-)
 
 PLACING_SIMULATED: Mapping[str, ReportedResult] = {
     BASELINE: ReportedResult(value=1.0, source="chapter 4-2-2, Figure 4-2, frame 10"),
@@ -54,20 +48,15 @@ DISTURBANCE: Mapping[str, tuple[tuple[float, float, float], ...]] = {
 }
 """Table 4-2, robot: contact portion after placing, after the disturbance, and final; three experiments each."""
 DISTURBANCE_SOURCE = "Table 4-2"
-DISTURBANCE_SIMULATED: Mapping[str, str] = {
-    BASELINE: "100 % after placing; cloth and pickers stay as they are (Figure 4-4)",
-    PROPOSED: "100 % after placing; both pickers move to the right and remove some of the wrinkles (Figure 4-5)",
-}
 REGAINED_CLAIM: Mapping[str, str] = {BASELINE: "less than 1 point", PROPOSED: "around 5 to 10 points"}
 """Chapter 4-3-3, in words."""
 
-BAD_CONTACT = ReportedResult(
-    value=0.7939, source="chapter 5-1, Figure 5-1", about="final contact after a bad first contact"
-)
+BAD_CONTACT = ReportedResult(value=0.7939, source="chapter 5-1, Figure 5-1")
+"""Final contact after a bad first contact."""
 FOLDED_CORNER = "the robot pulls, and stops with the corner still folded (no number)"
 """Chapter 5-1, Figure 5-2."""
 
 
 def regained(policy: str) -> tuple[float, ...]:
-    """Final contact less that after the disturbance, of the three experiments of Table 4-2."""
+    """Return final contact less that after the disturbance, of the three experiments of Table 4-2."""
     return tuple(final - disturbed for _, disturbed, final in DISTURBANCE[policy])

@@ -1,9 +1,9 @@
-"""Demonstrations and models of a reproduction: made once, when something needs them, and used again."""
+"""Demonstrations and models in a folder: made when something first needs them, and used again."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -17,44 +17,35 @@ from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
-from layflat.policy import model_io as model_files
-from layflat.policy import registry
+from layflat.policy import model_io, registry
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.robots.registry import robot_spec
 
-ATTEMPTS_EACH = 3
-"""Times the wanted number of demonstrations that are tried before too many have failed."""
+MAX_ATTEMPTS = 3
+"""Attempts for each demonstration wanted, before too many have failed."""
 
 
 class ArtifactStore:
-    """The folder's demonstrations, one session for each robot and cloth, and its models."""
+    """One session of demonstrations for each robot and cloth, and a file for each model."""
 
     def __init__(self, out: Path, *, seed: int) -> None:
         self._out = out
         self._seed = seed
 
     def session_path(self, robot: str, cloth: str) -> Path:
+        """Return the path of the session."""
         return self._out / "demonstrations" / f"{robot}-{cloth}.h5"
 
-    def model_path(self, taught: ModelSpec) -> Path:
-        return self._out / "models" / f"{taught.name}.npz"
+    def model_path(self, spec: ModelSpec) -> Path:
+        """Return the path of the model's file."""
+        return self._out / "models" / f"{spec.name}.npz"
 
-    def prepare(self, wanted: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
-        """Make what is missing of the models and their demonstrations; ``progress`` is in a phase of its own."""
-        missing = [taught for taught in dict.fromkeys(wanted) if not self.model_path(taught).exists()]
-        most: dict[tuple[str, str], int] = {}
-        for taught in missing:
-            key = taught.robot, taught.cloth
-            most[key] = max(most.get(key, 0), taught.demonstrations)
-        for (robot, cloth), count in most.items():
-            self._demonstrate(robot, cloth, count, progress, workers)
-        self._learn(missing, progress, workers)
-
-    def model(self, taught: ModelSpec) -> TrainedModel:
-        return model_files.load(self.model_path(taught))
+    def model(self, spec: ModelSpec) -> TrainedModel:
+        """Load a model that was built."""
+        return model_io.load(self.model_path(spec))
 
     def attempts(self, robot: str, cloth: str) -> list[Episode]:
-        """Every recorded demonstration by seed, failures too; without images."""
+        """Return every recorded demonstration by seed, failures too; without images."""
         path = self.session_path(robot, cloth)
         if not (path.exists() or path.with_name(path.name + ".parts").exists()):
             return []
@@ -62,49 +53,55 @@ class ArtifactStore:
             return sorted(session.episodes(images=False), key=lambda episode: episode.seed)
 
     def demonstrations(self, robot: str, cloth: str, count: int) -> list[Episode]:
-        """The first ``count`` successful demonstrations by seed, or as many as there are."""
+        """Return the first ``count`` successful demonstrations by seed, or as many as there are."""
         return [episode for episode in self.attempts(robot, cloth) if episode.outcome == "success"][:count]
 
-    def _demonstrate(self, robot: str, cloth: str, count: int, progress: Progress, workers: int) -> None:
-        """Record until ``count`` demonstrations have succeeded; failed ones stay on record and are not learned from."""
+    def build(self, specs: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
+        """Record and train what is missing; ``progress`` is in a phase with an item for each model."""
+        missing = [spec for spec in dict.fromkeys(specs) if not self.model_path(spec).exists()]
+        for robot, cloth in dict.fromkeys((spec.robot, spec.cloth) for spec in missing):
+            counts = [spec.demonstrations for spec in missing if (spec.robot, spec.cloth) == (robot, cloth)]
+            progress.status(f"demonstrations, {robot}, {cloth}")
+            self.record(robot, cloth, max(counts), progress, workers=workers)
+        self.train(missing, progress, workers=workers)
+
+    def record(self, robot: str, cloth: str, count: int, progress: Progress, *, workers: int) -> None:
+        """Record until ``count`` demonstrations have succeeded; failed ones are kept, but not learned from."""
         path = self.session_path(robot, cloth)
         path.parent.mkdir(parents=True, exist_ok=True)
         while True:
-            there = self.attempts(robot, cloth)
-            short = count - sum(episode.outcome == "success" for episode in there)
-            if short <= 0:
+            recorded = self.attempts(robot, cloth)
+            n_missing = count - sum(episode.outcome == "success" for episode in recorded)
+            if n_missing <= 0:
                 return
-            if len(there) + short > ATTEMPTS_EACH * count:
-                raise LayflatError(f"of {len(there)} demonstrations ({robot}, {cloth}) {short} too few ended flat")
-            seeds = {episode.seed for episode in there}
+            if len(recorded) + n_missing > MAX_ATTEMPTS * count:
+                raise LayflatError(
+                    f"of {len(recorded)} demonstrations ({robot}, {cloth}) {n_missing} too few ended flat"
+                )
             first = DEMONSTRATION_SEED + self._seed
-            missing = [seed for seed in range(first, first + len(there) + short) if seed not in seeds]
+            seeds = set(range(first, first + len(recorded) + n_missing)) - {episode.seed for episode in recorded}
             with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
-                jobs = [EpisodeConfig(robot=robot, cloth=cloth, seed=seed) for seed in missing]
-                progress.status(f"{len(jobs)} demonstrations, {robot}, {cloth}")
-                lost = keep_all(jobs, recorder, progress, workers=workers, echo=False)
+                configs = [EpisodeConfig(robot=robot, cloth=cloth, seed=seed) for seed in sorted(seeds)]
+                lost = keep_all(configs, recorder, progress, workers=workers, echo=False)
             if lost:
-                raise LayflatError(f"a demonstration was lost: {lost[0].reason}; the same command goes on from here")
+                raise LayflatError(
+                    f"a demonstration was lost: {lost[0].reason}; run the same command again to continue"
+                )
 
-    def _learn(self, missing: Sequence[ModelSpec], progress: Progress, workers: int) -> None:
-        """Train each model in a process of its own."""
+    def train(self, specs: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
+        """Train the models that do not exist yet, each in a process of its own; an item of ``progress`` each."""
+        missing = [spec for spec in dict.fromkeys(specs) if not self.model_path(spec).exists()]
         if not missing:
             return
         with process_pool(min(workers, len(missing))) as pool:
-            futures = {
-                taught: pool.schedule(_train, args=[self.session_path(taught.robot, taught.cloth), taught, self._seed])
-                for taught in missing
-            }
-            for taught, future in futures.items():
-                path = self.model_path(taught)
+            futures = {spec: pool.schedule(self._train, args=[spec]) for spec in missing}
+            for spec, future in futures.items():
+                path = self.model_path(spec)
                 path.parent.mkdir(parents=True, exist_ok=True)
-                model_files.save(future.result(), path, force=True)
-                progress.advance(status=f"learned {taught.name}")
+                model_io.save(future.result(), path, force=True)
+                progress.advance(status=f"trained {spec.name}")
 
-
-def _train(path: Path, taught: ModelSpec, seed: int) -> TrainedModel:
-    with open_session(path) as session:
-        episodes = [session.episode(name, images=False) for name in session.select(outcome="success")]
-    first = sorted(episodes, key=lambda episode: episode.seed)[: taught.demonstrations]
-    with redirect_stdout(sys.stderr):
-        return registry.train(taught.policy, first, seed=seed, provenance=capture_provenance())
+    def _train(self, spec: ModelSpec) -> TrainedModel:
+        episodes = self.demonstrations(spec.robot, spec.cloth, spec.demonstrations)
+        with redirect_stdout(sys.stderr):  # GPy prints when it is interrupted; stdout is for results
+            return registry.train(spec.policy, episodes, seed=self._seed, provenance=capture_provenance())

@@ -1,9 +1,11 @@
-"""What is run, as values: how much, which models, and the trials in which they meet the same starts."""
+"""Plan of a reproduction as values: its scale, its models, and the trials in which they meet the same starts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+
+import pandas as pd
 
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.policy.registry import TRAINABLE_POLICIES
@@ -16,16 +18,17 @@ RULED = f"{BASELINE}+{RULE}"
 COMPARATORS = ("gp-finish", "nearest", "gmr", "dmp")
 TOWEL, NAPKIN = "towel", "napkin"
 """The thesis's cloth 1 and cloth 2."""
+UNDISTURBED = "none"
 DISTURBANCE, FOLD, TUG = "thesis", "fold-corner", "tug"
 """The stick of Table 4-2, the fold of Figure 5-2, and a hand that draws the free half to a side."""
 FIRST_SEED = 3000
-"""Of the starts; no seed above 2000 was looked at while anything was tuned."""
+"""First seed of the starts; none above 2000 was looked at while anything was tuned."""
 DEMONSTRATION_SEED = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleConfig:
-    """How much is run."""
+    """Number of episodes and demonstrations."""
 
     name: str
     seeds: int
@@ -33,14 +36,14 @@ class ScaleConfig:
     sweep_seeds: int
     """Starts of each point of a sweep: other numbers of demonstrations, other cloths, other learners."""
     demonstrations: int
-    """What every model learns from unless the number is what is asked about."""
+    """Demonstrations of every model, except in the sweep over their number."""
     counts: tuple[int, ...]
     """Numbers of demonstrations of the sweep; ``demonstrations`` is among them."""
     repeats: int
     """Disturbances of an episode in the experiments of Table 4-2."""
 
     def with_seeds(self, seeds: int) -> ScaleConfig:
-        """With that many starts of each experiment, and of a sweep no more."""
+        """Return the scale with that many starts of each experiment, and of a sweep no more."""
         return replace(self, seeds=seeds, sweep_seeds=min(self.sweep_seeds, seeds))
 
 
@@ -52,7 +55,7 @@ QUICK = ScaleConfig(name="quick", seeds=2, sweep_seeds=1, demonstrations=8, coun
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSpec:
-    """A model: what learns, from how many demonstrations of which cloth."""
+    """A model: its policy, and the demonstrations that it learns from."""
 
     policy: str
     robot: str
@@ -61,32 +64,32 @@ class ModelSpec:
 
     @property
     def name(self) -> str:
-        """Of the model's file."""
+        """Name of the model's file."""
         return f"{self.policy}-{self.robot}-{self.cloth}-{self.demonstrations}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialPolicy:
-    """Who takes part in a trial: a model, with or without a rule that repairs, or a controller of wrinkle removal."""
+    """Participant of a trial: a model, with or without a rule that repairs, or a controller of wrinkle removal."""
 
     name: str
-    taught: ModelSpec | None = None
-    made: str | None = None
+    model: ModelSpec | None = None
+    repair: str | None = None
     controller: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One batch: every player from the same starts, undisturbed and, from the same placing, disturbed."""
+    """One evaluation: every policy from the same starts, undisturbed and, from the same placing, disturbed."""
 
     name: str
     robot: str
-    players: tuple[TrialPolicy, ...]
+    policies: tuple[TrialPolicy, ...]
     cloth: str = TOWEL
     seeds: int
     start: str = "hanging"
     repeats: int = 0
-    """How often DISTURBANCE comes, each time after the policy has stopped; 0: not at all."""
+    """Times that DISTURBANCE comes, each after the policy has stopped; 0: not at all."""
     others: tuple[str, ...] = ()
     """Disturbances that come once, each in an episode of its own."""
 
@@ -97,86 +100,115 @@ class Trial:
 
     @property
     def episodes(self) -> int:
-        return len(self.players) * self.seeds * (1 + len(self.disturbances))
+        """Number of episodes."""
+        return len(self.policies) * self.seeds * (1 + len(self.disturbances))
 
     @property
-    def taught(self) -> tuple[ModelSpec, ...]:
-        return tuple(player.taught for player in self.players if player.taught is not None)
+    def models(self) -> tuple[ModelSpec, ...]:
+        """Models of the policies that have one."""
+        return tuple(policy.model for policy in self.policies if policy.model is not None)
 
 
-def learner(
-    policy: str, robot: str, size: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
+def of_case(rows: pd.DataFrame, disturbance: str) -> pd.DataFrame:
+    """Return the rows of a disturbance, or of UNDISTURBED episodes."""
+    return rows[rows["disturbance"] == disturbance] if len(rows) else rows
+
+
+def trained(
+    policy: str, robot: str, scale: ScaleConfig, *, cloth: str = TOWEL, count: int = 0, name: str = ""
 ) -> TrialPolicy:
-    """A model that plays under its policy's name, or another."""
-    taught = ModelSpec(policy=policy, robot=robot, cloth=cloth, demonstrations=count or size.demonstrations)
-    return TrialPolicy(name=name or policy, taught=taught)
+    """Return a trained policy under its own or another name."""
+    model = ModelSpec(policy=policy, robot=robot, cloth=cloth, demonstrations=count or scale.demonstrations)
+    return TrialPolicy(name=name or policy, model=model)
 
 
-def both(robot: str, size: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
-    """The thesis's baseline and its proposed method, taught on a cloth."""
-    return learner(BASELINE, robot, size, cloth=cloth), learner(PROPOSED, robot, size, cloth=cloth)
+def baseline_and_proposed(robot: str, scale: ScaleConfig, cloth: str = TOWEL) -> tuple[TrialPolicy, ...]:
+    """Return the thesis's two methods, trained on a cloth."""
+    return trained(BASELINE, robot, scale, cloth=cloth), trained(PROPOSED, robot, scale, cloth=cloth)
 
 
-def counted(count: int) -> str:
-    """Name of the proposed method that learned from ``count`` demonstrations, in the sweep."""
+def count_name(count: int) -> str:
+    """Return the name of the proposed method that learned from ``count`` demonstrations, in the sweep."""
     return f"{PROPOSED}@{count}"
 
 
-def flattening(size: ScaleConfig) -> Iterator[Trial]:
-    players = tuple(TrialPolicy(name=name, controller=name) for name in CONTROLLERS)
-    yield Trial(name="flattening", robot="pickers", players=players, seeds=size.seeds, start="crumpled")
+def flattening(scale: ScaleConfig) -> Iterator[Trial]:
+    """Wrinkle removal by each controller."""
+    policies = tuple(TrialPolicy(name=name, controller=name) for name in CONTROLLERS)
+    yield Trial(name="flattening", robot="pickers", policies=policies, seeds=scale.seeds, start="crumpled")
 
 
-def placing(size: ScaleConfig) -> Iterator[Trial]:
+def placing(scale: ScaleConfig) -> Iterator[Trial]:
+    """The thesis's methods on cloth 1, undisturbed, disturbed, folded and tugged."""
     for robot in ROBOTS:
         yield Trial(
-            name=f"placing-{robot}", robot=robot, players=both(robot, size), seeds=size.seeds, repeats=size.repeats,
+            name=f"placing-{robot}",
+            robot=robot,
+            policies=baseline_and_proposed(robot, scale),
+            seeds=scale.seeds,
+            repeats=scale.repeats,
             others=(FOLD, TUG),
-        )  # fmt: skip
-
-
-def second_cloth(size: ScaleConfig) -> Iterator[Trial]:
-    for robot in ROBOTS:
-        players = both(robot, size, NAPKIN)
-        yield Trial(
-            name=f"napkin-{robot}", robot=robot, players=players, cloth=NAPKIN, seeds=size.seeds, repeats=size.repeats
         )
 
 
-def inputs(size: ScaleConfig) -> Iterator[Trial]:
+def second_cloth(scale: ScaleConfig) -> Iterator[Trial]:
+    """The thesis's methods on cloth 2."""
     for robot in ROBOTS:
-        ruled = TrialPolicy(name=RULED, taught=learner(BASELINE, robot, size).taught, made=RULE)
-        players = (learner(CONTACT, robot, size), learner(DIRECTION, robot, size), ruled)
         yield Trial(
-            name=f"inputs-{robot}", robot=robot, players=players, seeds=size.seeds, repeats=size.repeats, others=(TUG,)
+            name=f"napkin-{robot}",
+            robot=robot,
+            policies=baseline_and_proposed(robot, scale, NAPKIN),
+            cloth=NAPKIN,
+            seeds=scale.seeds,
+            repeats=scale.repeats,
         )
 
 
-def bad_contact(size: ScaleConfig) -> Iterator[Trial]:
+def inputs(scale: ScaleConfig) -> Iterator[Trial]:
+    """The methods between the thesis's two, and the baseline with a rule that repairs."""
     for robot in ROBOTS:
+        ruled = replace(trained(BASELINE, robot, scale, name=RULED), repair=RULE)
         yield Trial(
-            name=f"bad-contact-{robot}", robot=robot, players=both(robot, size), seeds=size.seeds, start="swinging"
+            name=f"inputs-{robot}",
+            robot=robot,
+            policies=(trained(CONTACT, robot, scale), trained(DIRECTION, robot, scale), ruled),
+            seeds=scale.seeds,
+            repeats=scale.repeats,
+            others=(TUG,),
         )
 
 
-def number_of_demonstrations(size: ScaleConfig) -> Iterator[Trial]:
+def bad_contact(scale: ScaleConfig) -> Iterator[Trial]:
+    """The thesis's methods from starts in which the cloth swings."""
     for robot in ROBOTS:
-        others = [count for count in size.counts if count != size.demonstrations]
-        players = tuple(learner(PROPOSED, robot, size, count=count, name=counted(count)) for count in others)
-        yield Trial(name=f"counts-{robot}", robot=robot, players=players, seeds=size.sweep_seeds, repeats=1)
+        policies = baseline_and_proposed(robot, scale)
+        yield Trial(name=f"bad-contact-{robot}", robot=robot, policies=policies, seeds=scale.seeds, start="swinging")
 
 
-def other_cloth(size: ScaleConfig) -> Iterator[Trial]:
+def number_of_demonstrations(scale: ScaleConfig) -> Iterator[Trial]:
+    """The proposed method, trained on other numbers of demonstrations."""
+    counts = [count for count in scale.counts if count != scale.demonstrations]
+    for robot in ROBOTS:
+        policies = tuple(trained(PROPOSED, robot, scale, count=count, name=count_name(count)) for count in counts)
+        yield Trial(name=f"counts-{robot}", robot=robot, policies=policies, seeds=scale.sweep_seeds, repeats=1)
+
+
+def other_cloth(scale: ScaleConfig) -> Iterator[Trial]:
+    """The thesis's methods, trained on one cloth and tested on the other."""
     for robot in ROBOTS:
         for cloth, other in ((TOWEL, NAPKIN), (NAPKIN, TOWEL)):
             yield Trial(
-                name=f"transfer-{robot}-{cloth}", robot=robot, players=both(robot, size, other), cloth=cloth,
-                seeds=size.sweep_seeds, repeats=1,
-            )  # fmt: skip
+                name=f"transfer-{robot}-{cloth}",
+                robot=robot,
+                policies=baseline_and_proposed(robot, scale, other),
+                cloth=cloth,
+                seeds=scale.sweep_seeds,
+                repeats=1,
+            )
 
 
-def comparators(size: ScaleConfig) -> Iterator[Trial]:
+def comparators(scale: ScaleConfig) -> Iterator[Trial]:
+    """Other learners."""
     for robot in ROBOTS:
-        players = tuple(learner(policy, robot, size) for policy in COMPARATORS if policy in TRAINABLE_POLICIES)
-        if players:
-            yield Trial(name=f"comparators-{robot}", robot=robot, players=players, seeds=size.sweep_seeds, repeats=1)
+        policies = tuple(trained(name, robot, scale) for name in COMPARATORS if name in TRAINABLE_POLICIES)
+        yield Trial(name=f"comparators-{robot}", robot=robot, policies=policies, seeds=scale.sweep_seeds, repeats=1)

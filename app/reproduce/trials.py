@@ -1,4 +1,4 @@
-"""Trials as batches: from what is wanted to what is run, and back from the folder."""
+"""Trials as evaluations: from the plan of a reproduction to its results in the folder."""
 
 from __future__ import annotations
 
@@ -15,56 +15,57 @@ from layflat.data.errors import DataError
 from layflat.sim.cloth.starts import STARTS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
-CORE_S = {"crumpled": 6.0}
-USUAL_CORE_S = 7.0
-"""Of one placing, for the first estimate of the time left."""
-REPEAT_CORE_S = 3.0
-"""Of one disturbance and its repair."""
+PLACING_S = 7.0
+CRUMPLED_S = 6.0
+DISTURBANCE_S = 3.0
+"""Core-seconds of a placing, of a wrinkle removal, and of a disturbance with its repair, for the first estimate."""
 
 
 def trial_folder(out: Path, trial: Trial) -> Path:
+    """Return the folder of a trial's evaluation."""
     return out / "trials" / trial.name
 
 
-def trial_seconds(trial: Trial) -> float:
-    """Core-seconds, about."""
-    each = CORE_S.get(trial.start, USUAL_CORE_S) + REPEAT_CORE_S * sum(repeats for _, repeats in trial.disturbances)
-    return each * trial.seeds * len(trial.players)
+def expected_core_s(trial: Trial) -> float:
+    """Return the expected core-seconds of a trial."""
+    placing_s = CRUMPLED_S if trial.start == "crumpled" else PLACING_S
+    episode_s = placing_s + DISTURBANCE_S * sum(repeats for _, repeats in trial.disturbances)
+    return episode_s * trial.seeds * len(trial.policies)
 
 
-def plan_of(trial: Trial, workshop: ArtifactStore, seed: int) -> EvaluationPlan:
-    """The batch of a trial whose models are there; seeds begin at FIRST_SEED + ``seed``."""
-    entrants = [
+def plan_of(trial: Trial, store: ArtifactStore, seed: int) -> EvaluationPlan:
+    """Return the evaluation of a trial whose models exist; its seeds begin at FIRST_SEED + ``seed``."""
+    entrants = tuple(
         PolicySpec(
-            name=player.name,
+            name=policy.name,
             robot=trial.robot,
-            model=None if player.taught is None else workshop.model(player.taught),
-            made=player.made,
-            controller=player.controller,
+            model=None if policy.model is None else store.model(policy.model),
+            made=policy.repair,
+            controller=policy.controller,
         )
-        for player in trial.players
-    ]
-    first = FIRST_SEED + seed
-    cases = [
+        for policy in trial.policies
+    )
+    cases = tuple(
         DisturbanceCase(name=name, schedule=(ScheduledDisturbance(spec=DISTURBANCES[name], repeats=repeats),))
         for name, repeats in trial.disturbances
-    ]
+    )
+    first = FIRST_SEED + seed
     return EvaluationPlan(
-        entrants=tuple(entrants),
+        entrants=entrants,
         cloths=(trial.cloth,),
         seeds=tuple(range(first, first + trial.seeds)),
-        cases=tuple(cases),
+        cases=cases,
         start=next(start for start in STARTS if start == trial.start),
     )
 
 
-def run_trial(trial: Trial, out: Path, workshop: ArtifactStore, seed: int, progress: Progress, *, workers: int) -> None:
-    """Run what the folder does not hold yet; ``progress`` is in a phase of ``trial.episodes`` items."""
-    run_batch(plan_of(trial, workshop, seed), trial_folder(out, trial), workers=workers, progress=progress)
+def run_trial(trial: Trial, out: Path, store: ArtifactStore, seed: int, progress: Progress, *, workers: int) -> None:
+    """Run the missing episodes; ``progress`` is in a phase of ``trial.episodes`` items."""
+    run_batch(plan_of(trial, store, seed), trial_folder(out, trial), workers=workers, progress=progress)
 
 
 def results_of(trial: Trial, out: Path) -> EvaluationResults | None:
-    """What the folder holds of a trial; None where it was not begun."""
+    """Return the results of a trial; None where it was not begun."""
     try:
         results = EvaluationResults.open(trial_folder(out, trial))
     except DataError:

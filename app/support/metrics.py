@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from layflat.app.support.atomic_write import write_text
+from layflat.app.support.phases import disturbed_step, placed_step
 from layflat.data.types import Episode
 
 JSON_SCHEMA = 1
@@ -36,59 +36,6 @@ COLUMNS = (
 )
 
 
-def placed_step(episode: Episode) -> int | None:
-    """Index into ``observations()`` of the moment the place phase ended, or None where there is no such phase."""
-    bounds = episode.phase_bounds("place")
-    return bounds[1] if bounds else None
-
-
-def disturbed_step(episode: Episode) -> int | None:
-    """As placed_step, of the moment the last disturbance was over: the end, where the episode ended before."""
-    spans = disturbed_spans(episode)
-    return spans[-1][1] if spans else None
-
-
-def disturbed_spans(episode: Episode) -> tuple[tuple[int, int], ...]:
-    """Indices into ``observations()`` of when each disturbance began, and of when it was over.
-
-    Where none is told of, a phase ``disturb`` counts as one.
-    """
-    end = len(episode.steps)
-    told = ((r.first_step, end if r.last_step is None else r.last_step + 1) for r in episode.disturbances)
-    bounds = episode.phase_bounds("disturb")
-    return tuple(told) or ((bounds,) if bounds else ())
-
-
-@dataclass(frozen=True, kw_only=True)
-class ContactDip:
-    """What one disturbance did to the camera's contact portion, and what came of it; all in 0..1."""
-
-    name: str
-    before: float
-    """When it began."""
-    after: float
-    """When it was over."""
-    final: float
-    """When the next one began, or at the end."""
-
-
-def disturbed_contacts(episode: Episode) -> tuple[ContactDip, ...]:
-    """One for each disturbance of the episode, in their order (the thesis's Table 4-2 has repeated ones)."""
-    contact = np.clip(episode.contact(), 0.0, 1.0)
-    spans = disturbed_spans(episode)
-    names = [record.name for record in episode.disturbances] or [episode.disturbance] * len(spans)
-    finals = [*(begun for begun, _ in spans[1:]), len(episode.steps)]
-    return tuple(
-        ContactDip(
-            name=name,
-            before=float(contact[begun]),
-            after=float(contact[over]),
-            final=float(contact[final]),
-        )
-        for name, (begun, over), final in zip(names, spans, finals, strict=False)
-    )
-
-
 def episode_metrics(episode: Episode) -> dict[str, Any]:
     """One row in the order of COLUMNS; contact portions in 0..1 (noise above 1 is cut off), None for no moment."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
@@ -99,7 +46,7 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
 
     return {
         "policy": episode.source,
-        "robot": episode.robot,
+        "robot": episode.robot.name,
         "cloth": episode.cloth,
         "seed": episode.seed,
         "disturbance": episode.disturbance,

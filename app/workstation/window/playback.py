@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.media.episode_video import check_drawable
+from layflat.app.media.episode_renderer import check_drawable
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.session.frame_channel import BenchFrame
 from layflat.app.workstation.window.time_series import TimeSeries

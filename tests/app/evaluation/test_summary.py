@@ -1,4 +1,4 @@
-"""The numbers of a summary against formulas and counts made here."""
+"""The numbers of a summary against independent formulas and counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 from layflat.app.evaluation.results_csv import ALL_COLUMNS
-from layflat.app.evaluation.summary import summary_of, wilson
+from layflat.app.evaluation.summary import summary_of, with_measures
+from layflat.app.support.statistics import wilson_interval
 
 
 def _rows(*lines: dict) -> pd.DataFrame:
@@ -41,14 +42,6 @@ def _rows(*lines: dict) -> pd.DataFrame:
     return frame
 
 
-@pytest.mark.parametrize(("k", "n"), [(0, 5), (5, 5), (7, 20), (19, 20), (250, 300)])
-def test_wilsons_interval_is_that_of_its_formula(k, n):
-    z, p = 1.959963984540054, k / n
-    centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    assert wilson(k, n) == pytest.approx([max(0.0, centre - half), min(1.0, centre + half)], abs=1e-12)
-
-
 def test_a_group_has_the_mean_the_range_and_an_interval_as_wide_as_the_central_limit_says():
     values = np.random.default_rng(0).uniform(0.5, 1.0, 400)
     (group,) = summary_of(_rows(*({"contact_final": v} for v in values)))["groups"]
@@ -67,7 +60,7 @@ def test_success_is_flat_and_neither_unstable_nor_crashed():
     ]
     assert (group["n"], group["unstable"], group["crashed"]) == (5, 1, 1)
     assert group["success_rate"] == pytest.approx(2 / 5)
-    assert group["success_wilson95"] == wilson(2, 5)
+    assert group["success_wilson95"] == list(wilson_interval(2, 5))
     assert group["contact_final"]["n"] == 4
 
 
@@ -111,3 +104,9 @@ def test_twins_are_the_disturbed_less_the_undisturbed_of_one_policy():
     assert twins["b"]["mean"] == pytest.approx(0.0)
     gains = [group["gain"]["mean"] for group in summary_of(rows)["groups"] if group["disturbance"] == "push"]
     assert gains == pytest.approx([0.2, 0.35])
+
+
+def test_a_gain_that_is_there_is_kept():
+    rows = _rows({"contact_disturbed": 0.5, "contact_final": 0.9})
+    assert with_measures(rows)["gain"].tolist() == pytest.approx([0.4])
+    assert with_measures(rows.assign(gain=0.1))["gain"].tolist() == [0.1]

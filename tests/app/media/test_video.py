@@ -1,4 +1,4 @@
-"""Films decode to what was written."""
+"""Videos decode to the frames that were written."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from layflat.app.support.errors import LayflatError
 def test_frames_come_back_in_number_order_and_colour(tmp_path):
     colours = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]
     frames = [np.full((64, 96, 3), colours[k // 5], np.uint8) for k in range(15)]
-    path = tmp_path / "film.webm"
+    path = tmp_path / "video.webm"
     assert write_video(path, frames, fps=10) == 15 == count_frames(path)
     capture = cv2.VideoCapture(str(path))
     for k in range(15):
@@ -21,23 +21,23 @@ def test_frames_come_back_in_number_order_and_colour(tmp_path):
         rgb = bgr[..., ::-1].reshape(-1, 3).mean(axis=0)
         assert rgb == pytest.approx(colours[k // 5], abs=25)
     capture.release()
-    assert [p.name for p in tmp_path.iterdir()] == ["film.webm"]
+    assert [p.name for p in tmp_path.iterdir()] == ["video.webm"]
 
 
 def test_nothing_is_printed(tmp_path, capfd):
-    write_video(tmp_path / "film.webm", [np.zeros((32, 32, 3), np.uint8)] * 2)
+    write_video(tmp_path / "video.webm", [np.zeros((32, 32, 3), np.uint8)] * 2)
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
     ("name", "frames", "message"),
     [
-        ("film.mp4", [np.zeros((32, 32, 3), np.uint8)], "not a .webm"),
-        ("film.webm", [], "no frames"),
-        ("film.webm", [np.zeros((32, 32, 3), np.uint8), np.zeros((32, 48, 3), np.uint8)], "first one is"),
+        ("video.mp4", [np.zeros((32, 32, 3), np.uint8)], "not a .webm"),
+        ("video.webm", [], "no frames"),
+        ("video.webm", [np.zeros((32, 32, 3), np.uint8), np.zeros((32, 48, 3), np.uint8)], "first one is"),
     ],
 )
-def test_what_cannot_be_a_film_leaves_no_file(name, frames, message, tmp_path):
+def test_a_video_that_cannot_be_written_leaves_no_file(name, frames, message, tmp_path):
     with pytest.raises(LayflatError, match=message):
         write_video(tmp_path / name, frames)
     assert not list(tmp_path.iterdir())

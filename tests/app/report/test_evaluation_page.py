@@ -1,4 +1,4 @@
-"""The page of a batch: its numbers are the rows', its pictures the episodes', and a browser shows all of it."""
+"""The page of an evaluation: its numbers are the rows', its pictures the episodes', and a browser shows all of it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from layflat.app.evaluation.paired import compare_paired
-from layflat.app.evaluation.phases import disturbance_outcomes, phase_spans
 from layflat.app.evaluation.summary import with_measures
+from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.report import charts
-from layflat.app.report.comparison_sentences import verdict
-from layflat.app.report.episode_renderer import EpisodeRenderer, key_steps
-from layflat.app.report.evaluation import evaluation_page, examples
+from layflat.app.report.blocks import Section, Table, TableBlock, Text, VideoBlock
+from layflat.app.report.evaluation_page import EXAMPLES, PageOptions, evaluation_page, example_rows
 from layflat.app.report.page import markdown, table_markdown, write_page
-from layflat.app.report.result_tables import failures, group_table
-from layflat.app.report.tables import Table
+from layflat.app.report.result_tables import episode_table, failures, group_table
 from layflat.app.support.metrics import episode_metrics
 from layflat.data.types import GroundTruth
 from layflat.sim.cloth.cloth import cloth_spec
@@ -32,8 +29,8 @@ SEEDS = range(6)
 NUMBERS = ("contact_final", "contact_disturbed", "flat_area_final", "steps", "sim_s")
 
 
-class Drawn:
-    """A batch of drawn episodes; the last one crashed."""
+class FakeResults:
+    """An evaluation of made-up episodes; the last one crashed."""
 
     def __init__(self, episodes):
         self.episodes = {f"{e.robot}--{e.source}--{e.seed}--{e.disturbance}": e for e in episodes}
@@ -47,8 +44,8 @@ class Drawn:
         return self.episodes[run]
 
 
-def laid(episode, *, lift_m=0.15):
-    """The episode with a towel whose part that is not in contact stands up from the table, towards the held edge."""
+def with_nodes(episode, *, lift_m=0.15):
+    """Give the episode a towel whose part that is not in contact stands up from the table, towards the held edge."""
     spec = cloth_spec(episode.cloth)
     flat = spec.flat_nodes(x_m=0.25)
     along = (flat[:, 0] - flat[:, 0].min()) / np.ptp(flat[:, 0])
@@ -69,8 +66,8 @@ def laid(episode, *, lift_m=0.15):
 @pytest.fixture(scope="module")
 def batch(make_episode):
     gains = {"gp-baseline": 0.0, "gp-word": 0.11, "gp-baseline+drag-rule": 0.105}
-    return Drawn(
-        laid(
+    return FakeResults(
+        with_nodes(
             make_episode(
                 robot=robot, source=policy, seed=seed, disturbed=disturbed, gain=gains[policy] + 0.005 * (seed % 3)
             )
@@ -83,11 +80,10 @@ def batch(make_episode):
 
 @pytest.fixture(scope="module")
 def content(batch):
-    """What the page shows, made once for all tests."""
-    with EpisodeRenderer() as painter:
-        return evaluation_page(
-            batch, painter, title="A batch of drawn <episodes>", made=("layflat evaluate", "numpy 2")
-        )
+    """The page, made once for all tests."""
+    title, provenance = "An evaluation of made-up <episodes>", ("layflat evaluate", "numpy 2")
+    with EpisodeRenderer() as renderer:
+        return evaluation_page(batch, renderer, PageOptions(), title=title, provenance=provenance)
 
 
 @pytest.fixture(scope="module")
@@ -98,12 +94,12 @@ def page(content, tmp_path_factory):
     return path
 
 
-def test_the_page_is_one_file_without_scripts_that_needs_nothing_else(page):
+def test_the_page_is_self_contained(page):
     assert [found.name for found in page.parent.iterdir()] == ["report.html"]
     text = re.sub(r"data:[a-z/]+;base64,[A-Za-z0-9+/=]+", "DATA", page.read_text(encoding="utf-8"))
     assert not re.search(r"https?://|<script|<link(?! rel=\"icon\" href=\"data:)|@import|url\(", text)
     assert set(re.findall(r"src=\"([^\"]*)\"", text)) == {"DATA"}
-    assert "A batch of drawn &lt;episodes&gt;" in text
+    assert "An evaluation of made-up &lt;episodes&gt;" in text
 
 
 def test_every_condition_has_its_boxes_its_curves_and_three_strips_a_policy(page):
@@ -116,31 +112,80 @@ def test_every_condition_has_its_boxes_its_curves_and_three_strips_a_policy(page
         assert image.std() > 5
 
 
-def test_a_film_is_made_of_each_example_when_asked_for(batch):
-    few = batch.rows[(batch.rows["robot"] == "pickers") & (batch.rows["policy"] == "gp-word")]
+def test_kinds_of_blocks_are_those_that_the_template_knows(page, content):
+    text = page.read_text(encoding="utf-8")
+    assert text.count('<div class="strip"') == len(CONDITIONS) * len(POLICIES) * 3
+    for section in content.sections:
+        for block in section.blocks:
+            if isinstance(block, TableBlock):
+                assert all(f"<th>{cell}</th>" in text for cell in block.table.header)
+            if isinstance(block, Text):
+                assert all(line in text for line in block.lines)
 
-    class Few:
-        rows = few
+
+@pytest.fixture(scope="module")
+def pickers(batch):
+    """The disturbed condition alone."""
+
+    class Pickers:
+        rows = batch.rows[batch.rows["robot"] == "pickers"]
         episode = staticmethod(batch.episode)
 
-    with EpisodeRenderer() as painter:
-        page = evaluation_page(Few(), painter, title="t", made=(), videos=True)
-        films = [block for block in page.sections[0].blocks if type(block).__name__ == "Film"]
-        assert len(films) == 3
-        assert next(iter(films[0].frames())).shape[1] == 480
+    return Pickers()
 
 
-def test_the_table_holds_what_the_rows_say(batch):
+@pytest.mark.parametrize("videos", [EXAMPLES, ("median",), ()])
+def test_a_video_is_made_of_each_example_that_is_asked_for(pickers, videos, tmp_path):
+    class OnePolicy:
+        rows = pickers.rows[pickers.rows["policy"] == "gp-word"]
+        episode = staticmethod(pickers.episode)
+
+    with EpisodeRenderer() as renderer:
+        page = evaluation_page(OnePolicy(), renderer, PageOptions(videos=videos), title="t")
+        found = [block for block in page.sections[0].blocks if isinstance(block, VideoBlock)]
+        assert [block.caption.split(":")[0] for block in found] == list(videos)
+        if len(found) == 1:
+            write_page(tmp_path / "report.html", page)
+            assert "data:video/webm;base64," in (tmp_path / "report.html").read_text(encoding="utf-8")
+        elif found:
+            assert next(iter(found[0].frames())).shape[1] == 480
+
+
+def test_options_add_the_thesis_and_sections(batch, pickers):
+    class Thesis:
+        rows = pickers.rows.assign(disturbance="thesis")
+        episode = staticmethod(batch.episode)
+
+    extra = Section(id="field", title="Fields", blocks=(Text(lines=("x",)),))
+    with EpisodeRenderer() as renderer:
+        options = PageOptions(thesis_tables=True, sections=(extra,))
+        page = evaluation_page(Thesis(), renderer, options, title="t")
+        undisturbed = Thesis()
+        undisturbed.rows = batch.rows[batch.rows["robot"] == "hanger"]
+        other = evaluation_page(undisturbed, renderer, options, title="t")
+    assert extra in page.sections
+    for shown, cited in ((page, 6), (other, 2)):
+        (table,) = (b.table for b in shown.sections[0].blocks if isinstance(b, TableBlock) and b.table.cited)
+        assert len(table.cited) == cited
+
+
+def test_the_table_holds_the_numbers_of_the_rows(batch):
     rows = batch.rows[(batch.rows["robot"] == "pickers") & (batch.rows["disturbance"] == "push")]
-    lines = {line[0]: line for line in group_table(rows).rows}
+    table = group_table(rows)
+    lines = {line[0]: dict(zip(table.header, line, strict=True)) for line in table.rows}
     mine = rows[rows["policy"] == "gp-word"]
-    assert lines["gp-word"][3] == f"{100 * mine['contact_final'].mean():.1f} %"
-    assert lines["gp-word"][6] == f"{100 * (mine['contact_final'] - mine['contact_disturbed']).mean():+.1f}"
-    assert lines["gp-baseline+drag-rule"][1] == str(len(SEEDS))  # the crashed one counts, but has no numbers
-    assert lines["gp-baseline+drag-rule"][10].endswith(f"of {len(SEEDS)}")
+    regained = 100 * (mine["contact_final"] - mine["contact_disturbed"]).mean()
+    assert lines["gp-word"]["final [95\u00a0%\u00a0CI]"].startswith(f"{100 * mine['contact_final'].mean():.1f} % [")
+    assert lines["gp-word"]["regained, points [95\u00a0%\u00a0CI]"].startswith(f"{regained:+.1f} [")
+    crashed = lines["gp-baseline+drag-rule"]  # the crashed one counts, but has no numbers
+    assert (crashed["n"], crashed["lost"]) == (str(len(SEEDS)), "1")
+    assert f"of {len(SEEDS)}" in crashed["flat at the end"]
+    cells = dict(zip(episode_table(mine).header, episode_table(mine).rows[0], strict=True))
+    assert cells["steps"] == str(int(mine["steps"].iloc[0]))
+    assert cells["final"] == f"{100 * mine['contact_final'].iloc[0]:.1f} %"
 
 
-def test_a_crash_is_told_with_its_reason_and_is_no_success(batch, page):
+def test_a_crash_is_shown_with_its_reason_and_is_no_success(batch, page):
     text = page.read_text(encoding="utf-8")
     assert "1 of 36 episodes crashed" in text
     assert "its process ended with status -11" in text
@@ -150,63 +195,13 @@ def test_a_crash_is_told_with_its_reason_and_is_no_success(batch, page):
 
 def test_examples_are_the_best_the_median_and_the_worst_once_each(batch):
     rows = batch.rows[(batch.rows["policy"] == "gp-word") & (batch.rows["disturbance"] == "push")]
-    picks = dict(examples(rows))
+    picks = dict(example_rows(rows))
     finals = rows["contact_final"]
     assert picks["best"]["contact_final"] == finals.max()
     assert picks["worst"]["contact_final"] == finals.min()
     assert finals.quantile(0.4) <= picks["median"]["contact_final"] <= finals.quantile(0.6)
-    assert [name for name, _ in examples(rows[:1])] == ["worst"]
-    assert [name for name, _ in examples(rows[:0])] == []
-
-
-def test_pairs_are_matched_by_start_whatever_the_order():
-    rng = np.random.default_rng(0)
-    seeds = np.arange(12)
-    base = pd.DataFrame({"robot": "hanger", "cloth": "towel", "disturbance": "none", "seed": seeds})
-    of_start = rng.normal(0, 1, 12)
-    a = base.assign(contact_final=of_start + 0.01).sample(frac=1, random_state=1)
-    b = base.assign(contact_final=of_start).iloc[2:]
-    found = compare_paired(a, b, "contact_final")
-    assert (found.n, found.better, found.worse) == (10, 10, 0)
-    assert found.mean == pytest.approx(0.01)
-    assert found.clear
-    assert verdict(found) == "higher"
-
-
-def test_no_difference_is_said_where_the_interval_holds_zero():
-    rng = np.random.default_rng(3)
-    base = pd.DataFrame({"robot": "hanger", "cloth": "towel", "disturbance": "none", "seed": np.arange(20)})
-    a, b = (base.assign(contact_final=rng.normal(0.9, 0.05, 20)) for _ in range(2))
-    found = compare_paired(a, b, "contact_final")
-    assert found.low < 0 < found.high
-    assert verdict(found) == "no difference that 20 pairs can show"
-    assert verdict(compare_paired(a[:1], b[:1], "contact_final")) == "1 pair is too few to say"
-    assert verdict(compare_paired(a[:5], b[:5], "contact_final")) == "5 pairs are too few to say"
-    assert verdict(compare_paired(a, a, "contact_final")) == "the same in all 20 pairs"
-
-
-def test_rounds_tell_two_disturbances_apart(make_episode):
-    once = make_episode(gain=0.08)
-    begin, end = once.phase_bounds("disturb")[0], once.phase_bounds("repair")[1]
-    again = replace(once.steps[begin], observation=once.final_observation)
-    twice = replace(once, steps=(*once.steps, again, *once.steps[begin + 1 : end]))
-    assert [part.phase for part in phase_spans(twice)] == ["place", "disturb", "repair", "disturb", "repair"]
-    first, second = disturbance_outcomes(twice)
-    assert first.regained == pytest.approx(0.08)
-    assert second.regained == pytest.approx(0.08)
-    assert first.before == pytest.approx(0.96, abs=0.02)
-    assert second.before == pytest.approx(0.82 + 0.08)
-    assert disturbance_outcomes(make_episode(disturbed=False)) == ()
-
-
-def test_key_moments_are_in_order_and_begin_and_end_with_the_episode(make_episode):
-    for disturbed in (False, True):
-        episode = make_episode(disturbed=disturbed)
-        n_steps = key_steps(episode, 6)
-        assert n_steps == sorted(set(n_steps))
-        assert (len(n_steps), n_steps[0], n_steps[-1]) == (6, 0, len(episode.steps))
-        assert {part.after for part in phase_spans(episode)} <= set(n_steps)
-    assert len(key_steps(episode, 3)) == 3
+    assert [name for name, _ in example_rows(rows[:1])] == ["worst"]
+    assert [name for name, _ in example_rows(rows[:0])] == []
 
 
 def test_the_band_is_the_quartiles_and_ended_runs_keep_their_value(make_episode):
@@ -221,10 +216,10 @@ def test_the_band_is_the_quartiles_and_ended_runs_keep_their_value(make_episode)
 
 
 def test_markdown_has_every_table_and_no_cell_that_breaks_it(content):
-    table = Table(("a", "b"), (("x | y", "1"),), (True,))
+    table = Table(("a", "b"), (("x | y", "1"),))
     assert table_markdown(table).splitlines()[-1] == "| x \\| y | 1 |"
     text = markdown(content)
-    assert text.startswith("# A batch of drawn <episodes>\n")
+    assert text.startswith("# An evaluation of made-up <episodes>\n")
     assert text.count("| --- |") == 2 * len(CONDITIONS) + 1
 
 

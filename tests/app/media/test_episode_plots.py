@@ -1,4 +1,4 @@
-"""What a plot is drawn from, and that outcomes, disturbances and single steps have their place on it."""
+"""The curves of a plot, and the marks of outcomes and disturbances on it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from layflat.app.media.episode_plots import COLOURS, PERSON_COLOUR, aligned_curves, curves_of, plot_session
-from layflat.app.media.frames import active_disturbances, caption
+from layflat.app.media.episode_plots import INTERVENTION_COLOR, OUTCOME_COLORS, align_curves, curves_of, plot_session
 from layflat.data.types import DisturbanceRecord, DragTarget
 from layflat.sim.robots.registry import ROBOTS
 
@@ -23,7 +22,7 @@ def test_curves_are_the_episodes(robot, make_episode):
     np.testing.assert_array_equal(curves.holder_m, [o.holder_position for o in seen])
     np.testing.assert_array_equal(curves.actions_m, [step.action for step in episode.steps])
     assert curves.time_s[0] == 0.0
-    assert curves.disturbed_s == pytest.approx(seen[episode.phase_bounds("disturb")[0]].time_s)
+    assert curves.disturbances_s[0] == pytest.approx(seen[episode.phase_bounds("disturb")[0]].time_s)
     assert np.diff(curves.time_s) == pytest.approx(episode.step_s)
     there = np.array([bool(o.word.any()) for o in seen])
     assert np.isnan(curves.word_deg[~there]).all()
@@ -33,19 +32,19 @@ def test_curves_are_the_episodes(robot, make_episode):
 
 def test_time_begins_with_the_disturbance_only_where_all_have_one(make_episode):
     disturbed, calm = (curves_of("demo_0", make_episode(disturbed=d)) for d in (True, False))
-    mixed, aligned = aligned_curves([disturbed, calm])
+    mixed, aligned = align_curves([disturbed, calm])
     assert not aligned
     assert [c.time_s[0] for c in mixed] == [0.0, 0.0]
-    (curves,), aligned = aligned_curves([disturbed])
+    (curves,), aligned = align_curves([disturbed])
     assert aligned
-    assert curves.time_s[0] == -disturbed.disturbed_s
+    assert curves.time_s[0] == -disturbed.disturbances_s[0]
     assert curves.time_s[60] == pytest.approx(0.0)
-    assert curves.disturbed_s == 0.0
+    assert curves.disturbances_s[0] == 0.0
 
 
-def _befallen(episode):
-    """A wind in steps 5 to 8, a push at 60; a hand on node 1 in 20 and 21, on node 2 in 22; a person from 30 to 33."""
-    befell = [DisturbanceRecord(name="wind", first_step=5, last_step=8), DisturbanceRecord(name="push", first_step=60)]
+def _disturbed(episode):
+    """Add wind in steps 5 to 8, a push at 60, a hand on node 1 in 20 and 21 and on node 2 in 22, and a person at 30."""
+    records = [DisturbanceRecord(name="wind", first_step=5, last_step=8), DisturbanceRecord(name="push", first_step=60)]
     steps = list(episode.steps)
     for step_index, node in ((20, 1), (21, 1), (22, 2)):
         steps[step_index] = replace(
@@ -53,33 +52,22 @@ def _befallen(episode):
         )
     for step_index in range(30, 33):
         steps[step_index] = replace(steps[step_index], intervention=True)
-    return replace(episode, steps=steps, disturbances=befell)
+    return replace(episode, steps=steps, disturbances=records)
 
 
 def test_each_disturbance_pull_and_intervention_has_its_mark(make_episode, tmp_path):
-    curves = curves_of("demo_0", _befallen(make_episode()))
+    curves = curves_of("demo_0", _disturbed(make_episode()))
     assert curves.disturbances_s == pytest.approx((0.5, 6.0))
     assert curves.pulls_s == pytest.approx((2.0, 2.2))
     assert curves.interventions_s == (pytest.approx((3.0, 3.3)),)
-    (later,), _ = aligned_curves([curves])
+    (later,), _ = align_curves([curves])
     assert (later.disturbances_s[1], later.pulls_s[0]) == pytest.approx((5.5, 1.5))
     plot_session(tmp_path / "with.png", "title", [curves])
     plot_session(tmp_path / "without.png", "title", [curves_of("demo_0", make_episode(disturbed=False))])
     # Drawn at 0.45 over white.
-    tint = "#" + "".join(f"{round(255 - 0.45 * (255 - int(PERSON_COLOUR[i : i + 2], 16))):02x}" for i in (1, 3, 5))
+    tint = "#" + "".join(f"{round(255 - 0.45 * (255 - int(INTERVENTION_COLOR[i : i + 2], 16))):02x}" for i in (1, 3, 5))
     there, missing = (_share(cv2.imread(str(tmp_path / name)), tint) for name in ("with.png", "without.png"))
     assert there > missing + 0.002
-
-
-def test_a_film_says_what_befalls_the_cloth(make_episode):
-    episode = _befallen(make_episode())
-    assert active_disturbances(episode, 4) == ""
-    assert active_disturbances(episode, 5) == "wind"
-    assert active_disturbances(episode, 9) == ""
-    assert active_disturbances(episode, 20) == "a hand 0.50 N"
-    assert active_disturbances(episode, 31) == "a person decides"
-    assert caption(episode, 5) == "placing  wind"
-    assert active_disturbances(episode, len(episode.steps)) == ""
 
 
 @pytest.mark.parametrize("degrees", [-80.0, 0.0, 35.0, 90.0])
@@ -100,7 +88,7 @@ def test_each_outcome_has_its_colour(tmp_path, make_episode):
     curves = [curves_of(f"demo_{k}", make_episode(seed=k, outcome=o)) for k, o in enumerate(outcomes)]
     assert plot_session(tmp_path / "p.png", "title", curves) == 3
     picture = cv2.imread(str(tmp_path / "p.png"))
-    shares = {outcome: _share(picture, colour) for outcome, colour in COLOURS.items()}
+    shares = {outcome: _share(picture, colour) for outcome, colour in OUTCOME_COLORS.items()}
     assert min(shares["success"], shares["partial"]) > 3 * shares["failure"]
     assert [p.name for p in tmp_path.iterdir()] == ["p.png"]
 

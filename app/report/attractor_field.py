@@ -1,0 +1,121 @@
+"""The field that a model has learned (thesis, Figure 4-1): predicted displacement in the xz plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from scipy.special import softmax
+
+from layflat.app.media.plot_style import ALERT, BOXED_LEGEND, INK, png_bytes, styled_figure
+from layflat.app.report.blocks import Figure
+from layflat.data.arrays import FloatArray
+from layflat.data.robot import RobotSpec
+from layflat.data.types import Episode
+from layflat.policy.features import FeatureLayout
+
+BANDWIDTH_M = 0.02
+"""Width of the Gaussian that averages the other inputs over the demonstrations' steps near a point of the plane."""
+MARGIN_M = 0.06
+GRID = (27, 17)
+DEMONSTRATION_COLOR = "#3b82c4"
+UNCERTAINTY = LinearSegmentedColormap.from_list("uncertainty", ["#ffffff", "#dfe5ea", "#b9c3cd"])
+
+
+class VectorFieldModel(Protocol):
+    """Model that predicts displacements."""
+
+    @property
+    def layout(self) -> FeatureLayout:
+        """Names of the inputs."""
+
+    def predict(self, inputs: FloatArray, /) -> tuple[FloatArray, FloatArray]:
+        """Return mean and standard deviation (N, A) m for inputs (N, D)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VectorField:
+    """A model's prediction on a grid of the xz plane; arrays (rows, columns), in metres."""
+
+    x: FloatArray
+    z: FloatArray
+    dx: FloatArray
+    dz: FloatArray
+    std: FloatArray
+    """Root mean square of both outputs' standard deviations."""
+    distance: FloatArray
+    """To the nearest step of a demonstration."""
+
+
+def plane_of(robot: RobotSpec) -> tuple[str, str, int, int]:
+    """Return the x and z columns of the robot's first point, and the components of the action that move them."""
+    x, z = (next(k for k, own in enumerate(robot.axes) if (own.point, own.axis) == (0, axis)) for axis in (0, 2))
+    return robot.coordinates[x], robot.coordinates[z], x, z
+
+
+def vector_field(model: VectorFieldModel, demonstrations: Sequence[Episode]) -> VectorField:
+    """Evaluate a model around its demonstrations in the plane of the robot's first point.
+
+    Inputs outside the plane are, at each point, the average over the demonstrations' steps near it.
+    """
+    layout = model.layout
+    column_x, column_z, out_x, out_z = plane_of(layout.robot)
+    known = np.concatenate([layout.matrix(episode.steps) for episode in demonstrations])
+    plane = [layout.names.index(column_x), layout.names.index(column_z)]
+    low, high = known[:, plane].min(axis=0) - MARGIN_M, known[:, plane].max(axis=0) + MARGIN_M
+    x, z = np.meshgrid(np.linspace(low[0], high[0], GRID[0]), np.linspace(max(low[1], 0.0), high[1], GRID[1]))
+    points = np.column_stack([x.ravel(), z.ravel()])
+    squared = ((points[:, None, :] - known[None, :, plane]) ** 2).sum(axis=2)
+    inputs = softmax(-0.5 * squared / BANDWIDTH_M**2, axis=1) @ known
+    inputs[:, plane] = points
+    mean, std = model.predict(inputs)
+    both = np.sqrt((std[:, [out_x, out_z]] ** 2).mean(axis=1))
+    columns = (mean[:, out_x], mean[:, out_z], both, np.sqrt(squared.min(axis=1)))
+    dx, dz, std, distance = (column.reshape(x.shape) for column in columns)
+    return VectorField(x=x, z=z, dx=dx, dz=dz, std=std, distance=distance)
+
+
+def field_figure(models: Mapping[str, VectorFieldModel], demonstrations: Sequence[Episode]) -> Figure:
+    """Draw the field of each model by its name: arrows over the standard deviation, with the demonstrations."""
+    robot = next(iter(models.values())).layout.robot
+    fields = {name: vector_field(model, demonstrations) for name, model in models.items()}
+    max_std_mm = max(1000 * float(field.std.max()) for field in fields.values())
+    longest_m = max(float(np.hypot(field.dx, field.dz).max()) for field in fields.values())
+    with styled_figure(10.4, 3.5 if len(models) > 1 else 4.2) as figure:
+        axes = list(figure.subplots(1, len(models), squeeze=False, sharey=True)[0])
+        for axis, (name, field) in zip(axes, fields.items(), strict=True):
+            levels = np.linspace(0, max_std_mm, 13)
+            shade = axis.contourf(field.x, field.z, 1000 * field.std, levels=levels, cmap=UNCERTAINTY, zorder=0)
+            axis.quiver(
+                field.x, field.z, field.dx, field.dz, angles="xy", scale_units="xy", scale=(longest_m or 0.035) / 0.035,
+                color=INK, width=0.0028, zorder=3, headwidth=3.6, headlength=4, minlength=0.3,
+            )  # fmt: skip
+            _draw_demonstrations(axis, robot, demonstrations)
+            axis.set(title=name, xlabel="x (m)", aspect="equal")
+        axes[0].set_ylabel("z (m)")
+        axes[0].legend(loc="upper right", **BOXED_LEGEND)
+        label = "standard deviation (mm per step)"
+        figure.colorbar(shade, ax=axes, shrink=0.75, pad=0.01, label=label, format="%.1f")
+        png = png_bytes(figure)
+    part = "the holder" if robot.n_points == 1 else "the first held corner"
+    caption = (
+        f"{robot} robot: the displacement that a model predicts for {part} in the xz plane (arrows, length "
+        "proportional) over its standard deviation (grey: unsure), with the "
+        f"{len(demonstrations)} demonstrations it learned from. Inputs outside the plane are, at each point, those of "
+        "the demonstrations' steps near it."
+    )
+    return Figure(png=png, alt=f"attractor field, {robot}", caption=caption)
+
+
+def _draw_demonstrations(axis: Axes, robot: RobotSpec, demonstrations: Sequence[Episode]) -> None:
+    layout = FeatureLayout(robot=robot, names=plane_of(robot)[:2])
+    for number, episode in enumerate(demonstrations):
+        path = np.array([layout.vector(observation) for observation in episode.observations()])
+        label = f"{len(demonstrations)} demonstrations" if number == 0 else None
+        axis.plot(*path.T, color=DEMONSTRATION_COLOR, linewidth=1.3, alpha=0.9, zorder=2, label=label)
+        axis.plot(*path[0], "o", color=DEMONSTRATION_COLOR, markersize=3.5, zorder=4)
+        axis.plot(*path[-1], "s", color=ALERT, markersize=3.5, zorder=4, label="end" if number == 0 else None)
