@@ -5,7 +5,8 @@ from layflat.data.session.demo_info import DemoInfo
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.session.reader import EpisodeView, Session, open_session
-from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.tools.operations import filter_session, merge, split, trim
 from layflat.data.tools.repair import RepairReport, repair
 from layflat.data.tools.stats import ColumnStats, SessionStats, session_stats

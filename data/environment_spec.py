@@ -25,6 +25,16 @@ class ClothShape:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StepLimits:
+    """Most control steps of each phase of an episode."""
+
+    place: int = 160
+    repair: int = 80
+    disturb: int = 60
+    """A disturbance that is not over by then is cut off."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class EnvironmentSpec:
     """What policies and recorders need to know of an environment before it starts."""
 
@@ -37,6 +47,8 @@ class EnvironmentSpec:
     """What the observations' WORD comes from."""
     step_s: float = STEP_S
     """Duration of a control step, s."""
+    limits: StepLimits = StepLimits()
+    """Step limits of the task."""
     cloth_shape: ClothShape | None = None
     """None where nobody has measured the cloth."""
     config: Mapping[str, str | float | bool] = field(default_factory=dict)

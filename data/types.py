@@ -144,7 +144,7 @@ class Step:
     action_std: FloatArray | None = None
     """(A,) m, the policy's confidence where it has one."""
     phase: Phase = "place"
-    pull: DragTarget | None = None
+    drag: DragTarget | None = None
     """What a person pulled at."""
     force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,) N, world: mean total force of disturbances and pulls on the cloth in this step."""

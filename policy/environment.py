@@ -9,7 +9,7 @@ import numpy as np
 
 from layflat.data.arrays import FloatArray
 from layflat.data.environment_spec import EnvironmentSpec
-from layflat.data.types import DisturbanceRecord, GroundTruth, Observation
+from layflat.data.types import FLAT_AREA, DisturbanceRecord, GroundTruth, Observation
 
 
 class Environment(Protocol):
@@ -43,6 +43,11 @@ class Environment(Protocol):
     def ground_truth(self) -> GroundTruth | None:
         """Return what only a simulator knows, or None."""
         return None
+
+    def success(self) -> bool:
+        """Whether the cloth lies flat: by the mesh, or by the camera's contact portion where there is no mesh."""
+        truth = self.ground_truth()
+        return (self.observe().contact_portion if truth is None else truth.flat_area) > FLAT_AREA
 
     def divergence_reason(self) -> str | None:
         """Return why the simulation has diverged, or None; called once a step."""

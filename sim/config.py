@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from layflat.data.environment_spec import ClothShape, EnvironmentSpec
+from layflat.data.environment_spec import ClothShape, EnvironmentSpec, StepLimits
 from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
@@ -14,12 +15,19 @@ from layflat.sim.cloth.starts import STARTS, Start
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import robot_spec
 
+STEP_LIMITS: Mapping[str, StepLimits] = {"place": StepLimits(), "smooth": StepLimits(place=60)}
+"""Step limits of each task."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimConfig:
     """What a bench is made of; with a seed it determines a start."""
 
     robot: str
+    task: str = "place"
+    """Name of what is to be done: ``place``, or ``smooth``, which begins with a crumpled cloth."""
+    physics: str = "bullet"
+    """Name of the simulator."""
     start: Start = "hanging"
     """Hanging in the air after random moves; or crumpled on the table (pickers only), as chapter 3-2-2 begins; or laid
     flat with a far corner folded over (figure 5-2); or low over the table and swinging to the front (figure 5-1)."""
@@ -38,6 +46,10 @@ class SimConfig:
 
     def __post_init__(self) -> None:
         robot = robot_spec(self.robot)
+        if self.task not in STEP_LIMITS:
+            raise SimError(f"unknown task {self.task!r}; the known ones are {', '.join(STEP_LIMITS)}")
+        if self.task == "smooth" and self.start == "hanging":
+            object.__setattr__(self, "start", "crumpled")
         if self.start not in STARTS:
             raise SimError(f"unknown start {self.start!r}; the known ones are {', '.join(STARTS)}")
         if self.start == "crumpled" and robot.n_points < 2:
@@ -50,7 +62,7 @@ class SimConfig:
 
     def described(self) -> dict[str, str | float | bool]:
         """Return the settings, by name, that an `EnvironmentSpec` has no field for."""
-        apart = ("robot", "cloth", "descriptor", "step_s")
+        apart = ("robot", "task", "physics", "cloth", "descriptor", "step_s")
         return {item.name: getattr(self, item.name) for item in fields(self) if item.init and item.name not in apart}
 
     def environment_spec(self) -> EnvironmentSpec:
@@ -66,6 +78,9 @@ class SimConfig:
         return EnvironmentSpec(
             robot=self.robot_spec,
             cloth=self.cloth,
+            task=self.task,
+            physics=self.physics,
+            limits=STEP_LIMITS[self.task],
             descriptor=self.descriptor,
             step_s=self.step_s,
             cloth_shape=shape,

@@ -21,8 +21,8 @@ from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicyS
 from layflat.app.evaluation.run import run_batch
 from layflat.app.support.errors import run_command
 from layflat.app.support.progress import Progress
-from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
 from layflat.data.types import Episode, GroundTruth, Observation, Phase, Step
+from layflat.policy.schedule import ScheduledDisturbance, Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 Fault = Literal["kill", "segfault", "hang", "exception", "exit", "disk"]
@@ -152,8 +152,8 @@ def fake_plan(
     seeds: int = 4, *, policies: tuple[str, ...] = ("hold", "drag-rule"), limit_s: float = 60.0
 ) -> EvaluationPlan:
     """Each start undisturbed, pushed after the stop, and pushed on the way."""
-    push = ScheduledDisturbance(spec=DISTURBANCES["push"], repeats=2)
-    early = ScheduledDisturbance(spec=DISTURBANCES["wind"], when=Trigger(moment="step", value=1))
+    push = ScheduledDisturbance(disturbance=DISTURBANCES["push"], repeats=2)
+    early = ScheduledDisturbance(disturbance=DISTURBANCES["wind"], when=Trigger(kind="step", value=1))
     return EvaluationPlan(
         entrants=tuple(PolicySpec(name=name, robot="hanger", made=name) for name in policies),
         cloths=("towel",),

@@ -14,9 +14,10 @@ from layflat.app.benchmarks import measure, measure_batch, measure_data, measure
 from layflat.app.support import validators
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import capture_provenance
-from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
+from layflat.app.workers.process import process_pool
+from layflat.app.workers.work_item import LIMIT_S
 from layflat.data.arrays import FloatArray
+from layflat.data.provenance import capture_provenance
 from layflat.data.types import STEP_S
 from layflat.sim.robots.registry import ROBOTS
 
@@ -100,7 +101,7 @@ def measured(item: BenchmarkResult) -> dict[str, FloatArray]:
     if item.forks:
         return item.work(*item.arguments)
     with process_pool(1) as pool:
-        samples: dict[str, FloatArray] = pool.schedule(item.work, args=item.arguments, timeout=JOB_LIMIT_S).result()
+        samples: dict[str, FloatArray] = pool.schedule(item.work, args=item.arguments, timeout=LIMIT_S).result()
     return samples
 
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from layflat.app.workers.rollout import rollout
 from layflat.data.arrays import FloatArray
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
@@ -25,6 +24,8 @@ from layflat.policy.features import input_set
 from layflat.policy.gp.fit import import_gpy
 from layflat.policy.gp.kernel import JITTER, Hyperparameters, covariance
 from layflat.policy.gp.model import GpModel
+from layflat.policy.rollout import run_until_stop
+from layflat.policy.runner import EpisodeRunner
 from layflat.policy.scripted.baselines import DragPolicy, ZeroPolicy
 from layflat.policy.stopping import AnyOf
 from layflat.sim.config import SimConfig
@@ -66,7 +67,7 @@ def physics(robot: str, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_S
 def seeing(robot: str, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS) -> dict[str, FloatArray]:
     """With camera, perception and recording, on the table.
 
-    Wall s per step of ``rollout``, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
+    Wall s per step of an `EpisodeRunner`, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
     of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_STEPS, durable in ``folder``).
     """
     bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth))
@@ -81,6 +82,12 @@ def seeing(robot: str, cloth: str, folder: Path | None = None, n_steps: int = SE
         bench.close()
 
 
+def _run(bench: ClothSimulation, policy: Policy, n_steps: int) -> Episode:
+    """Run a policy from where the simulation is now."""
+    run = EpisodeRunner(bench, policy, seed=SEED)
+    return run.build_episode(run_until_stop(run, max_steps=n_steps))
+
+
 def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
     robot = bench.config.robot
     policies: dict[str, Policy] = {
@@ -88,14 +95,14 @@ def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> 
         "flat": ZeroPolicy(robot_spec(robot)),
     }
     walls: dict[str, list[float]] = {}
-    episode = rollout(bench, ZeroPolicy(robot_spec(robot)), seed=SEED, max_steps=2)
+    episode = _run(bench, ZeroPolicy(robot_spec(robot)), 2)
     for name, policy in policies.items():
         for _ in range(SEEING_BLOCKS):
             began = time.perf_counter()
-            episode = rollout(bench, policy, seed=SEED, max_steps=n_steps)
+            episode = _run(bench, policy, n_steps)
             walls.setdefault(name, []).append((time.perf_counter() - began) / n_steps)
     kept = lengthened(episode)
-    keep = _repeat(lambda: recorder.keep(kept), 5)
+    keep = _repeat(lambda: recorder.save(kept), 5)
     frames = [bench.camera.capture() for _ in range(3)]
     perceiver = PerceptionPipeline(bench.camera.pinhole, flat_pixels=1000)
     return {name: np.array(wall) + np.median(keep) / len(kept.steps) for name, wall in walls.items()} | {

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from layflat.app.evaluation.plan import EvaluationPlan, PolicySpec
-from layflat.app.evaluation.run import run_batch
-from layflat.app.evaluation.simulated_episode import SimulatedEpisode
-from layflat.app.evaluation.work_item import EpisodeFactory
+from layflat.app.evaluation.plan import EvaluationPlan
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.support.errors import LayflatError
-from layflat.app.workers.make_policy import SCRIPTED
+from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.data.arrays import FloatArray
+from layflat.policy.spec import SCRIPTED, PolicySpec
 
 WORKERS = (1, 2)
 EPISODES = 4
@@ -25,7 +24,7 @@ def scaling(
     robot: str,
     cloth: str,
     folder: Path | None = None,
-    play: EpisodeFactory = SimulatedEpisode,
+    make: EpisodeFactory = SimulatedEpisode,
     episodes: int = EPISODES,
 ) -> dict[str, FloatArray]:
     """Wall s per episode, by the number of workers; the rows are written to ``folder``'s disk.
@@ -33,13 +32,13 @@ def scaling(
     Call it in a process that has stepped no simulation: the workers are forked from it.
     """
     plan = EvaluationPlan(
-        entrants=(PolicySpec(name=SCRIPTED, robot=robot, made=SCRIPTED),), cloths=(cloth,), seeds=tuple(range(episodes))
+        policies=(PolicySpec(builtin=SCRIPTED),), robots=(robot,), cloths=(cloth,), seeds=tuple(range(episodes))
     )
     walls = {}
     for workers in WORKERS:
         with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
             began = time.perf_counter()
-            results = run_batch(plan, Path(place), workers=workers, play=play)
+            results = run_evaluation(plan, Path(place), workers=workers, make=make)
             walls[str(workers)] = np.array([(time.perf_counter() - began) / episodes])
             if (lost := int(results.rows["crashed"].sum())) > 0:
                 raise LayflatError(f"{lost} of {episodes} episodes of the benchmark's batch crashed")

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.benchmarks.measure import DRAG_STEP_M, SEED, lay_down, lengthened
-from layflat.app.workers.rollout import rollout
 from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import fsync_path
 from layflat.data.format.encode import LIBVER, arrays_of, attributes_of
@@ -30,6 +29,8 @@ from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.types import ACTION_LIMIT_M, Episode, GroundTruth, Observation, Step
+from layflat.policy.rollout import run_until_stop
+from layflat.policy.runner import EpisodeRunner
 from layflat.policy.scripted.baselines import DragPolicy
 from layflat.policy.stopping import AnyOf
 from layflat.sim.config import SimConfig
@@ -81,15 +82,15 @@ def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, Flo
     ``size``, and by packing ``size none|lzf|gzip 1|gzip 4``; processor s of packing ``pack none|...``.
     """
     with _place(folder) as place:
-        with SessionRecorder(place / "s.h5", robot=robot_spec(ROBOT), cloth=CLOTH, keep_images=True) as recorder:
+        with SessionRecorder(place / "s.h5", robot=robot_spec(ROBOT), cloth=CLOTH, save_images=True) as recorder:
             samples, episode = _record(recorder, n_steps)
             samples["journal"] = np.array([_journal_alone(recorder, episode) for _ in range(REPEATS)])
             episode = lengthened(episode)
-            arrays = arrays_of(episode, keep_images=True)
+            arrays = arrays_of(episode, save_images=True)
             megabytes = sum(array.nbytes for array in arrays.values()) / 1e6
             keep, raw = [], []
             for _ in range(REPEATS):
-                keep.append(megabytes / _wall(lambda: recorder.keep(episode)))
+                keep.append(megabytes / _wall(lambda: recorder.save(episode)))
                 raw.append(megabytes / _wall(lambda: _raw(place / "raw.h5", arrays)))
         images = {key: rows for key, rows in arrays.items() if rows.ndim == 4}
         for name, packing in PACKINGS.items():
@@ -126,7 +127,7 @@ def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, F
 
 def write_copies(path: Path, episode: Episode, count: int) -> None:
     """A session of one episode again and again, each with a uid of its own."""
-    arrays = arrays_of(episode, keep_images=True)
+    arrays = arrays_of(episode, save_images=True)
     with h5py.File(path, "x", libver=LIBVER) as file:
         session = SessionFile(file)
         for number in range(count):
@@ -170,7 +171,7 @@ def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArr
     timed: list[_Timed] = []
 
     def begin(beginning: Episode) -> _Timed:
-        timed.append(_Timed(recorder.begin(beginning)))
+        timed.append(_Timed(recorder.start(beginning)))
         return timed[0]
 
     try:
@@ -178,7 +179,8 @@ def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArr
         lay_down(bench)
         policy = DragPolicy(robot_spec(ROBOT), name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
         began = time.perf_counter()
-        episode = rollout(bench, policy, seed=SEED, images=True, max_steps=n_steps, begin=begin)
+        run = EpisodeRunner(bench, policy, seed=SEED, keep_images=True, on_start=begin)
+        episode = run.build_episode(run_until_stop(run, max_steps=n_steps))
         wall_s = time.perf_counter() - began
     finally:
         bench.close()
@@ -188,7 +190,7 @@ def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArr
 
 def _journal_alone(recorder: SessionRecorder, episode: Episode) -> float:
     """Processor time per step of handing over, packing, writing and flushing."""
-    running = recorder.begin(episode)
+    running = recorder.start(episode)
     began = time.process_time()
     for step in episode.steps:
         running.step(step)

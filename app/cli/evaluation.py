@@ -3,52 +3,43 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from layflat.app.cli.options import Debug, Episodes, Force, Seed, Workers
+from layflat.app.cli.options import Debug, Episodes, Force, Seed, Task, Workers
 from layflat.app.support import validators
-
-EngineName = Literal["local", "ray"]
-StartName = Literal["hanging", "crumpled", "folded-corner", "swinging"]
 
 Policies = Annotated[
     list[str],
     typer.Argument(
-        metavar="MODEL.npz...",
+        metavar="POLICY...",
         show_default=False,
-        help="Trained models; NAME=MODEL.npz names one, MODEL.npz+drag-rule lets a rule repair, +recovery lifts what "
-        "is folded, +steady waits for what swings. Or those that need no model: scripted, hold, random, stretch-right, "
-        "drag-rule.",
+        help="Model files or built-in policies (scripted, hold, random, stretch-right, drag-rule). NAME=MODEL.npz "
+        "names one; MODEL.npz+drag-rule repairs by a rule; +recovery and +steady are wrappers.",
     ),
 ]
 Out = Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")]
 Cloths = Annotated[
     list[str] | None,
-    typer.Option(show_default="those of the models", help="Which cloth: towel or napkin; may be given several times."),
+    typer.Option(show_default="those of the models", help="Cloth: towel, napkin or towel-fine; repeatable."),
 ]
 Robots = Annotated[
     list[str] | None,
-    typer.Option(show_default="those of the models", help="hanger or pickers; needed only without a model."),
+    typer.Option(show_default="those of the models", help="Robot of built-in policies: hanger or pickers; repeatable."),
 ]
-StartAt = Annotated[StartName, typer.Option(help="How the cloth begins.")]
+StartAt = Annotated[str, typer.Option(help="Start of the cloth: hanging, crumpled, folded-corner or swinging.")]
 Limit = Annotated[float, typer.Option(metavar="S", help="Wall time after which an episode counts as hung.")]
-Engine = Annotated[EngineName, typer.Option(help="On this machine, or on a Ray cluster.")]
+Engine = Annotated[str, typer.Option(help="Where the episodes run: local, or ray for a Ray cluster.")]
 Address = Annotated[
-    str | None, typer.Option(metavar="HOST:PORT", help="Of the Ray cluster; a local one is started without.")
+    str | None, typer.Option(metavar="HOST:PORT", help="Address of the Ray cluster; by default a local one is started.")
 ]
-Videos = Annotated[bool, typer.Option("--videos", help="Film the best, the median and the worst of each policy.")]
-_SUITE = (
-    "a suite (thesis, gentle, harsh, folds, wind), a single disturbance by name, or a suite of your own; may be given "
-    "several times."
-)
+Videos = Annotated[bool, typer.Option("--videos", help="Videos of the best, the median and the worst of each policy.")]
+_SUITE = "a suite (thesis, gentle, harsh, folds, wind), the name of a disturbance, or a suite of your own; repeatable."
 Disturbances = Annotated[
-    list[str] | None, typer.Option("--disturb", metavar="SUITE|NAME|FILE.toml", help=f"Also with {_SUITE}")
+    list[str] | None, typer.Option("--disturb", metavar="SUITE|NAME|FILE.toml", help=f"Also disturb by {_SUITE}")
 ]
-Suites = Annotated[
-    list[str], typer.Option("--suite", metavar="SUITE|NAME|FILE.toml", help=f"What happens: {_SUITE}")
-]  # fmt: skip
+Suites = Annotated[list[str], typer.Option("--suite", metavar="SUITE|NAME|FILE.toml", help=f"Disturb by {_SUITE}")]
 
 
 def evaluate(
@@ -60,6 +51,7 @@ def evaluate(
     disturb: Disturbances = None,
     cloth: Cloths = None,
     robot: Robots = None,
+    task: Task = "place",
     start: StartAt = "hanging",
     limit_s: Limit = 900.0,
     engine: Engine = "local",
@@ -68,29 +60,30 @@ def evaluate(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Compare policies from the same starts, through the same disturbances.
+    """Compare policies from the same starts, with the same disturbances.
 
-    Rows, summary, every episode and report.html into DIR; the same command goes on where it was interrupted.
+    Writes rows, a summary, every episode and report.html to DIR. The same command continues after an interruption.
     """
     validators.require_simulator()
+    from layflat.app.commands.evaluate import EvaluateConfig
     from layflat.app.commands.evaluate import evaluate as run
 
-    run(
-        policies,
+    config = EvaluateConfig(
+        policies=tuple(policies),
         out=out,
         episodes=episodes,
         seed=seed,
-        disturb=disturb or (),
-        cloths=cloth or (),
-        robots=robot or (),
+        disturb=tuple(disturb or ()),
+        cloths=tuple(cloth or ()),
+        robots=tuple(robot or ()),
+        task=task,
         start=start,
         limit_s=limit_s,
-        workers=workers,
         engine=engine,
         address=address,
         videos=videos,
-        force=force,
     )
+    run(config, workers=workers, force=force)
 
 
 def disturb(
@@ -102,6 +95,7 @@ def disturb(
     seed: Seed = 0,
     cloth: Cloths = None,
     robot: Robots = None,
+    task: Task = "place",
     start: StartAt = "hanging",
     limit_s: Limit = 900.0,
     engine: Engine = "local",
@@ -110,9 +104,9 @@ def disturb(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """The same as `layflat evaluate --disturb SUITE`.
+    """Compare policies through suites of disturbances.
 
-    Every episode also undisturbed, from the very same placing.
+    The same as `layflat evaluate --disturb SUITE`: every episode also runs undisturbed, from the same placement.
     """
     evaluate(
         policies,
@@ -123,6 +117,7 @@ def disturb(
         disturb=suite,
         cloth=cloth,
         robot=robot,
+        task=task,
         start=start,
         limit_s=limit_s,
         engine=engine,

@@ -1,9 +1,9 @@
-"""Options of `layflat record`, `layflat train` and `layflat place`: teaching, and what was taught."""
+"""Options of `layflat record`, `layflat train` and `layflat place`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -15,124 +15,141 @@ from layflat.app.cli.options import (
     Episodes,
     Force,
     Json,
-    ModelFile,
-    RobotChoice,
+    Robot,
     Seed,
+    Task,
     Workers,
 )
 from layflat.app.support import validators
-
-SourceName = Literal["scripted", "gamepad", "keyboard", "mouse", "kinesthetic"]
-PolicyName = Literal["gp-word", "gp-baseline", "gp-contact", "gp-direction", "gp-finish", "gmr", "dmp", "nearest"]
-Around = Annotated[
-    list[str] | None,
-    typer.Option("--with", metavar="recovery|steady", help="What is put around the policy; repeatable."),
-]
 
 
 def record(
     path: DataFile,
     workers: Workers,
-    robot: Annotated[RobotChoice, typer.Option(help="What holds the cloth.")] = "hanger",
+    robot: Robot = "hanger",
+    task: Task = "place",
     cloth: Cloth = "towel",
-    source: Annotated[SourceName, typer.Option(help="Who demonstrates.")] = "scripted",
+    source: Annotated[
+        str, typer.Option(help="Who demonstrates: scripted, gamepad, keyboard, mouse or kinesthetic.")
+    ] = "scripted",
     episodes: Episodes = 1,
     seed: Seed = 0,
     descriptor: Descriptor = "word-axial",
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
-    disturb: Annotated[str, typer.Option(metavar="NAME", help="What the disturb button does to the cloth.")] = "push",
+    disturb: Annotated[
+        str, typer.Option("--disturb-button", metavar="NAME", help="Disturbance that the disturb button starts.")
+    ] = "push",
     window: Annotated[
-        bool, typer.Option("--window/--no-window", help="Open the window where there is a display, or stay here.")
+        bool, typer.Option("--window/--no-window", help="Open the live window where there is a display.")
     ] = True,
     pad: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="A pad's mapping, by `layflat gamepad calibrate --file`.")
+        Path | None, typer.Option(metavar="FILE.json", help="Gamepad mapping from `layflat gamepad calibrate --file`.")
     ] = None,
     correct: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL.npz", help="This model places; who moves the source takes over until they rest."),
+        typer.Option(metavar="MODEL.npz", help="This model places; you take over by moving, until you rest."),
     ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Record demonstrations.
 
-    FILE.h5 is appended to if it exists, and each episode is durable once it is printed. With a person as the source it
-    ends when --episodes are kept, or when the person quits; what was not to be kept is asked again.
+    Appends to FILE.h5 if it exists; an episode is durable when its line is printed. A person records until --episodes
+    are kept or until they quit; an episode that is discarded is asked for again.
     """
     validators.require_simulator()
     from layflat.app.commands.record import record as run
     from layflat.app.workers.record_config import RecordConfig
 
-    run(
-        RecordConfig(
-            path=path,
-            robot=robot,
-            cloth=cloth,
-            source=source,
-            episodes=episodes,
-            seed=seed,
-            descriptor=descriptor,
-            images=images,
-            disturb=disturb,
-            window=window,
-            mapping=pad,
-            correct=correct,
-        ),
-        force=force,
-        workers=workers,
+    config = RecordConfig(
+        path=path,
+        robot=robot,
+        task=task,
+        cloth=cloth,
+        source=source,
+        episodes=episodes,
+        seed=seed,
+        descriptor=descriptor,
+        images=images,
+        disturb=disturb,
+        window=window,
+        mapping=pad,
+        correct=correct,
     )
+    run(config, force=force, workers=workers)
 
 
 def train(
     data: DataFile,
-    model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="The model to write.")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="Model to write.")],
     policy: Annotated[
-        PolicyName, typer.Option(help="What to learn, and from which part of the cloth's state.")
+        str,
+        typer.Option(
+            help="Policy to train: gp-word, gp-baseline, gp-contact, gp-direction, gp-finish, gmr, dmp or nearest."
+        ),
     ] = "gp-word",
     intervention_weight: Annotated[
-        int, typer.Option(min=1, metavar="W", help="How often each step counts in which a person corrected a policy.")
+        int, typer.Option(min=1, metavar="W", help="Weight of steps in which a person corrected a policy.")
     ] = 1,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Learn a policy from demonstrations.
+    """Train a policy from demonstrations.
 
     Prints points, hyperparameters and held-out error.
     """
+    from layflat.app.commands.train import TrainConfig
     from layflat.app.commands.train import train as run
 
-    run(data, model, policy=policy, force=force, seed=seed, intervention_weight=intervention_weight)
+    config = TrainConfig(data=data, model=model, policy=policy, seed=seed, intervention_weight=intervention_weight)
+    run(config, force=force)
 
 
 def place(
-    model: ModelFile,
+    policy: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY",
+            show_default=False,
+            help="Model file or built-in policy (scripted, hold, random, stretch-right, drag-rule); "
+            "+recovery and +steady behind it.",
+        ),
+    ],
     workers: Workers,
     episodes: Episodes = 1,
     seed: Seed = 0,
-    disturb: Annotated[str | None, typer.Option(metavar="NAME", help="Disturb the cloth after the stop.")] = None,
-    record: Annotated[Path | None, typer.Option(metavar="FILE.h5", help="Record the episodes there.")] = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
+    disturb: Annotated[
+        str, typer.Option(metavar="NAME", help="Disturbance that starts when the policy has stopped.")
+    ] = "none",
+    record: Annotated[Path | None, typer.Option(metavar="FILE.h5", help="Record the episodes in this session.")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Video of the first episode.")] = None,
     json: Json = None,
-    cloth: Annotated[str | None, typer.Option(help="Another cloth than the model was taught with.")] = None,
-    around: Around = None,
+    robot: Annotated[str | None, typer.Option(help="Robot of a built-in policy: hanger or pickers.")] = None,
+    cloth: Annotated[
+        str | None, typer.Option(help="Cloth; by default the one that the model was trained with.")
+    ] = None,
+    wrappers: Annotated[
+        list[str] | None, typer.Option("--with", metavar="recovery|steady", help="Wrapper of the policy; repeatable.")
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Place a cloth with a trained model."""
+    """Place a cloth with a policy."""
     validators.require_simulator()
+    from layflat.app.commands.place import PlaceConfig
     from layflat.app.commands.place import place as run
 
-    run(
-        model,
+    config = PlaceConfig(
+        policy=policy,
         episodes=episodes,
         seed=seed,
-        disturb=disturb,
+        robot=robot,
+        cloth=cloth,
+        disturbance=disturb,
+        wrappers=tuple(wrappers or ()),
         record=record,
         video=video,
         json=json,
-        cloth=cloth,
-        around=around or (),
-        workers=workers,
-        force=force,
     )
+    run(config, workers=workers, force=force)

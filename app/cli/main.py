@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -26,15 +26,12 @@ from layflat.app.cli.options import (
     Episodes,
     Force,
     Json,
-    RobotChoice,
     Seed,
     Workers,
     maybe_count,
 )
 from layflat.app.support import validators
 from layflat.app.support.errors import INTERRUPTED, USAGE_ERROR, run_command
-
-ControllerName = Literal["word", "stretch-right", "random"]
 
 cli = typer.Typer(
     name="layflat",
@@ -64,7 +61,7 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
     episodes: Episodes = 5,
     seed: Seed = 0,
-    robot: Annotated[RobotChoice | None, typer.Option(help="Only this robot; both by default.")] = None,
+    robot: Annotated[str | None, typer.Option(help="Only this robot; both by default.")] = None,
     cloth: Cloth = "towel",
     force: Force = False,
     debug: Debug = False,
@@ -76,7 +73,7 @@ def demo(
     validators.require_simulator()
     from layflat.app.commands.demo import run_demo
 
-    robots: tuple[RobotChoice, ...] = (robot,) if robot else ("hanger", "pickers")
+    robots: tuple[str, ...] = (robot,) if robot else ("hanger", "pickers")
     run_demo(out, episodes=episodes, seed=seed, robots=robots, cloth=cloth, workers=workers, force=force)
 
 
@@ -143,7 +140,7 @@ def word(
 
 def flatten(
     workers: Workers,
-    controller: Annotated[ControllerName, typer.Option(help="Who moves the pickers.")] = "word",
+    controller: Annotated[str, typer.Option(help="Controller of the pickers: word, stretch-right or random.")] = "word",
     descriptor: Descriptor = "word-axial",
     episodes: Episodes = 1,
     seed: Seed = 0,
@@ -159,9 +156,10 @@ def flatten(
     By Algorithm 2 of the thesis, or by one of the controllers that it is compared with.
     """
     validators.require_simulator()
+    from layflat.app.commands.flatten import FlattenConfig
     from layflat.app.commands.flatten import flatten as run
 
-    run(
+    config = FlattenConfig(
         controller=controller,
         descriptor=descriptor,
         episodes=episodes,
@@ -170,9 +168,8 @@ def flatten(
         video=video,
         strip=strip,
         json=json,
-        workers=workers,
-        force=force,
     )
+    run(config, workers=workers, force=force)
 
 
 def reproduce(

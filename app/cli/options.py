@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from layflat.app.support import validators
-
-RobotChoice = Literal["hanger", "pickers"]
-DescriptorName = Literal["word", "word-axial", "how", "hog"]
 
 
 def count(param: typer.CallbackParam, value: int) -> int:
@@ -27,10 +24,12 @@ def seed_in_range(value: int) -> int:
     return validators.seed_in_range(value)
 
 
-Episodes = Annotated[int, typer.Option(callback=count, help="How many; at least 1.", show_default=True)]
-Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Seed of everything that chance decides.")]
-Cloth = Annotated[str, typer.Option(help="Which cloth: towel or napkin.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
+Episodes = Annotated[int, typer.Option(callback=count, help="Number of episodes.", show_default=True)]
+Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Random seed.")]
+Robot = Annotated[str, typer.Option(help="Robot that holds the cloth: hanger or pickers.")]
+Task = Annotated[str, typer.Option(help="Task: place, or smooth from a crumpled start.")]
+Cloth = Annotated[str, typer.Option(help="Cloth: towel, napkin or towel-fine.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")]
 Workers = Annotated[
     int,
@@ -38,10 +37,10 @@ Workers = Annotated[
         callback=count,
         default_factory=validators.available_cores,
         show_default="one per core",
-        help="Processes to share the episodes among; results do not depend on it.",
+        help="Number of processes; results do not depend on it.",
     ),
 ]
-Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the results there too.")]
-Descriptor = Annotated[DescriptorName, typer.Option(help="Which descriptor gives the wrinkles' direction.")]
+Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Also write the results to this file.")]
+Descriptor = Annotated[str, typer.Option(help="Descriptor of the wrinkles' direction: word, word-axial, how or hog.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="A trained model.")]
 DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Demonstrations.")]

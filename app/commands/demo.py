@@ -9,10 +9,9 @@ import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from layflat.app.commands.evaluate import entrants_of
-from layflat.app.evaluation.plan import EvaluationPlan
+from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import clear, run_batch
+from layflat.app.evaluation.run import clear, run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.media.frames import contact_sheet, disturbance_steps, placing_steps
@@ -66,8 +65,8 @@ def run_demo(
             progress.phase(f"{robot}: training", items=len(TRAINED))
             store.train(model_specs(robot, cloth), progress, workers=workers)
         plan = plan_of(store, robots, cloth, range(seed, seed + episodes))
-        progress.phase("evaluation", items=plan.episodes)
-        results = run_batch(plan, out, workers=workers, progress=progress)
+        progress.phase("evaluation", items=plan.n_episodes)
+        results = run_evaluation(plan, out, workers=workers, progress=progress)
         progress.phase("report")
         _write_frames(out / "frames.png", results, robots[0])
         options = PageOptions(title=TITLE, thesis_tables=True, sections=(_field_section(store, robots, cloth),))
@@ -87,8 +86,9 @@ def plan_of(store: ArtifactStore, robots: Sequence[str], cloth: str, seeds: Sequ
     for robot in robots:
         baseline, proposed, finish = (str(store.model_path(spec).resolve()) for spec in model_specs(robot, cloth))
         policies += [baseline, proposed, f"{baseline}+{RULE}", "+".join((finish, *RECOMMENDED_WRAPPERS))]
-    entrants, cases = entrants_of(policies, robots), cases_of(DISTURBANCE)
-    return EvaluationPlan(entrants=entrants, cloths=(cloth,), seeds=tuple(seeds), cases=cases)
+    specs, wanted = plan_policies(policies, robots)
+    cases = cases_of(DISTURBANCE)
+    return EvaluationPlan(policies=specs, robots=wanted, cloths=(cloth,), seeds=tuple(seeds), cases=cases)
 
 
 def clear_demo(out: Path, store: ArtifactStore, robots: Sequence[str], cloth: str) -> None:

@@ -19,10 +19,11 @@ from layflat.app.support.console import console
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import capture_provenance
-from layflat.app.workers.episode_pool import JOB_LIMIT_S, process_pool
+from layflat.app.workers.process import process_pool
+from layflat.app.workers.work_item import LIMIT_S
 from layflat.data.arrays import FloatArray
 from layflat.data.format import schema
+from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.types import PHASES, Episode
 from layflat.sim.cloth.cloth import CLOTHS
@@ -99,9 +100,9 @@ def rerun(recorded: Episode) -> Episode:
     with Progress({"replay": STEP_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
         progress.phase("replay")
         try:
-            again: Episode = pool.schedule(_rerun_here, args=[recorded], timeout=JOB_LIMIT_S).result()
+            again: Episode = pool.schedule(_rerun_here, args=[recorded], timeout=LIMIT_S).result()
         except FutureTimeoutError:
-            raise LayflatError(f"the replay took more than {JOB_LIMIT_S:.0f} s; its physics may hang") from None
+            raise LayflatError(f"the replay took more than {LIMIT_S:.0f} s; its physics may hang") from None
         except ProcessExpired as error:
             raise LayflatError(f"the replay's process ended with status {error.exitcode}; try again") from None
         progress.advance()
@@ -129,11 +130,10 @@ def _check_can_run(recorded: Episode) -> None:
 
 
 def _rerun_here(recorded: Episode) -> Episode:
-    from layflat.app.workers.rollout import replay_actions
+    from layflat.policy.rollout import replay_actions
 
     bench = ClothSimulation(settings_of(recorded))
     try:
-        bench.reset(recorded.seed)
         return replay_actions(bench, recorded)
     finally:
         bench.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from rich.table import Table
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import capture_provenance
+from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.types import Episode
 from layflat.policy import model_io as model_files
@@ -24,10 +25,20 @@ from layflat.policy.trained_model import TrainedModel
 EXPECTED_S = 30.0
 
 
-def train(
-    data: Path, model: Path, *, policy: str, force: bool, seed: int, intervention_weight: int = 1
-) -> TrainedModel:
-    """Learn ``policy`` from the successful demonstrations in ``data``, write ``model``, print what was learned."""
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """Settings of one `layflat train` call."""
+
+    data: Path
+    model: Path
+    policy: str
+    seed: int = 0
+    intervention_weight: int = 1
+
+
+def train(config: TrainConfig, *, force: bool) -> TrainedModel:
+    """Train a policy from the successful demonstrations in ``data``, write ``model``, print what was learned."""
+    data, model, policy, intervention_weight = config.data, config.model, config.policy, config.intervention_weight
     validators.one_of("policy", policy, registry.TRAINABLE_POLICIES)
     if model.suffix != ".npz":
         raise UsageError(f"{model} is not an .npz file; models are written as .npz")
@@ -35,14 +46,14 @@ def train(
     episodes = successful_demonstrations(data)
     corrected = sum(step.intervention for episode in episodes for step in episode.steps)
     if intervention_weight != 1 and not corrected:
-        raise UsageError(f"nobody corrected a policy in {data}; --intervention-weight has nothing to weight")
+        raise UsageError(f"{data} has no intervention steps; remove --intervention-weight")
     # GPy prints when it is interrupted; stdout is for results.
     with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
         progress.phase("training", items=len(episodes[0].steps[0].action))
         learned = registry.train(
             policy,
             episodes,
-            seed=seed,
+            seed=config.seed,
             provenance=capture_provenance(),
             progress=lambda done, of, clause: progress.advance(status=clause),
             intervention_weight=intervention_weight,

@@ -1,4 +1,4 @@
-"""batch.json: what was asked of a folder, so that whoever goes on with it asks for the same.
+"""config.json: what was asked of an evaluation's folder, so that a later run asks for the same.
 
 Policies, cloths, seeds and disturbances may be added; none may become another under the same name.
 """
@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
+from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.support.atomic_write import write_text
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import JSON_SCHEMA
-from layflat.app.support.provenance import capture_provenance
+from layflat.app.workers.work_item import DisturbanceCase
+from layflat.data.provenance import capture_provenance
+from layflat.policy.spec import PolicySpec
 
 NOT_COMPARED = frozenset({"provenance"})
 """A model that was trained again to the same numbers is the same."""
@@ -35,8 +37,9 @@ def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
         new[key] = _united(there.get(key, {}), new[key], kind, path)
     for key in ("robots", "cloths", "seeds"):
         new[key] = list(dict.fromkeys([*there.get(key, ()), *new[key]]))
-    if there.get("start", new["start"]) != new["start"]:
-        raise UsageError(_contradiction(path, f"starts are {there['start']}", f"{new['start']} ones"))
+    for key in ("task", "start", "descriptor"):
+        if there.get(key, new[key]) != new[key]:
+            raise UsageError(_contradiction(path, f"{key} is {there[key]}", str(new[key])))
     new["invocations"] = [*there.get("invocations", ()), vars(capture_provenance())]
     return new
 
@@ -45,8 +48,8 @@ def save_config(path: Path, asked: Mapping[str, Any]) -> None:
     write_text(path, json.dumps(asked, indent=1) + "\n")
 
 
-def order(asked: Mapping[str, Any]) -> Any:
-    """Key of the finished rows' order: that of Plan.groups, for everything that was ever asked of the folder."""
+def sort_key(asked: Mapping[str, Any]) -> Any:
+    """Return the key of the order of finished rows: that of `EvaluationPlan.items`."""
     names = {
         "robot": list(asked["robots"]),
         "cloth": list(asked["cloths"]),
@@ -70,38 +73,40 @@ def _read(path: Path) -> dict[str, Any]:
     except ValueError:
         there = None
     if not isinstance(there, dict) or there.get("schema") != JSON_SCHEMA or not isinstance(there.get("policies"), dict):
-        raise UsageError(f"{path} is not what `layflat evaluate` wrote; choose another --out, or --force to begin anew")
+        raise UsageError(
+            f"{path} is not what `layflat evaluate` wrote; choose another --out, or --force to start again"
+        )
     return there
 
 
 def _described(plan: EvaluationPlan) -> dict[str, Any]:
     return {
         "schema": JSON_SCHEMA,
+        "task": plan.task,
         "start": plan.start,
+        "descriptor": plan.descriptor,
         "robots": list(plan.robots),
         "cloths": list(plan.cloths),
-        "policies": {f"{entrant.robot} {entrant.name}": _of_entrant(entrant) for entrant in plan.entrants},
-        "disturbances": {case.name: _of_case(case) for case in plan.all_cases},
+        "policies": {f"{robot} {policy.label}": _described_policy(policy) for robot, policy in plan.entries},
+        "disturbances": {case.name: _described_case(case) for case in plan.all_cases},
         "seeds": list(plan.seeds),
         "limit_s": plan.limit_s,
     }
 
 
-def _of_entrant(entrant: PolicySpec) -> dict[str, Any]:
-    described: dict[str, Any] = {"made": entrant.made, "controller": entrant.controller, "model": None}
-    if entrant.decorators:
-        described["decorators"] = list(entrant.decorators)
-    if entrant.model is not None:
+def _described_policy(policy: PolicySpec) -> dict[str, Any]:
+    described: dict[str, Any] = {"builtin": policy.builtin, "wrappers": list(policy.wrappers), "model": None}
+    if policy.model is not None:
         described["model"] = {
-            "policy": entrant.model.policy,
-            "cloth": entrant.model.cloth,
-            "descriptor": entrant.model.descriptor,
-            "sha256": fingerprint(entrant.model),
+            "policy": policy.model.policy,
+            "cloth": policy.model.cloth,
+            "descriptor": policy.model.descriptor,
+            "sha256": fingerprint(policy.model),
         }
     return described
 
 
-def _of_case(case: DisturbanceCase) -> list[dict[str, Any]]:
+def _described_case(case: DisturbanceCase) -> list[dict[str, Any]]:
     described: list[dict[str, Any]] = json.loads(json.dumps([asdict(item) for item in case.schedule]))
     return described
 
@@ -138,4 +143,6 @@ def _united(there: Mapping[str, Any], new: Mapping[str, Any], kind: str, path: P
 
 
 def _contradiction(path: Path, has: str, wanted: str) -> str:
-    return f"{path.parent} holds a batch whose {has}, not {wanted}; give another --out, or --force to begin anew"
+    return (
+        f"{path.parent} contains an evaluation whose {has}, not {wanted}; give another --out, or --force to start again"
+    )

@@ -1,7 +1,7 @@
-"""The engine of a Ray cluster: each group is a task, and runs in a fresh process inside of it all the same.
+"""The engine of a Ray cluster: each work item is a Ray task, and runs in a fresh process of its own there too.
 
-Only the task's answer comes back, rows and files of a group; this process writes them. So the nodes need no common
-folder, and a node that is lost costs what it was at.
+A task returns rows and files, and this process writes them: the nodes need no common folder, and the loss of a node
+costs only what it was running.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from layflat.app.evaluation.fork_server import ONE_THREAD, ForkServer
-from layflat.app.evaluation.local_engine import LOOK_S, Engine, NextWorkItem, WorkResult
-from layflat.app.evaluation.plan import WorkItem
-from layflat.app.evaluation.work_item import EpisodeFactory, run_file
 from layflat.app.support.errors import LayflatError
+from layflat.app.workers.fork_server import ONE_THREAD, ForkServer
+from layflat.app.workers.simulated_episode import EpisodeFactory
+from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
+from layflat.app.workers.worker_process import POLL_S, Engine, NextWorkItem
 from layflat.data.atomic_files import fsync_write, os_reason
 
 AHEAD = 2
 """Tasks that are handed out for each core, so that none waits for this process."""
 _SERVER: list[ForkServer] = []
-"""Of a Ray worker, from its first group on."""
+"""Fork server of a Ray worker, from its first item on."""
 
 
 def ray_engine(workers: int, address: str | None) -> Engine:
-    """On the cluster at ``address``, or else on one of ``workers`` cores that is started here and ends with the batch.
+    """Return the engine of the cluster at ``address``, or of a local one of ``workers`` cores that ends with the run.
 
     LayflatError where Ray is not installed, or does not find the cluster.
     """
     ray = _ray()
 
-    def run(next_group: NextWorkItem, folder: Path, play: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
+    def run(next_item: NextWorkItem, folder: Path, make: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
         _connect(ray, workers, address)
         try:
-            yield from _run(ray, next_group, folder, play)
+            yield from _run(ray, next_item, folder, make)
         finally:
             ray.shutdown()
 
@@ -43,7 +43,7 @@ def ray_engine(workers: int, address: str | None) -> Engine:
 
 
 def _ray() -> Any:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Nothing is told to anybody unless somebody wishes it.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # No usage data is sent unless the user wants it.
     try:
         import ray
     except ImportError:
@@ -66,48 +66,48 @@ def _connect(ray: Any, workers: int, address: str | None) -> None:
 
 
 def _run(
-    ray: Any, next_group: NextWorkItem, folder: Path, play: EpisodeFactory
+    ray: Any, next_item: NextWorkItem, folder: Path, make: EpisodeFactory
 ) -> Generator[WorkResult | None, None, None]:
     task = ray.remote(num_cpus=1, max_retries=0)(run_on_node)
     pending: dict[Any, WorkItem] = {}
     while True:
         most = AHEAD * max(1, int(ray.cluster_resources().get("CPU", 1)))
-        while len(pending) < most and (group := next_group()) is not None:
-            pending[task.remote(group, play)] = group
+        while len(pending) < most and (item := next_item()) is not None:
+            pending[task.remote(item, make)] = item
         if not pending:
             return
-        ready, _ = ray.wait(list(pending), timeout=LOOK_S)
+        ready, _ = ray.wait(list(pending), timeout=POLL_S)
         yield None
         for reference in ready:
-            yield _end(ray, reference, pending.pop(reference), folder)
+            yield _result(ray, reference, pending.pop(reference), folder)
 
 
-def _end(ray: Any, reference: Any, group: WorkItem, folder: Path) -> WorkResult:
-    """Of a task that has ended: its files are written here."""
+def _result(ray: Any, reference: Any, item: WorkItem, folder: Path) -> WorkResult:
+    """Write the files of a task that has ended, and return its result."""
     try:
-        end, files = ray.get(reference)
+        result, files = ray.get(reference)
     except (ray.exceptions.RayError, EOFError, OSError) as error:
         reason = f"its Ray worker was lost: {' '.join(str(error).split())[:200]}"
-        return WorkResult(group, dict.fromkeys(group.run_ids, reason), {})
+        return WorkResult(item, dict.fromkeys(item.run_ids, reason), {})
     try:
         for run, content in files.items():
             fsync_write(run_file(folder, run), content)
     except OSError as error:
-        return replace(end, lost=dict.fromkeys(_missing(group, folder), ""), unwritable=os_reason(error))
-    # That the node's disk is full is that node's trouble: another try may come to another node.
-    return replace(end, unwritable=None)
+        return replace(result, lost=dict.fromkeys(_missing(item, folder), ""), unwritable=os_reason(error))
+    # A full disk on one node need not matter: another attempt may come to another node.
+    return replace(result, unwritable=None)
 
 
-def _missing(group: WorkItem, folder: Path) -> list[str]:
-    return [run for run in group.run_ids if not run_file(folder, run).exists()]
+def _missing(item: WorkItem, folder: Path) -> list[str]:
+    return [run for run in item.run_ids if not run_file(folder, run).exists()]
 
 
-def run_on_node(group: WorkItem, play: EpisodeFactory) -> tuple[WorkResult, dict[str, bytes]]:
-    """In a Ray worker: by the server that it has from its first group on."""
+def run_on_node(item: WorkItem, make: EpisodeFactory) -> tuple[WorkResult, dict[str, bytes]]:
+    """Run an item in a Ray worker, by the fork server that it starts with its first item."""
     if not _SERVER:
         _SERVER.append(ForkServer())
     try:
-        return _SERVER[0].run(group, play)
+        return _SERVER[0].run(item, make)
     except (EOFError, OSError):
         _SERVER.pop().close()
         raise

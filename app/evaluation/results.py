@@ -11,14 +11,13 @@ import numpy as np
 import pandas as pd
 
 from layflat.app.evaluation.results_csv import ALL_COLUMNS
-from layflat.app.evaluation.work_item import run_file
 from layflat.app.support.metrics import COLUMNS
+from layflat.app.workers.work_item import read_run
 from layflat.data.errors import DataError
-from layflat.data.session.reader import open_session
 from layflat.data.types import Episode
 
-BATCH, EPISODES, SUMMARY, RUNS = "batch.json", "episodes.csv", "summary.json", "runs"
-_WORDS = ("policy", "robot", "cloth", "disturbance", "stopped_by", "run", "start", "reason")
+CONFIG, EPISODES, SUMMARY, RUNS = "config.json", "episodes.csv", "summary.json", "runs"
+_WORDS = ("policy", "robot", "task", "cloth", "physics", "disturbance", "stopped_by", "run", "start", "reason")
 _TRUTHS = ("unstable", "crashed")
 _COUNTS = ("seed", "steps", "attempts")
 _NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_WORDS, *_TRUTHS, *_COUNTS))
@@ -33,8 +32,8 @@ class EvaluationResults:
     """The contract's columns, then ``run`` (the episode's name), ``start``, ``attempts``, ``reason`` (of a crash)."""
     summary: dict[str, Any]
     """As in summary.json; empty while the first batch in the folder runs."""
-    batch: dict[str, Any]
-    """As in batch.json: what was asked."""
+    config: dict[str, Any]
+    """As in config.json: what was asked for."""
 
     @staticmethod
     def open(folder: str | Path) -> EvaluationResults:
@@ -42,12 +41,12 @@ class EvaluationResults:
         folder = Path(folder)
         try:
             rows = read_rows(folder / EPISODES)
-            batch = json.loads((folder / BATCH).read_text(encoding="utf-8"))
+            config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
             path = folder / SUMMARY
             summary = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         except (OSError, ValueError) as error:
             raise DataError(f"{folder} does not hold the results of `layflat evaluate` ({error})") from error
-        return EvaluationResults(folder, rows, summary, batch)
+        return EvaluationResults(folder, rows, summary, config)
 
     def episode(self, run: str) -> Episode:
         """The episode of a row, without images; DataError where it crashed and there is none."""
@@ -61,12 +60,6 @@ def read_rows(path: Path) -> pd.DataFrame:
     numbers = {name: [float(cell) if cell else np.nan for cell in rows[name]] for name in _NUMBERS}
     ground_truths = {name: rows[name] == "True" for name in _TRUTHS}
     return rows.assign(**numbers, **ground_truths, **{name: rows[name].astype(int) for name in _COUNTS})
-
-
-def read_run(runs: Path, run: str) -> Episode:
-    """The one episode of a run's file."""
-    with open_session(run_file(runs, run)) as session:
-        return next(session.episodes(images=False))
 
 
 def as_rows(rows: pd.DataFrame) -> list[dict[str, Any]]:

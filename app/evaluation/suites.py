@@ -24,9 +24,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from layflat.app.evaluation.plan import DisturbanceCase
 from layflat.app.support.errors import UsageError
-from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
+from layflat.app.workers.work_item import DisturbanceCase
+from layflat.policy.base import PolicyError
+from layflat.policy.schedule import ScheduledDisturbance, Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec
 from layflat.sim.errors import SimError
 
@@ -58,7 +59,7 @@ def cases_of(what: str) -> tuple[DisturbanceCase, ...]:
         )
         return parse(text, what, f"suite {what}")
     if what in DISTURBANCES and what != "none":
-        return (DisturbanceCase(name=what, schedule=(ScheduledDisturbance(spec=DISTURBANCES[what]),)),)
+        return (DisturbanceCase(name=what, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[what]),)),)
     path = Path(what)
     if path.suffix == SUFFIX:
         return parse(_text_of(path), path.stem.lower(), str(path))
@@ -102,18 +103,20 @@ def _item(table: Mapping[str, Any], name: str, where: str) -> ScheduledDisturban
     if not _is_whole(repeats) or not 1 <= repeats <= MAX_REPEATS:
         raise UsageError(f"{where}: repeats is {repeats!r}; it must be a whole number from 1 to {MAX_REPEATS}")
     spec = _spec(table, name, where)
-    return ScheduledDisturbance(spec=spec, when=_when(table.get("when", "stopped"), where), repeats=repeats)
+    return ScheduledDisturbance(
+        disturbance=spec, trigger=_trigger(table.get("when", "stopped"), where), repeats=repeats
+    )
 
 
-def _when(value: object, where: str) -> Trigger:
+def _trigger(value: object, where: str) -> Trigger:
     if value == "stopped":
         return Trigger()
     if isinstance(value, dict) and len(value) == 1:
-        ((moment, number),) = value.items()
-        if moment in ("step", "contact") and isinstance(number, (int, float)) and not isinstance(number, bool):
+        ((kind, number),) = value.items()
+        if kind in ("step", "contact") and isinstance(number, (int, float)) and not isinstance(number, bool):
             try:
-                return Trigger(moment=moment, value=number)
-            except UsageError as error:
+                return Trigger(kind=kind, value=number)
+            except PolicyError as error:
                 raise UsageError(f"{where}: {error}") from None
     raise UsageError(f'{where}: when is {value!r}; it must be "stopped", {{ step_index = 30 }} or {{ contact = 0.5 }}')
 

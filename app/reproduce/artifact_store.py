@@ -7,18 +7,19 @@ from collections.abc import Iterable
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from layflat.app.commands.record import keep_all
+from layflat.app.workers.run_items import demonstrations, record_all
 from layflat.app.reproduce.studies import DEMONSTRATION_SEED, ModelSpec
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import capture_provenance
-from layflat.app.workers.episode_pool import EpisodeConfig, process_pool
+from layflat.data.provenance import capture_provenance
+from layflat.app.workers.process import process_pool
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.trained_model import TrainedModel
+from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import robot_spec
 
 MAX_ATTEMPTS = 3
@@ -81,12 +82,11 @@ class ArtifactStore:
             first = DEMONSTRATION_SEED + self._seed
             seeds = set(range(first, first + len(recorded) + n_missing)) - {episode.seed for episode in recorded}
             with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
-                configs = [EpisodeConfig(robot=robot, cloth=cloth, seed=seed) for seed in sorted(seeds)]
-                lost = keep_all(configs, recorder, progress, workers=workers, echo=False)
+                items = demonstrations(SimConfig(robot=robot, cloth=cloth), sorted(seeds))
+                lost = record_all(items, recorder, progress, workers=workers)
             if lost:
-                raise LayflatError(
-                    f"a demonstration was lost: {lost[0].reason}; run the same command again to continue"
-                )
+                reason = next(iter(lost[0].lost.values()))
+                raise LayflatError(f"a demonstration was lost: {reason}; run the same command again to continue")
 
     def train(self, specs: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
         """Train the models that do not exist yet, each in a process of its own; an item of ``progress`` each."""

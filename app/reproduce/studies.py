@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
+from layflat.policy.spec import SMOOTH
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.sim.robots.registry import ROBOTS
@@ -74,8 +75,8 @@ class TrialPolicy:
 
     name: str
     model: ModelSpec | None = None
-    repair: str | None = None
-    controller: str | None = None
+    builtin: str | None = None
+    """Built-in policy; with a model, the one that repairs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,7 @@ class Trial:
     policies: tuple[TrialPolicy, ...]
     cloth: str = TOWEL
     seeds: int
+    task: str = "place"
     start: str = "hanging"
     repeats: int = 0
     """Times that DISTURBANCE comes, each after the policy has stopped; 0: not at all."""
@@ -134,8 +136,8 @@ def count_name(count: int) -> str:
 
 def flattening(scale: ScaleConfig) -> Iterator[Trial]:
     """Wrinkle removal by each controller."""
-    policies = tuple(TrialPolicy(name=name, controller=name) for name in CONTROLLERS)
-    yield Trial(name="flattening", robot="pickers", policies=policies, seeds=scale.seeds, start="crumpled")
+    policies = tuple(TrialPolicy(name=name, builtin=name) for name in CONTROLLERS)
+    yield Trial(name="flattening", robot="pickers", policies=policies, seeds=scale.seeds, task=SMOOTH)
 
 
 def placing(scale: ScaleConfig) -> Iterator[Trial]:
@@ -167,7 +169,7 @@ def second_cloth(scale: ScaleConfig) -> Iterator[Trial]:
 def inputs(scale: ScaleConfig) -> Iterator[Trial]:
     """The methods between the thesis's two, and the baseline with a rule that repairs."""
     for robot in ROBOTS:
-        ruled = replace(trained(BASELINE, robot, scale, name=RULED), repair=RULE)
+        ruled = replace(trained(BASELINE, robot, scale, name=RULED), builtin=RULE)
         yield Trial(
             name=f"inputs-{robot}",
             robot=robot,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
+from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.studies import FIRST_SEED, Trial
 from layflat.app.support.progress import Progress
-from layflat.app.workers.schedule import ScheduledDisturbance
+from layflat.app.workers.work_item import DisturbanceCase
+from layflat.policy.schedule import ScheduledDisturbance
+from layflat.policy.spec import SMOOTH, PolicySpec
 from layflat.data.errors import DataError
 from layflat.sim.cloth.starts import STARTS
 from layflat.sim.disturbances.presets import DISTURBANCES
@@ -28,30 +30,30 @@ def trial_folder(out: Path, trial: Trial) -> Path:
 
 def expected_core_s(trial: Trial) -> float:
     """Return the expected core-seconds of a trial."""
-    placing_s = CRUMPLED_S if trial.start == "crumpled" else PLACING_S
+    placing_s = CRUMPLED_S if trial.task == SMOOTH else PLACING_S
     episode_s = placing_s + DISTURBANCE_S * sum(repeats for _, repeats in trial.disturbances)
     return episode_s * trial.seeds * len(trial.policies)
 
 
 def plan_of(trial: Trial, store: ArtifactStore, seed: int) -> EvaluationPlan:
     """Return the evaluation of a trial whose models exist; its seeds begin at FIRST_SEED + ``seed``."""
-    entrants = tuple(
+    policies = tuple(
         PolicySpec(
-            name=policy.name,
-            robot=trial.robot,
+            label=policy.name,
             model=None if policy.model is None else store.model(policy.model),
-            made=policy.repair,
-            controller=policy.controller,
+            builtin=policy.builtin,
         )
         for policy in trial.policies
     )
     cases = tuple(
-        DisturbanceCase(name=name, schedule=(ScheduledDisturbance(spec=DISTURBANCES[name], repeats=repeats),))
+        DisturbanceCase(name=name, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[name], repeats=repeats),))
         for name, repeats in trial.disturbances
     )
     first = FIRST_SEED + seed
     return EvaluationPlan(
-        entrants=entrants,
+        policies=policies,
+        robots=(trial.robot,),
+        task=trial.task,
         cloths=(trial.cloth,),
         seeds=tuple(range(first, first + trial.seeds)),
         cases=cases,
@@ -61,7 +63,7 @@ def plan_of(trial: Trial, store: ArtifactStore, seed: int) -> EvaluationPlan:
 
 def run_trial(trial: Trial, out: Path, store: ArtifactStore, seed: int, progress: Progress, *, workers: int) -> None:
     """Run the missing episodes; ``progress`` is in a phase of ``trial.episodes`` items."""
-    run_batch(plan_of(trial, store, seed), trial_folder(out, trial), workers=workers, progress=progress)
+    run_evaluation(plan_of(trial, store, seed), trial_folder(out, trial), workers=workers, progress=progress)
 
 
 def results_of(trial: Trial, out: Path) -> EvaluationResults | None:

@@ -16,10 +16,10 @@ USAGE_ERROR = 2
 INTERRUPTED = 130
 
 PACKAGE_ERRORS = (
-    ("layflat.data.types", "DataError", USAGE_ERROR),
+    ("layflat.data.errors", "DataError", USAGE_ERROR),
     ("layflat.perception.errors", "PerceptionError", USAGE_ERROR),
     ("layflat.policy.base", "PolicyError", USAGE_ERROR),
-    ("layflat.sim.physics.bullet.world", "SimError", WORK_FAILED),
+    ("layflat.sim.errors", "SimError", WORK_FAILED),
 )
 """Module, base exception and exit status of each package; an error may carry its own ``exit_status``."""
 

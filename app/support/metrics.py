@@ -12,13 +12,16 @@ import numpy as np
 from layflat.app.support.atomic_write import write_text
 from layflat.app.support.phases import disturbed_step, placed_step
 from layflat.data.types import Episode
+from layflat.sim.config import SimConfig
 
 JSON_SCHEMA = 1
 
 COLUMNS = (
     "policy",
     "robot",
+    "task",
     "cloth",
+    "physics",
     "seed",
     "disturbance",
     "contact_start",
@@ -47,7 +50,9 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
     return {
         "policy": episode.source,
         "robot": episode.robot.name,
+        "task": episode.task,
         "cloth": episode.cloth,
+        "physics": episode.physics,
         "seed": episode.seed,
         "disturbance": episode.disturbance,
         "contact_start": float(contact[0]),
@@ -65,11 +70,12 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
     }
 
 
-def crashed_metrics(*, policy: str, robot: str, cloth: str, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
-    """The row of an episode that did not come back, with the reason beside."""
-    known = {"policy": policy, "robot": robot, "cloth": cloth, "seed": seed, "disturbance": disturbance}
-    came = {"steps": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
-    return dict.fromkeys(COLUMNS) | known | came | {"reason": reason}
+def crashed_metrics(policy: str, config: SimConfig, seed: int, disturbance: str, reason: str) -> dict[str, Any]:
+    """Return the row of an episode that was lost, with the reason beside its metrics."""
+    known: dict[str, Any] = {"policy": policy, "seed": seed, "disturbance": disturbance}
+    known |= {name: getattr(config, name) for name in ("robot", "task", "cloth", "physics")}
+    lost = {"steps": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
+    return dict.fromkeys(COLUMNS) | known | lost | {"reason": reason}
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from layflat.data.session.recorder import SavedEpisode
+from layflat.data.session.saved_episode import SavedEpisode
 
 
 def kept_line(saved: SavedEpisode) -> str:

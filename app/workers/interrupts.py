@@ -4,26 +4,52 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass
+class Interrupts:
+    """Whether Ctrl-C has been received."""
+
+    received: bool = False
+
+
+@contextmanager
+def note_interrupts() -> Iterator[Interrupts]:
+    """Only note Ctrl-C while the body runs, which looks at what is yielded when it suits it."""
+    interrupts = Interrupts()
+
+    def note(number: int, frame: object) -> None:
+        interrupts.received = True
+
+    with _handler(note):
+        yield interrupts
 
 
 @contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Ctrl-C while the body runs comes as a KeyboardInterrupt when it is over.
+    """Raise KeyboardInterrupt for a Ctrl-C while the body runs only when the body is over.
 
     For what must not be cut in two: keeping a result, and forking. Python runs callbacks around a fork that take and
-    give back locks (of logging, of h5py); an exception in one of them is printed and forgotten, the Ctrl-C with it,
+    release locks (of logging, of h5py); an exception in one of them is printed and forgotten, the Ctrl-C with it,
     and the lock stays taken: the next fork then waits for ever.
     """
+    with note_interrupts() as interrupts:
+        yield
+    if interrupts.received:
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def _handler(handle: Callable[[int, Any], None]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
-        yield  # Ctrl-C never comes here.
+        yield  # Ctrl-C never comes to this thread.
         return
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    before = signal.signal(signal.SIGINT, handle)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if came:
-        raise KeyboardInterrupt

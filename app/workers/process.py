@@ -1,6 +1,6 @@
-"""Processes that end alone: with their parent, at their time, and without anybody else.
+"""Processes of their own: ended with their parent, at their deadline, and described when they end by themselves.
 
-A time limit is an alarm whose action is the system's own, to end the process: it comes also when the physics engine
+A deadline is an alarm whose action is the system's own, to end the process: it works even when the physics engine
 never returns to Python.
 """
 
@@ -10,29 +10,47 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any
+
+import cv2
+from pebble import ProcessFuture, ProcessPool
+
+from layflat.app.workers.interrupts import defer_interrupts
 
 PR_SET_PDEATHSIG = 1
 
 
 def die_with_parent(parent: int) -> None:
-    """Be ended by the system when the process ``parent``, of which this one was forked, ends in whatever way."""
+    """Have the system end this process when ``parent``, which forked it, ends for any reason."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # It ended before the line above.
             os._exit(1)
 
 
+def configure_child(parent: int | None = None) -> None:
+    """Prepare a process that was forked or started by ``parent`` (default: its parent now) for one piece of work."""
+    # Ctrl-C reaches the whole process group; only the parent decides what to keep, and then ends the others.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # A forked child inherits the parent's SIGTERM handler; restore the default.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    die_with_parent(os.getppid() if parent is None else parent)
+    cv2.setNumThreads(1)
+
+
 def set_deadline(seconds: float) -> None:
-    """End this process that many seconds from now; 0: not any more."""
+    """End this process that many seconds from now; 0 removes the deadline."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
 def run_in_fork(work: Callable[[], int]) -> int:
-    """Do ``work`` in a copy of this process as it is now, and wait; what it returned, or what ended the copy.
+    """Run ``work`` in a copy of this process as it is now, wait for it, and return how it ended.
 
-    As in multiprocessing.Process.exitcode: a status, or a signal's number below 0. ``work`` should not raise.
+    Returns a status, or a signal's number below 0, as multiprocessing.Process.exitcode. ``work`` should not raise.
     """
     parent = os.getpid()
     child = os.fork()
@@ -47,7 +65,7 @@ def run_in_fork(work: Callable[[], int]) -> int:
 
 
 def describe_exit_status(exitcode: int | None, limit_s: float) -> str:
-    """Of a process that did not say it itself, for a person."""
+    """Say for a person why a process ended that did not say so itself."""
     if exitcode is None or exitcode == -signal.SIGALRM:
         return f"took more than {limit_s:g} s"
     if exitcode == -signal.SIGKILL:
@@ -62,3 +80,29 @@ def _signal_name(number: int) -> str:
         return signal.Signals(number).name
     except ValueError:
         return f"signal {number}"
+
+
+class _Pool(ProcessPool):
+    """A pool whose first task forks in the caller's thread, which is the one that Ctrl-C comes to."""
+
+    def schedule(self, *args: Any, **kwargs: Any) -> ProcessFuture:
+        with defer_interrupts():
+            return super().schedule(*args, **kwargs)
+
+
+@contextmanager
+def process_pool(workers: int) -> Iterator[ProcessPool]:
+    """Yield a pool that runs every function in a fresh process; left with an error or Ctrl-C, it ends them at once."""
+    # Here, where OpenCV's threads are: a fork without them would wait for ever to end them.
+    cv2.setNumThreads(1)
+    pool = _Pool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=configure_child)
+    finished = False
+    try:
+        yield pool
+        finished = True
+    finally:
+        if finished:
+            pool.close()  # type: ignore[no-untyped-call]
+        else:
+            pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()

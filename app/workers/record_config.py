@@ -1,4 +1,4 @@
-"""What is to be recorded: one value from the command line to whatever records it."""
+"""RecordConfig: settings of one `layflat record` call."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from pathlib import Path
 
 @dataclass(frozen=True, kw_only=True)
 class RecordConfig:
-    """Demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
+    """Settings of one `layflat record` call: demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
 
     path: Path
     robot: str
+    task: str = "place"
     cloth: str
     source: str
-    """Who demonstrates: scripted, or a device of layflat.app.workstation.teleop.registry.SOURCES."""
+    """Who demonstrates: scripted, or a name of the workstation's TELEOPERATORS."""
     episodes: int
     seed: int
     descriptor: str
     images: bool
     """Whether camera images are kept."""
     disturb: str = "none"
-    """What the device's button for it does to the cloth."""
+    """Disturbance that the device's disturb button starts."""
     window: bool = True
-    """In the window where there is a display, else in the terminal. This and the rest are for a person."""
+    """Whether to open the window where there is a display; this and the following are for a person."""
     mapping: Path | None = None
-    """Of a pad, by `layflat gamepad calibrate --file`."""
+    """Mapping of a gamepad, written by `layflat gamepad calibrate --file`."""
     correct: Path | None = None
-    """A model that places, and that the person corrects by taking over."""
+    """Model that places, and that the person corrects by taking over."""

@@ -121,7 +121,7 @@ def _seen(seen: Observation) -> list[float]:
 
 
 def _befell(step: Step) -> list[object]:
-    pull = [""] * 4 if step.pull is None else [step.pull.node, *step.pull.target_m.tolist()]
+    pull = [""] * 4 if step.drag is None else [step.drag.node, *step.drag.target_m.tolist()]
     return [*step.force_n.tolist(), *pull, int(step.intervention)]
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object
-from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_steps
+from layflat.data.format.decode import TOLD_BY_FEW, drag_of, hand_of, observations_of, without_steps
 from layflat.data.format.encode import attributes_of
 from layflat.data.format.migrate import PLAN, disturbances_from_2
 from layflat.data.format.structure_checks import check_claim, check_hard_links, check_stored_here
@@ -264,7 +264,7 @@ def _steps(
             action=metres[i],
             action_std=None if std is None or np.isnan(std[i]).all() else std[i],
             phase=cast(Phase, bytes(phases[i]).decode("ascii", "replace")),
-            pull=pull_of(int(nodes[i]), targets[i]),
+            drag=drag_of(int(nodes[i]), targets[i]),
             force_n=forces[i],
             intervention=bool(taken[i]),
             hand_m=hand_of(hands[i]),

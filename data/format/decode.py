@@ -140,7 +140,7 @@ def _steps(group: h5py.Group, observations: list[Observation], ground_truths: li
             action=action_m[i],
             action_std=None if np.isnan(std[i]).all() else std[i],
             phase=cast(Phase, phase),
-            pull=pull_of(nodes[i], targets[i]),
+            drag=drag_of(nodes[i], targets[i]),
             force_n=forces[i],
             intervention=bool(taken[i]),
             hand_m=hand_of(hands[i]),
@@ -149,7 +149,7 @@ def _steps(group: h5py.Group, observations: list[Observation], ground_truths: li
     )
 
 
-def pull_of(node: int, target_m: NDArray[np.float64]) -> DragTarget | None:
+def drag_of(node: int, target_m: NDArray[np.float64]) -> DragTarget | None:
     """As the data sets have it: node -1 where nothing was pulled at."""
     return None if node == -1 else DragTarget(node=int(node), target_m=target_m)
 

@@ -67,7 +67,7 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
     return attributes
 
 
-def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]:
+def arrays_of(episode: Episode, *, save_images: bool) -> dict[str, NDArray[Any]]:
     """Every data set of the demo by its key; images only where asked for and there."""
     steps = episode.steps
     if not steps:
@@ -82,7 +82,7 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
             f"the number of cloth nodes changes within the episode ({sorted(sizes)}); it must stay the same"
         )
     nodes = np.array([ground_truth.nodes.reshape(-1) for ground_truth in ground_truths])
-    observed = _observed(episode.observations(), keep_images=keep_images)
+    observed = _observed(episode.observations(), save_images=save_images)
     return {
         schema.ACTIONS: action_m / ACTION_LIMIT_M,
         schema.ACTION_M: action_m,
@@ -104,7 +104,7 @@ def arrays_of(episode: Episode, *, keep_images: bool) -> dict[str, NDArray[Any]]
 def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
     """Forces, pulls and interventions: those that any step has."""
     forces = np.array([step.force_n for step in steps])
-    nodes = np.array([-1 if step.pull is None else step.pull.node for step in steps])
+    nodes = np.array([-1 if step.drag is None else step.drag.node for step in steps])
     nowhere = np.full(3, np.nan)
     taken = np.array([step.intervention for step in steps])
     found: dict[str, NDArray[Any]] = {}
@@ -112,7 +112,7 @@ def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
         found[schema.FORCE] = forces
     if (nodes >= 0).any():
         found[schema.PULL_NODE] = nodes
-        found[schema.PULL_TARGET] = np.array([nowhere if s.pull is None else s.pull.target_m for s in steps])
+        found[schema.PULL_TARGET] = np.array([nowhere if s.drag is None else s.drag.target_m for s in steps])
     if taken.any():
         found[schema.INTERVENTION] = taken
     if any(step.hand_m is not None for step in steps):
@@ -180,13 +180,13 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
     data.attrs[schema.ENV_ARGS] = json.dumps(env_args)
 
 
-def _observed(observations: tuple[Observation, ...], *, keep_images: bool) -> dict[str, NDArray[Any]]:
+def _observed(observations: tuple[Observation, ...], *, save_images: bool) -> dict[str, NDArray[Any]]:
     """(N + 1, ...) rows by observation key."""
     columns = {}
     for field in schema.OBSERVATION_FIELDS:
         values = [getattr(observation, field.key) for observation in observations]
         if field.optional:
-            if not keep_images or all(value is None for value in values):
+            if not save_images or all(value is None for value in values):
                 continue
             _check_images(field.key, values)
         rows = np.array(values, dtype=field.dtype)

@@ -9,7 +9,8 @@ from layflat.data.session.journal import JournalHandle
 from layflat.data.types import DisturbanceRecord, Episode, Step
 
 if TYPE_CHECKING:
-    from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+    from layflat.data.session.recorder import SessionRecorder
+    from layflat.data.session.saved_episode import SavedEpisode
 
 
 class EpisodeWriter:
@@ -21,7 +22,7 @@ class EpisodeWriter:
     def __init__(self, recorder: SessionRecorder, ticket: JournalHandle, beginning: Episode) -> None:
         self._recorder = recorder
         self._ticket = ticket
-        self._writer = ticket.begin(beginning)
+        self._writer = ticket.open(beginning)
 
     def step(self, step: Step) -> None:
         """One step that is over; DataError where the disk does not take it."""
@@ -35,13 +36,13 @@ class EpisodeWriter:
         """What has befallen the cloth so far."""
         self._writer.on_disturbance(records)
 
-    def keep(self, episode: Episode) -> SavedEpisode:
+    def save(self, episode: Episode) -> SavedEpisode:
         """The whole episode, durable on return, as SessionRecorder.keep; its outcome is the caller's to say.
 
         Where a DataError says that it could not be kept, its journal stays, for the recorder or repair to try again.
         """
         self._writer.finish(episode)
-        return self._recorder.keep(episode, ticket=self._ticket)
+        return self._recorder.save(episode, journal=self._ticket)
 
     def discard(self) -> None:
         """Nobody wants it."""

@@ -28,10 +28,12 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.atomic_files import fsync_path, lock_until_exit, os_reason, unlock
+from layflat.data.atomic_files import fsync_path, fsync_write, lock_until_exit, os_reason, unlock
 from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.encode import attributes_of, disturbances_text, hand_row
+from layflat.data.session.saved_episode import SavedEpisode
+from layflat.data.session.session_writer import serialize
 from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, Episode, GroundTruth, Observation, Step
 
 MAGIC = b"LAYFLAT journal 1\n"
@@ -50,9 +52,36 @@ class JournalHandle:
 
     path: Path
     uid: str
-    keep_images: bool
+    save_images: bool
 
-    def begin(self, beginning: Episode) -> JournalWriter:
+    name: str
+    """Name in the session, ``demo_<int>``, that is reserved for the episode."""
+    session: Path
+    """The session's file."""
+
+    def save(self, episode: Episode) -> SavedEpisode:
+        """Save the whole episode as a part of the session, durable on return, and remove its journal.
+
+        For the process in which the episode ran; its recorder must then `SessionRecorder.register` it.
+        """
+        image = serialize(self.name, episode, self.uid, save_images=self.save_images)
+        try:
+            fsync_write(self.path.parent / f"{self.name}.h5", image)
+        except OSError as error:
+            raise WriteError(
+                f"{self.session} cannot be written: {os_reason(error)}; the episodes before are safe"
+            ) from error
+        self.path.unlink(missing_ok=True)
+        return SavedEpisode(
+            name=self.name,
+            path=self.session,
+            n_steps=len(episode.steps),
+            size_bytes=len(image),
+            outcome=episode.outcome,
+            contact_final=episode.final_observation.contact_portion,
+        )
+
+    def open(self, beginning: Episode) -> JournalWriter:
         """``beginning``: the episode as far as it is known, without steps; its final observation is the first one."""
         return JournalWriter(self, beginning)
 
@@ -83,7 +112,7 @@ class JournalWriter:
         self.ticket = ticket
         self._began = time.monotonic()
         self._size = beginning.robot.size
-        self._lengths = lengths_of(beginning, keep_images=ticket.keep_images)
+        self._lengths = lengths_of(beginning, save_images=ticket.save_images)
         self._dtype = record_dtype(self._lengths)
         self._problem: DataError | None = None
         self._closed = False
@@ -158,7 +187,7 @@ class JournalWriter:
             raise self._failed(error) from error
 
     def _check_fits(self, observation: Observation, ground_truth: GroundTruth) -> None:
-        lengths = _lengths(observation, ground_truth, self._size, keep_images=self.ticket.keep_images)
+        lengths = _lengths(observation, ground_truth, self._size, save_images=self.ticket.save_images)
         if lengths != self._lengths:
             raise DataError(f"the step has {lengths}; the episode began with {self._lengths}")
 
@@ -199,9 +228,9 @@ class JournalWriter:
         record["action_std"] = np.nan if step.action_std is None else step.action_std
         record["phase"] = step.phase.encode("ascii")
         record[schema.FORCE], record[schema.INTERVENTION] = step.force_n, step.intervention
-        record[schema.PULL_NODE] = -1 if step.pull is None else step.pull.node
+        record[schema.PULL_NODE] = -1 if step.drag is None else step.drag.node
         record[schema.HAND] = hand_row(step.hand_m)
-        record[schema.PULL_TARGET] = np.nan if step.pull is None else step.pull.target_m
+        record[schema.PULL_TARGET] = np.nan if step.drag is None else step.drag.target_m
         _fill(record, step.observation, known(step.ground_truth))
         return frame(STEP, record.tobytes())
 
@@ -225,10 +254,10 @@ def write_all(descriptor: int, *pieces: bytes) -> None:
             view = view[os.write(descriptor, view) :]
 
 
-def lengths_of(beginning: Episode, *, keep_images: bool) -> dict[str, int]:
+def lengths_of(beginning: Episode, *, save_images: bool) -> dict[str, int]:
     """The letters of the schema's shapes, and ``nodes``, in this episode."""
     size = beginning.robot.size
-    return _lengths(beginning.final_observation, known(beginning.final_ground_truth), size, keep_images=keep_images)
+    return _lengths(beginning.final_observation, known(beginning.final_ground_truth), size, save_images=save_images)
 
 
 def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSION) -> np.dtype[Any]:
@@ -247,11 +276,11 @@ def record_dtype(lengths: Mapping[str, int], version: int = schema.SCHEMA_VERSIO
     return np.dtype(columns)
 
 
-def _lengths(observation: Observation, ground_truth: GroundTruth, actions: int, *, keep_images: bool) -> dict[str, int]:
+def _lengths(observation: Observation, ground_truth: GroundTruth, actions: int, *, save_images: bool) -> dict[str, int]:
     lengths = {"A": actions, "nodes": len(ground_truth.nodes)}
-    if keep_images and observation.rgb is not None:
+    if save_images and observation.rgb is not None:
         lengths["H"], lengths["W"] = observation.rgb.shape[:2]
-    if keep_images and observation.depth is not None:
+    if save_images and observation.depth is not None:
         lengths["H of depth"], lengths["W of depth"] = observation.depth.shape
     return lengths
 

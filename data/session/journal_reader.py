@@ -18,7 +18,7 @@ from layflat.data.atomic_files import lock_until_exit, unlock
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
-from layflat.data.format.decode import TOLD_BY_FEW, hand_of, observations_of, pull_of, without_steps
+from layflat.data.format.decode import TOLD_BY_FEW, drag_of, hand_of, observations_of, without_steps
 from layflat.data.format.migrate import from_2
 from layflat.data.session.journal import BEGINNING, DISTURBED, END, FRAME, MAGIC, STEP, record_dtype
 from layflat.data.types import Episode, GroundTruth, Observation, Phase, Step, StoppedBy, disturbances_within
@@ -157,7 +157,7 @@ def _episode(attributes: Mapping[str, Attribute], records: NDArray[Any], joints:
 
 def _told_by_few(record: NDArray[Any]) -> dict[str, Any]:
     return {
-        "pull": pull_of(int(record[schema.PULL_NODE]), record[schema.PULL_TARGET]),
+        "drag": drag_of(int(record[schema.PULL_NODE]), record[schema.PULL_TARGET]),
         "force_n": record[schema.FORCE],
         "intervention": bool(record[schema.INTERVENTION]),
         "hand_m": hand_of(record[schema.HAND]),

@@ -18,7 +18,6 @@ import shutil
 import time
 import uuid
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -34,27 +33,14 @@ from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.journal_reader import journal_path, journals, orphaned_journals, read_journal, remove
 from layflat.data.session.reader import Session, open_session
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.session.session_writer import SessionFile, check_copy, serialize
-from layflat.data.types import DESCRIPTORS, Episode, Outcome, StoppedBy
+from layflat.data.types import DESCRIPTORS, Episode, StoppedBy
 
 PARTS_MAX = 200
 """Parts that are let lie at most: each costs a reader an open file, of which a process may have 256 on some systems."""
 DYING_S = 5.0
 """How long a journal's writer may take to die when its recorder has been killed."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SavedEpisode:
-    """Where a durable episode is found."""
-
-    name: str
-    """demo_<int>: its name in the session."""
-    path: Path
-    """The session's file."""
-    n_steps: int
-    size_bytes: int
-    outcome: Outcome
-    contact_final: float
 
 
 class SessionRecorder:
@@ -66,7 +52,7 @@ class SessionRecorder:
         *,
         robot: RobotSpec,
         cloth: str,
-        keep_images: bool = False,
+        save_images: bool = False,
         descriptor: str | None = None,
     ) -> None:
         """Finds out now whether ``path`` can be written, before time goes into episodes; DataError where not.
@@ -79,7 +65,7 @@ class SessionRecorder:
         self.robot: RobotSpec = robot
         self.cloth = cloth
         self.descriptor = descriptor
-        self.keep_images = keep_images
+        self.save_images = save_images
         self.recovered: tuple[SavedEpisode, ...] = ()
         """What a killed recording had left running."""
         self._next = 0
@@ -98,42 +84,65 @@ class SessionRecorder:
             self._lock.release()
             raise
 
-    def keep(self, episode: Episode, *, ticket: JournalHandle | None = None) -> SavedEpisode:
+    def save(self, episode: Episode, *, journal: JournalHandle | None = None) -> SavedEpisode:
         """Returns once the episode is durable; a DataError means that it was not kept and that all others are safe.
 
         With the ticket of its journal, the journal has done its service then.
         """
-        uid = uuid.uuid4().hex if ticket is None else ticket.uid
-        kept = self._keep(episode, uid, keep_images=self.keep_images)
-        if ticket is not None:
-            remove(ticket.path)
+        journal_or_new = self.new_journal() if journal is None else journal
+        kept = self._keep(episode, journal_or_new.uid, journal_or_new.name, save_images=self.save_images)
+        if journal is not None:
+            remove(journal.path)
         return kept
 
-    def begin(self, beginning: Episode) -> EpisodeWriter:
+    def start(self, beginning: Episode) -> EpisodeWriter:
         """Record an episode while it runs in this process.
 
         ``beginning`` is the episode as far as it is known: without steps, its final observation being the first.
         """
         self._check_open()
         self._check_fits(beginning)
-        running = EpisodeWriter(self, self.ticket(), beginning)
+        running = EpisodeWriter(self, self.new_journal(), beginning)
         self._running.append(running)
         return running
 
-    def ticket(self) -> JournalHandle:
+    def new_journal(self) -> JournalHandle:
         """For an episode that runs in another process, which writes its journal; then ``keep`` or ``recover`` it."""
         self._check_open()
         uid = uuid.uuid4().hex
-        return JournalHandle(path=journal_path(self._parts, uid), uid=uid, keep_images=self.keep_images)
+        return JournalHandle(
+            path=journal_path(self._parts, uid),
+            uid=uid,
+            save_images=self.save_images,
+            name=self._next_name(),
+            session=self.path,
+        )
 
-    def recover(self, ticket: JournalHandle, *, stopped_by: StoppedBy = "crashed") -> SavedEpisode | None:
+    def register(self, journal: JournalHandle, saved: SavedEpisode) -> None:
+        """Take note of an episode that another process has saved with `JournalHandle.save`."""
+        with open_session(self._parts / f"{saved.name}.h5") as part:
+            info = part.info(saved.name)
+            self._step_s, self.descriptor = info.step_s, info.descriptor
+        self._uids.add(journal.uid)
+        self._assemble_if_worth()
+
+    def recover(self, journal: JournalHandle, *, stopped_by: StoppedBy = "crashed") -> SavedEpisode | None:
         """Keep what there is of an episode whose process ended without handing it over; None where there is nothing."""
         self._check_open()
-        return self._recover(ticket.path, stopped_by)
+        kept = self._recover(journal.path, stopped_by, journal.name)
+        if kept is None:
+            self._free_name(journal.name)
+        return kept
 
-    def discard(self, ticket: JournalHandle) -> None:
+    def discard(self, journal: JournalHandle) -> None:
         """Forget a running episode."""
-        remove(ticket.path)
+        remove(journal.path)
+        self._free_name(journal.name)
+
+    def _free_name(self, name: str) -> None:
+        """Use a reserved name again, if it is the last one."""
+        if schema.demo_number(name) == self._next - 1:
+            self._next -= 1
 
     def close(self) -> None:
         """Put everything into the one file. If that fails, the parts stay, and readers still find all episodes."""
@@ -194,31 +203,30 @@ class SessionRecorder:
             time.sleep(0.01)
         return journal.exists()
 
-    def _recover(self, journal: Path, stopped_by: StoppedBy) -> SavedEpisode | None:
+    def _recover(self, journal: Path, stopped_by: StoppedBy, name: str = "") -> SavedEpisode | None:
         if not journal.exists():
             return None
         found = read_journal(journal, stopped_by=stopped_by)
         kept = None
         if found is not None and found.uid not in self._uids:
             # The journal holds images only where they were asked for.
-            kept = self._keep(found.episode, found.uid, keep_images=True)
+            kept = self._keep(found.episode, found.uid, name or self._next_name(), save_images=True)
         remove(journal)
         return kept
 
-    def _keep(self, episode: Episode, uid: str, *, keep_images: bool) -> SavedEpisode:
+    def _next_name(self) -> str:
+        self._next += 1
+        return schema.demo_name(self._next - 1)
+
+    def _keep(self, episode: Episode, uid: str, name: str, *, save_images: bool) -> SavedEpisode:
         self._check_open()
         self._check_fits(episode)
-        name = schema.demo_name(self._next)
-        image = serialize(name, episode, uid, keep_images=keep_images)
+        image = serialize(name, episode, uid, save_images=save_images)
         with writing(self.path):
             fsync_write(self._parts / f"{name}.h5", image)
-        self._next += 1
         self._uids.add(uid)
         self._step_s, self.descriptor = episode.step_s, episode.descriptor
-        # The episode is safe already; should there be no room to assemble, its part stays until there is.
-        with contextlib.suppress(DataError, OSError):
-            if self._worth_assembling():
-                assemble(self.path)
+        self._assemble_if_worth()
         return SavedEpisode(
             name=name,
             path=self.path,
@@ -227,6 +235,12 @@ class SessionRecorder:
             outcome=episode.outcome,
             contact_final=episode.final_observation.contact_portion,
         )
+
+    def _assemble_if_worth(self) -> None:
+        # The episodes are safe already; should there be no room to assemble, their parts stay until there is.
+        with contextlib.suppress(DataError, OSError):
+            if self._worth_assembling():
+                assemble(self.path)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -255,13 +269,15 @@ def assemble(path: Path) -> None:
     """Move all parts into the session's file; the caller holds the writer's lock."""
     with writing(path):
         real = path.resolve()
+        # Listed before they are read: a part that another process finishes meanwhile stays for the next time.
+        parts = part_files(real)
         aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
         with atomic_path(real, aside), open_session(path) as session:
             _add_parts(session, real, aside)
             digests = {name: line.digest for name, line in session.lines().items()}
             added = {name: digests[name] for name in session.names if name not in session.main_names}
             check_copy(aside, added, session.names)
-        for part in part_files(real):
+        for part in parts:
             part.unlink()
 
 

@@ -42,9 +42,9 @@ class SessionFile:
             self._describe(stored_attributes(group))
         self._lines[name] = IndexLine(info=info, digest=stored_digest(group))
 
-    def add(self, name: str, episode: Episode, uid: str, *, keep_images: bool = True) -> None:
+    def add(self, name: str, episode: Episode, uid: str, *, save_images: bool = True) -> None:
         """An episode."""
-        self.write(name, attributes_of(episode, uid), arrays_of(episode, keep_images=keep_images))
+        self.write(name, attributes_of(episode, uid), arrays_of(episode, save_images=save_images))
 
     def write(self, name: str, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
         """An encoded episode."""
@@ -85,13 +85,13 @@ class SessionFile:
             write_session_attributes(self._data, attributes, total=0)
 
 
-def serialize(name: str, episode: Episode, uid: str, *, keep_images: bool) -> bytes:
+def serialize(name: str, episode: Episode, uid: str, *, save_images: bool) -> bytes:
     """A session with this one episode, as the bytes of a file.
 
     HDF5 writes to memory, because when a disk is full, its own closing fails half-way and leaves the file open.
     """
     attributes = attributes_of(episode, uid)
-    arrays = arrays_of(episode, keep_images=keep_images)
+    arrays = arrays_of(episode, save_images=save_images)
     block = max(1 << 16, sum(array.nbytes for array in arrays.values()) // 8)
     with h5py.File("episode", "w", driver="core", backing_store=False, block_size=block, libver=LIBVER) as file:
         session = SessionFile(file)

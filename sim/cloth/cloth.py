@@ -120,6 +120,9 @@ CLOTHS: Mapping[str, ClothSpec] = {
 """Cloth 1 and cloth 2 of chapter 3-3-1, and a finer mesh of the first."""
 
 
+DEFAULT_CLOTH = "towel"
+
+
 def cloth_spec(name: str, **changes: float) -> ClothSpec:
     """A preset by name, with changes; SimError lists the known ones."""
     if name not in CLOTHS:

@@ -27,9 +27,9 @@ def things(tmp_path, make_episode) -> Path:
     """A folder with good and bad sessions and models in it."""
     for robot in ("hanger", "pickers"):
         with SessionRecorder(tmp_path / f"{robot}.h5", robot=robot, cloth="towel") as recorder:
-            recorder.keep(make_episode(robot=robot, disturbed=False))
+            recorder.save(make_episode(robot=robot, disturbed=False))
     with SessionRecorder(tmp_path / "failures.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.keep(make_episode(outcome="failure", disturbed=False))
+        recorder.save(make_episode(outcome="failure", disturbed=False))
     model_files.save(random_model("hanger", 20), tmp_path / "hanger.npz")
     for name in ("hanger.h5", "hanger.npz"):
         whole = (tmp_path / name).read_bytes()

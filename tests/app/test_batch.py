@@ -18,12 +18,12 @@ from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_batch
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.metrics import COLUMNS, episode_metrics
-from layflat.app.workers.schedule import ScheduledDisturbance
 from layflat.data import validate
 from layflat.data.atomic_files import WriterLock
 from layflat.data.errors import DataError
 from layflat.data.session.reader import open_session
 from layflat.policy.model_io import load, save
+from layflat.policy.schedule import ScheduledDisturbance
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fake_plan, key_of
 
@@ -108,7 +108,7 @@ def test_less_than_before_leaves_what_is_there(tmp_path):
 
 
 def _other_case(plan: EvaluationPlan) -> EvaluationPlan:
-    case = DisturbanceCase(name="push", schedule=(ScheduledDisturbance(spec=DISTURBANCES["pull"], repeats=2),))
+    case = DisturbanceCase(name="push", schedule=(ScheduledDisturbance(disturbance=DISTURBANCES["pull"], repeats=2),))
     return replace(plan, cases=(case, *plan.cases[1:]))
 
 

@@ -13,7 +13,7 @@ from layflat.app.evaluation.local_engine import WorkResult
 from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan
 from layflat.app.evaluation.run import run_batch
 from layflat.app.support.metrics import episode_metrics
-from layflat.app.workers.schedule import ScheduledDisturbance
+from layflat.policy.schedule import ScheduledDisturbance
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.tests.fakeplay import Scripted, fake_episode, fake_plan
 
@@ -52,7 +52,7 @@ class Memory:
 
 def _ten_thousand() -> EvaluationPlan:
     """Ten episodes of each placing, so that most of the time goes into episodes and not into placings."""
-    push = ScheduledDisturbance(spec=DISTURBANCES["push"])
+    push = ScheduledDisturbance(disturbance=DISTURBANCES["push"])
     plan = replace(
         fake_plan(seeds=500),
         cases=tuple(DisturbanceCase(name=f"push-{number}", schedule=(push,)) for number in range(1, 10)),

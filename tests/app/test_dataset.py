@@ -32,11 +32,11 @@ def made(tmp_path_factory, make_episode, lying) -> Path:
             [("success", False), ("failure", True), ("success", True), ("success", False)]
         ):
             source = "scripted" if seed < 2 else "gamepad"
-            recorder.keep(make_episode(seed=seed, outcome=outcome, disturbed=disturbed, source=source))
+            recorder.save(make_episode(seed=seed, outcome=outcome, disturbed=disturbed, source=source))
     with SessionRecorder(folder / "more.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.keep(make_episode(seed=9, disturbed=False))
+        recorder.save(make_episode(seed=9, disturbed=False))
     with SessionRecorder(folder / "pickers.h5", robot="pickers", cloth="towel") as recorder:
-        recorder.keep(lying(make_episode(robot="pickers"), n_steps=5))
+        recorder.save(lying(make_episode(robot="pickers"), n_steps=5))
     whole = (folder / "hanger.h5").read_bytes()
     (folder / "short.h5").write_bytes(whole[: len(whole) // 2])
     (folder / "text.h5").write_text("dear diary")
@@ -112,9 +112,9 @@ def test_info_says_which_disturbances_came_when(done, make_episode):
         DisturbanceRecord(name="thesis", first_step=step_index, last_step=step_index + 9) for step_index in (60, 80)
     ]
     with SessionRecorder("some.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.keep(make_episode(disturbance="gusts", disturbances=gusts))
-        recorder.keep(make_episode(disturbance="thesis", disturbances=twice))
-        recorder.keep(make_episode(disturbed=False))
+        recorder.save(make_episode(disturbance="gusts", disturbances=gusts))
+        recorder.save(make_episode(disturbance="thesis", disturbances=twice))
+        recorder.save(make_episode(disturbed=False))
     page = " ".join(done("info", "some.h5", "--json", "some.json").split())
     told = [episode["disturbances"] for episode in json.loads(Path("some.json").read_text())["episodes"]]
     assert told[0][2] == {"name": "wind", "first_step": 80, "last_step": None}
@@ -130,7 +130,7 @@ def test_info_says_which_disturbances_came_when(done, make_episode):
 def test_a_page_stays_a_page(done, make_episode, lying):
     with SessionRecorder("long.h5", robot="hanger", cloth="towel") as recorder:
         for seed in range(25):
-            recorder.keep(lying(make_episode(seed=seed), n_steps=1))
+            recorder.save(lying(make_episode(seed=seed), n_steps=1))
     page = done("info", "long.h5")
     assert len(page.splitlines()) < 50
     assert "5 more" in page

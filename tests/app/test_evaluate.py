@@ -15,9 +15,9 @@ from layflat.app.evaluation.run import run_batch
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
-from layflat.app.workers.schedule import ScheduledDisturbance, Trigger
 from layflat.data.types import Episode
 from layflat.policy.model_io import save
+from layflat.policy.schedule import ScheduledDisturbance, Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 
@@ -144,5 +144,5 @@ def _never() -> DisturbanceCase:
     """Waits from the start on for a contact that a cloth with a corner folded over does not come to."""
     return DisturbanceCase(
         name="never",
-        schedule=(ScheduledDisturbance(spec=DISTURBANCES["push"], when=Trigger(moment="contact", value=1.0)),),
+        schedule=(ScheduledDisturbance(disturbance=DISTURBANCES["push"], when=Trigger(kind="contact", value=1.0)),),
     )

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from layflat.app.workers.rollout import rollout
 from layflat.data import open_session, validate
 from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal_reader import journals, read_journal
 from layflat.data.session.recorder import SessionRecorder
+from layflat.policy.rollout import rollout
 from layflat.policy.scripted.baselines import ZeroPolicy
 from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.config import SimConfig

@@ -38,7 +38,7 @@ def placed(tmp_path, monkeypatch, make_episode):
         for number, (job, ending) in enumerate(zip(asked, endings, strict=True)):
             episode = make_episode(seed=job.seed, source=job.source, disturbed=False, descriptor="word-axial")
             if job.ticket is not None:
-                journal = job.ticket.begin(_beginning(episode))
+                journal = job.ticket.open(_beginning(episode))
                 for step in episode.steps[:3] if ending == "crashes" else episode.steps:
                     journal.step(step)
                 journal.close()

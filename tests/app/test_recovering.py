@@ -7,11 +7,11 @@ from collections.abc import Callable
 import pytest
 
 from layflat.app.workers.episode_pool import EpisodeConfig, policy_of
-from layflat.app.workers.rollout import run_disturbances, run_until_stop
-from layflat.app.workers.runner import EpisodeRunner
-from layflat.app.workers.schedule import DisturbanceScheduler
 from layflat.data.types import FLAT_AREA, Episode
 from layflat.policy.base import Policy
+from layflat.policy.rollout import run_disturbances, run_until_stop
+from layflat.policy.runner import EpisodeRunner
+from layflat.policy.schedule import DisturbanceScheduler
 from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 from layflat.sim.cloth.starts import Start
 from layflat.sim.config import SimConfig

@@ -27,11 +27,11 @@ import json, sys
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
-from layflat.app.workers.rollout import run_episode
+from layflat.policy.rollout import run_episode
 from layflat.app.workers.episode_pool import fresh_processes
 from layflat.app.commands.replay import action_report, compare, read_episode, rerun
-from layflat.app.workers.runner import Run
-from layflat.app.workers.schedule import ScheduledDisturbance, When
+from layflat.policy.runner import Run
+from layflat.policy.schedule import ScheduledDisturbance, When
 from data import SessionRecorder
 from layflat.data.types import Pull
 from layflat.policy.base import Decision
@@ -67,8 +67,8 @@ def by_hand(bench, robot):
     return run.episode("interrupted", "partial")
 
 SCHEDULES = {"twice": [
-    ScheduledDisturbance(spec=DISTURBANCES["wind"], when=When(moment="step", value=2)),
-    ScheduledDisturbance(spec=DISTURBANCES["poke"], repeats=2),
+    ScheduledDisturbance(disturbance=DISTURBANCES["wind"], when=When(moment="step", value=2)),
+    ScheduledDisturbance(disturbance=DISTURBANCES["poke"], repeats=2),
 ]}
 
 def record(robot, cloth, disturbance):
@@ -82,7 +82,7 @@ def record(robot, cloth, disturbance):
 if __name__ == "__main__":
     robot, cloth, disturbance, path = sys.argv[1:]
     with fresh_processes(1) as pool, SessionRecorder(path, robot=robot, cloth=cloth) as recorder:
-        recorder.keep(pool.schedule(record, args=[robot, cloth, disturbance]).result())
+        recorder.save(pool.schedule(record, args=[robot, cloth, disturbance]).result())
     kept = read_episode(Path(path), 0)
     again = rerun(kept)
     told = {"phases": sorted({step.phase for step in kept.steps})}
@@ -289,7 +289,7 @@ def test_state_replay_tells_each_moment(make_episode):
 def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot="pickers", cloth="towel") as recorder:
-        recorder.keep(lying(make_episode(robot="pickers"), n_steps=6))
+        recorder.save(lying(make_episode(robot="pickers"), n_steps=6))
     done = _replay(path, "--json", str(tmp_path / "s.json"), "--video", str(tmp_path / "s.webm"))
     assert done.returncode == 0, done.stderr
     assert "place" in done.stdout

@@ -10,14 +10,14 @@ import pytest
 
 from layflat.app.commands.replay import compare
 from layflat.app.support.errors import UsageError
-from layflat.app.workers.rollout import replay_actions, rollout, run_disturbances, run_until_stop
-from layflat.app.workers.runner import EpisodeRunner
-from layflat.app.workers.schedule import DisturbanceScheduler, ScheduledDisturbance, Trigger
 from layflat.data import SessionRecorder, open_session, validate
 from layflat.data.format.opening import parts_folder
 from layflat.data.session.journal_reader import journals, read_journal
 from layflat.data.types import DragTarget
 from layflat.policy.base import Decision
+from layflat.policy.rollout import replay_actions, rollout, run_disturbances, run_until_stop
+from layflat.policy.runner import EpisodeRunner
+from layflat.policy.schedule import DisturbanceScheduler, ScheduledDisturbance, Trigger
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
 from layflat.tests.app.fake_bench import ACTING_STEPS, FakeBench, Forward
@@ -41,16 +41,16 @@ def bench(make_bench):
 
 
 def _scheduled(name="thesis", **when):
-    return ScheduledDisturbance(spec=DISTURBANCES[name], **when)
+    return ScheduledDisturbance(disturbance=DISTURBANCES[name], **when)
 
 
 def _at(moment, value, name="wind", **more):
-    return _scheduled(name, when=Trigger(moment=moment, value=value), **more)
+    return _scheduled(name, when=Trigger(kind=moment, value=value), **more)
 
 
 def _through_a_file(episode, path):
     with SessionRecorder(path, robot=episode.robot, cloth=episode.cloth) as recorder:
-        recorder.keep(episode)
+        recorder.save(episode)
     assert validate(path) == ()
     with open_session(path) as session:
         return session[0]
@@ -172,9 +172,9 @@ def test_an_unstable_cloth_ends_the_episode_and_its_disturbance_was_never_over(b
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (lambda: Trigger(moment="step", value=2.5), "step 2.5"),
-        (lambda: Trigger(moment="step", value=-1), "step -1"),
-        (lambda: Trigger(moment="contact", value=1.5), "contact 1.5"),
+        (lambda: Trigger(kind="step", value=2.5), "step 2.5"),
+        (lambda: Trigger(kind="step", value=-1), "step -1"),
+        (lambda: Trigger(kind="contact", value=1.5), "contact 1.5"),
         (lambda: _scheduled(repeats=0), "0 times"),
     ],
 )
@@ -208,7 +208,7 @@ def _driven(bench, n_steps=12):
 
 def test_what_a_person_does_is_recorded_step_by_step(bench):
     episode = _driven(bench)
-    assert [s.pull and s.pull.node for s in episode.steps[:9]] == [None, None, 1, 1, 1, None, 2, 2, None]
+    assert [s.drag and s.drag.node for s in episode.steps[:9]] == [None, None, 1, 1, 1, None, 2, 2, None]
     assert [i for i, step in enumerate(episode.steps) if step.intervention] == [9]
     assert not episode.steps[8 + 1].force_n.any()
     assert episode.steps[3].force_n.any()

@@ -6,7 +6,7 @@ import pytest
 
 from layflat.app.evaluation.suites import cases_of, parse, shipped
 from layflat.app.support.errors import UsageError
-from layflat.app.workers.schedule import Trigger
+from layflat.policy.schedule import Trigger
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 GOOD = """
@@ -37,9 +37,9 @@ def test_a_suite_says_what_where_when_how_strongly_and_how_often():
     push, wind = landing.schedule
     assert push.spec.scale == (0.5, 1.5)
     assert push.spec.path == DISTURBANCES["push"].path
-    assert (push.when, push.repeats) == (Trigger(moment="contact", value=0.5), 2)
+    assert (push.when, push.repeats) == (Trigger(kind="contact", value=0.5), 2)
     assert (wind.spec.kind, wind.spec.heading_deg, wind.when) == ("wind", (90.0, 90.0), Trigger())
-    assert early.schedule[0].when == Trigger(moment="step", value=30)
+    assert early.schedule[0].when == Trigger(kind="step", value=30)
     assert [case.after_the_stop for case in (landing, early)] == [False, False]
 
 

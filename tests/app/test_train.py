@@ -26,7 +26,7 @@ def session(tmp_path, make_episode):
         path = tmp_path / "demos.h5"
         with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
             for seed, outcome in enumerate(outcomes):
-                recorder.keep(make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome))
+                recorder.save(make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome))
         return path
 
     return write
@@ -50,10 +50,10 @@ def test_corrections_are_told_of_and_weighted(tmp_path, make_episode, capsys):
     plain, taken = make_episode(seed=0, disturbed=False), make_episode(seed=1, disturbed=False)
     steps = [replace(step, intervention=step_index in range(20, 27)) for step_index, step in enumerate(taken.steps)]
     with SessionRecorder(tmp_path / "plain.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.keep(plain)
+        recorder.save(plain)
     with SessionRecorder(tmp_path / "s.h5", robot="hanger", cloth="towel") as recorder:
         for episode in (plain, replace(taken, steps=steps)):
-            recorder.keep(episode)
+            recorder.save(episode)
     call = ["train", str(tmp_path / "s.h5"), str(tmp_path / "m.npz"), "--intervention-weight", "3"]
     status, out, _ = _run(capsys, *call, "--policy", "gp-baseline")
     assert status == 0

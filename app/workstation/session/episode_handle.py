@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
-from layflat.data.session.recorder import SavedEpisode
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 

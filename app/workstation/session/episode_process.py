@@ -19,16 +19,17 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from typing import Any, TypeAlias
 
-from layflat.app.workers.runner import EpisodeRunner
 from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
 from layflat.data.errors import DataError
 from layflat.data.session.journal import JournalHandle, JournalWriter
-from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import DragTarget, Episode, Outcome, StoppedBy
 from layflat.policy import registry
 from layflat.policy.base import Policy, PolicyError
+from layflat.policy.runner import EpisodeRunner
 from layflat.policy.trained_model import TrainedModel
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, TakeoverPolicy
 from layflat.sim.config import SimConfig
@@ -158,7 +159,7 @@ def make_handle_factory(
 
     def begin(seed: int) -> EpisodeHandle:
         job = InteractiveEpisodeConfig(
-            settings=settings, seed=seed, source=source, ticket=recorder.ticket(), attend=attend, model=model
+            settings=settings, seed=seed, source=source, ticket=recorder.new_journal(), attend=attend, model=model
         )
         return EpisodeProcess(job, recorder, context)
 
@@ -185,11 +186,11 @@ class EpisodeWorker:
             policy = TakeoverPolicy(registry.from_model(job.model), policy, self._grip)
 
         def journal(beginning: Episode) -> JournalWriter:
-            self._journal = job.ticket.begin(beginning)
+            self._journal = job.ticket.open(beginning)
             return self._journal
 
-        images = job.ticket.keep_images
-        self._run = EpisodeRunner(self._bench, policy, seed=job.seed, images=images, begin=journal)
+        images = job.ticket.save_images
+        self._run = EpisodeRunner(self._bench, policy, seed=job.seed, keep_images=images, on_start=journal)
         self._attend = job.attend
         self._show()
 
@@ -198,14 +199,14 @@ class EpisodeWorker:
             self._attend(self._run, self._reading)
 
     def glance(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
-        seen, run = self._run.seen, self._run
+        seen, run = self._run.observation, self._run
         return EpisodeStatus(
             n_steps=run.n_steps,
             time_s=seen.time_s,
             contact_portion=seen.contact_portion,
             word=(float(seen.word[0]), float(seen.word[1])),
             holder_m=(float(seen.holder_position[0]), float(seen.holder_position[1]), float(seen.holder_position[2])),
-            flat_area=run.ground_truth.flat_area,
+            flat_area=0.0 if run.ground_truth is None else run.ground_truth.flat_area,
             stopped_by=stopped_by,
             disturbed=run.disturbed,
             led=isinstance(run.policy, TakeoverPolicy) and run.policy.human_in_control,
@@ -223,7 +224,7 @@ class EpisodeWorker:
 
     def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
         self._reading = reading
-        stopped_by = self._run.step("place", pull=pull)
+        stopped_by = self._run.step("place", drag=pull)
         self._show()
         return self.glance(stopped_by)
 
@@ -238,7 +239,7 @@ class EpisodeWorker:
     def end(self, outcome: Outcome, stopped_by: StoppedBy) -> str:
         """The journal holds the whole episode afterwards."""
         if self._journal is not None:
-            self._journal.finish(self._run.episode(stopped_by, outcome))
+            self._journal.finish(self._run.build_episode(stopped_by, outcome))
         return "ended"
 
     def close(self) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import time
 
-from layflat.app.workers.runner import EpisodeRunner
 from layflat.app.workstation.session.frame_channel import FrameChannel
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
+from layflat.policy.runner import EpisodeRunner
+from layflat.sim.simulation import ClothSimulation
 
 
 class FramePublisher:
@@ -17,11 +18,13 @@ class FramePublisher:
         self._moments = moments
 
     def __call__(self, run: EpisodeRunner, reading: TeleopInput) -> None:
+        if not isinstance(run.env, ClothSimulation):
+            raise TypeError("only a simulation can be published to the window")
         now = time.monotonic()
         self._moments.tell(
-            run.bench,
-            run.seen,
-            run.ground_truth,
+            run.env,
+            run.observation,
+            run.env.ground_truth(),
             # Every take has a process of its own.
             episode=os.getpid(),
             step=run.n_steps,

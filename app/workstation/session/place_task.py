@@ -7,9 +7,6 @@ import time
 from typing import Any, Literal, TypeAlias
 
 from layflat.app.support.session_lines import kept_line
-from layflat.app.workers.episode_pool import EpisodeConfig, policy_of
-from layflat.app.workers.make_policy import SCRIPTED
-from layflat.app.workers.runner import EpisodeRunner
 from layflat.app.workstation.session.bench_process import IDLE_S, Endpoint, Request
 from layflat.app.workstation.session.control_actions import OUTCOMES
 from layflat.app.workstation.session.input_channel import InputSample
@@ -21,6 +18,8 @@ from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.types import DragTarget, Episode, Outcome, Phase, StoppedBy
 from layflat.policy.base import continue_after_disturbance, max_extra_steps
+from layflat.policy.runner import EpisodeRunner
+from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.simulation import ClothSimulation
 
 State: TypeAlias = Literal["ready", "placing", "placed", "disturbing", "repairing", "over"]
@@ -65,28 +64,27 @@ class PlaceTask:
         self.bench = ClothSimulation(settings)
         self.bench.reset(int(order["seed"]))
         made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
-        job = EpisodeConfig(
-            robot=settings.robot, cloth=settings.cloth, seed=int(order["seed"]), model=model, made=made,
-            decorators=tuple(order.get("with", ())),
-        )  # fmt: skip
+        spec = PolicySpec(
+            model=model, builtin=made or (None if model is not None else SCRIPTED), wrappers=tuple(order.get("with", ()))
+        )
         begin = None if self._recorder is None else self._begin
-        policy, source = policy_of(job, self.bench), str(order.get("source", ""))
+        policy, source = spec.make(self.bench), str(order.get("source", ""))
         self._person = InterventionController(policy, source) if source else None
-        self._name, self._extra_steps = policy.name, max_extra_steps(policy)
+        self._name, self._extra_steps = policy.name, extra_steps(policy)
         self._decides: State = "placing"
         self._without_device = False
         self.run = EpisodeRunner(
             self.bench,
             policy if self._person is None else self._person.policy,
-            seed=job.seed,
-            images=bool(order.get("images")),
-            begin=begin,
+            seed=int(order["seed"]),
+            keep_images=bool(order.get("images")),
+            on_start=begin,
         )
         self._tell()
 
     def _begin(self, beginning: Episode) -> EpisodeWriter:
         assert self._recorder is not None
-        self._running = self._recorder.begin(beginning)
+        self._running = self._recorder.start(beginning)
         return self._running
 
     def obey(self, order: Request) -> None:
@@ -204,7 +202,7 @@ class PlaceTask:
         limit = LIMIT_STEPS[self.state] + (0 if self.state == "disturbing" else self._extra_steps)
         if self._phase_steps > limit and self._leads() != YOU:
             return "step_limit"
-        return self.run.step(PHASES[self.state], pull=pull)
+        return self.run.step(PHASES[self.state], drag=pull)
 
     def _follow(self, stop: StoppedBy | None, pull: DragTarget | None) -> None:
         """What comes after a step."""
@@ -214,12 +212,12 @@ class PlaceTask:
         elif self.state == "disturbing":
             self._settle = SETTLE_STEPS if pull is not None else self._settle - 1
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
-                continue_after_disturbance(self.run.policy)
+                self.run.policy.resume()
                 self._turn("repairing")
                 self.message = f"{self._name} goes on"
         elif stop is not None and pull is None and not self.run.disturbed:
             self._stopped_by = stop
-            contact = 100 * self.run.seen.contact_portion
+            contact = 100 * self.run.observation.contact_portion
             more = "" if self._person is None else "; move to go on yourself"
             self.message = f"stopped by {stop.replace('_', ' ')}, contact {contact:.0f} %{more}"
             self._turn("placed")
@@ -253,8 +251,8 @@ class PlaceTask:
             self.message = NOT_RECORDED
             return
         judged = outcome is not None and self._stopped_by == "interrupted"
-        episode = self.run.episode(JUDGED if judged else self._stopped_by, outcome)
-        kept = self._running.keep(episode)
+        episode = self.run.build_episode(JUDGED if judged else self._stopped_by, outcome)
+        kept = self._running.save(episode)
         self._running, self.over = None, True
         self._turn("over")
         self._desk.tell("kept", line=kept_line(kept), outcome=kept.outcome)
@@ -270,8 +268,8 @@ class PlaceTask:
     def _tell(self) -> None:
         self._desk.channels.moments.tell(
             self.bench,
-            self.run.seen,
-            self.run.ground_truth,
+            self.run.observation,
+            self.bench.ground_truth(),
             episode=1,
             step=self.run.n_steps,
             phase=PHASES.get(self.state, "place"),
@@ -288,7 +286,7 @@ class PlaceTask:
             "leads": self._leads(),
             "led_steps": sum(step.intervention for step in self.run.steps),
             "does": {control.name: self.does(control) for control in Command} if self._person else {},
-            "contact": self.run.seen.contact_portion,
+            "contact": self.run.observation.contact_portion,
             "seed": self.run.seed,
             "steps": self.run.n_steps,
             "message": self.message,
@@ -297,7 +295,7 @@ class PlaceTask:
             "disturbances": [record.name for record in self.run.disturbances],
             "rhythm": rhythm.told(),
             "factor": rhythm.factor(float(self._order["step_s"])),
-            "flat_area": self.run.ground_truth.flat_area,
+            "flat_area": 0.0 if self.run.ground_truth is None else self.run.ground_truth.flat_area,
         }
 
     def close(self) -> None:

@@ -15,7 +15,8 @@ from layflat.app.workstation.session.episode_handle import EpisodeHandle, Episod
 from layflat.app.workstation.session.intervention import led_sentence
 from layflat.app.workstation.session.session_queries import stored
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
-from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 COUNTDOWN_S = 3.0

@@ -36,6 +36,6 @@ def recorder_of(order: Request, settings: SimConfig) -> SessionRecorder | None:
         path,
         robot=settings.robot_spec,
         cloth=settings.cloth,
-        keep_images=bool(order.get("images")),
+        save_images=bool(order.get("images")),
         descriptor=settings.descriptor,
     )

@@ -63,7 +63,7 @@ def record_in_terminal(wish: RecordConfig, model: TrainedModel | None) -> None:
                 wish.path,
                 robot=robot_spec(wish.robot),
                 cloth=wish.cloth,
-                keep_images=wish.images,
+                save_images=wish.images,
                 descriptor=wish.descriptor,
             )
         )

@@ -59,7 +59,7 @@ class Playback:
             if record.first_step <= number and (record.last_step is None or number <= record.last_step)
         ]
         step = self.episode.steps[number]
-        by_hand = ["pulled by hand"] if step.pull is not None else []
+        by_hand = ["pulled by hand"] if step.drag is not None else []
         return ", ".join([*names, *by_hand, *(["a person leads"] if step.intervention else [])])
 
     def _make(self, number: int) -> BenchFrame:
@@ -83,7 +83,7 @@ class Playback:
             joints=self._joints(seen),
             hands=np.zeros((0, 3)),
             force_n=np.zeros(3) if step is None else step.force_n,
-            pull=None if step is None or step.pull is None else (step.pull.node, step.pull.target_m),
+            pull=None if step is None or step.drag is None else (step.drag.node, step.drag.target_m),
             word=seen.word,
             strength=seen.word_strength,
             contact=seen.contact_portion,
@@ -120,7 +120,7 @@ def facts(episode: Episode) -> Mapping[str, str]:
     """What a person is told of it."""
     contact = episode.contact()
     befell = [record.name for record in episode.disturbances]
-    pulls = sum(step.pull is not None for step in episode.steps)
+    pulls = sum(step.drag is not None for step in episode.steps)
     led = sum(step.intervention for step in episode.steps)
     corrected = {"corrected": f"a person led in {led} steps"} if led else {}
     return {

@@ -48,7 +48,7 @@ def _disturbed(episode):
     steps = list(episode.steps)
     for step_index, node in ((20, 1), (21, 1), (22, 2)):
         steps[step_index] = replace(
-            steps[step_index], pull=DragTarget(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4]
+            steps[step_index], drag=DragTarget(node=node, target_m=[0, 0, 0]), force_n=[0.0, 0.3, 0.4]
         )
     for step_index in range(30, 33):
         steps[step_index] = replace(steps[step_index], intervention=True)

@@ -22,7 +22,7 @@ from layflat.app.reproduce.studies import FULL, QUICK
 from layflat.app.reproduce.trials import plan_of, trial_folder, trial_seconds
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.support.provenance import capture_provenance
+from layflat.data.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import registry

@@ -11,7 +11,8 @@ import pytest
 from layflat.app.workstation.session.episode_handle import EpisodeLost, EpisodeStatus
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.data.session.recorder import SavedEpisode, SessionRecorder
+from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import DragTarget, Episode, Outcome, StoppedBy
 from layflat.sim.robots.registry import robot_spec
 
@@ -70,7 +71,7 @@ class DrawnTake:
         n_steps = len(self.readings)
         robot, cloth = self._recorder.robot, self._recorder.cloth
         episode = self._draw(robot, n_steps=n_steps, seed=self.seed, cloth=cloth, source="keyboard")
-        return self._recorder.keep(replace(episode, outcome=outcome, stopped_by=stopped_by))
+        return self._recorder.save(replace(episode, outcome=outcome, stopped_by=stopped_by))
 
     def discard(self) -> None:
         self.discarded = True

@@ -186,7 +186,7 @@ def test_a_signal_keeps_what_was_kept_and_what_runs_as_partial(terminal, tmp_pat
 def test_a_session_of_another_robot_is_refused_and_the_terminal_is_as_before(terminal, tmp_path, make_episode):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot="hanger", cloth="napkin") as recorder:
-        recorder.keep(make_episode(cloth="napkin", disturbed=False))
+        recorder.save(make_episode(cloth="napkin", disturbed=False))
     one = terminal(*record(path))
     assert one.end() == 2
     assert one.as_before()

@@ -36,7 +36,7 @@ def add_demonstrations(folder: Path, seeds: range, make_episode: Callable, lying
     with SessionRecorder(folder / "demos.h5", robot="pickers", cloth="towel", descriptor="word-axial") as recorder:
         for seed in seeds:
             made = make_episode(robot="pickers", seed=seed, descriptor="word-axial", disturbed=False)
-            recorder.keep(lying(made, 55))
+            recorder.save(lying(made, 55))
 
 
 def sit_down(folder: Path, what: str, *more: str, environment: dict[str, str] = DUMMY) -> subprocess.Popen[str]:

@@ -30,7 +30,7 @@ def folder(tmp_path: Path, make_episode: Callable) -> Path:
     """With a session of three episodes, one of them a failure."""
     with SessionRecorder(tmp_path / "demos.h5", robot="hanger", cloth="towel") as recorder:
         for seed, outcome in enumerate(["success", "failure", "success"]):
-            recorder.keep(make_episode(seed=seed, outcome=outcome))
+            recorder.save(make_episode(seed=seed, outcome=outcome))
     return tmp_path
 
 

@@ -37,7 +37,7 @@ def begin(session) -> Iterator[Callable[..., EpisodeProcess]]:
 
     def start(*, images: bool = False, source: str = "gamepad", **options) -> EpisodeProcess:
         settings = SimConfig(**({"robot": "hanger", "cloth": "napkin"} | options))
-        recorder = SessionRecorder(session, robot=settings.robot, cloth="napkin", keep_images=images)
+        recorder = SessionRecorder(session, robot=settings.robot, cloth="napkin", save_images=images)
         take = make_handle_factory(recorder, settings, source)(3)
         made.append((take, recorder))
         give_up = time.monotonic() + PATIENCE_S
@@ -125,8 +125,8 @@ def test_disturbances_and_pulls_are_kept_with_the_episode(begin, session):
     with open_session(session) as found:
         episode = found[0]
     assert [(record.name, record.first_step) for record in episode.disturbances] == [("push", 1)]
-    assert [step.pull is not None for step in episode.steps] == [False, False, True]
-    assert episode.steps[2].pull.target_m == pytest.approx(target)
+    assert [step.drag is not None for step in episode.steps] == [False, False, True]
+    assert episode.steps[2].drag.target_m == pytest.approx(target)
 
 
 def test_a_simulation_that_dies_is_said_and_its_journal_kept(begin, session):

@@ -121,7 +121,7 @@ def check_recorded(path: Path, robot: str, lengths: list[int]) -> None:
         assert 0 < np.abs(actions).max() <= ACTION_LIMIT_M
         times = [seen.time_s for seen in episode.observations()]
         np.testing.assert_allclose(np.diff(times), episode.step_s, atol=1e-9)
-        assert not any(step.pull for step in episode.steps)
+        assert not any(step.drag for step in episode.steps)
 
 
 def train(person: Person, session: str) -> str:
@@ -175,9 +175,9 @@ def place_and_pull(person: Person, n_steps: int | None) -> int | None:
 def check_placed(path: Path, node: int | None) -> None:
     (episode,) = stored_episodes(path)
     assert (episode.source, episode.seed) == ("gp-word", 9)
-    pulled = [step for step in episode.steps if step.pull is not None]
+    pulled = [step for step in episode.steps if step.drag is not None]
     assert pulled, "the mouse's pull is in the file"
-    assert {step.pull.node for step in pulled} == {node}
+    assert {step.drag.node for step in pulled} == {node}
     assert max(float(np.linalg.norm(step.force_n)) for step in pulled) > 0.01
     assert [record.name for record in episode.disturbances] == ["pull"]
 
@@ -338,7 +338,7 @@ def test_what_is_chosen_with_the_mouse_is_chosen(window):
 
 def test_every_operation_on_data_has_its_menu(window, make_episode):
     with SessionRecorder(window.shop.folder / "demos.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.keep(make_episode())
+        recorder.save(make_episode())
     person = Person(window)
     person.tab("Data")
     mode = window.mode

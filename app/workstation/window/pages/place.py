@@ -9,7 +9,6 @@ from typing import Any
 
 import pygame
 
-from layflat.app.workers.make_policy import SCRIPTED
 from layflat.app.workstation.session.intervention import YOU
 from layflat.app.workstation.teleop import Command
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
@@ -19,6 +18,7 @@ from layflat.app.workstation.window.pages.page import BasePage, FormRow, KeyHint
 from layflat.app.workstation.window.settings import with_one
 from layflat.policy import model_io as model_files
 from layflat.policy.registry import BUILTIN_POLICIES, RECOMMENDED_WRAPPERS
+from layflat.policy.spec import SCRIPTED
 from layflat.sim.cloth.cloth import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 

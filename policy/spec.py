@@ -1,0 +1,159 @@
+"""PolicySpec: which policy, as the command line names it: a model or a built-in name, and what is around it."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from layflat.data.robot import RobotSpec
+from layflat.data.types import GroundTruth
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
+from layflat.policy import model_io, registry
+from layflat.policy.base import Policy, PolicyError
+from layflat.policy.environment import Environment
+from layflat.policy.scripted import wrinkle_removal
+from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
+from layflat.policy.trained_model import TrainedModel
+from layflat.policy.wrappers.sequential import SequentialPolicy
+
+SCRIPTED = ScriptedDemonstrator.name
+SMOOTH = "smooth"
+"""The task whose built-in policies are the controllers of wrinkle removal."""
+BUILTIN_NAMES = (SCRIPTED, *registry.BUILTIN_POLICIES)
+"""Policies of the task ``place`` that need no model."""
+_TEXT = re.compile(r"(?:(?P<label>[^=/]+)=)?(?P<policy>.+)")
+_LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+@]*(-[A-Za-z0-9._+@]+)*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicySpec:
+    """A trained model or a built-in policy, what repairs after a disturbance, and the wrappers around it."""
+
+    model: TrainedModel | None = None
+    builtin: str | None = None
+    """Name of a built-in policy; with a model, the one that takes over after a disturbance."""
+    wrappers: tuple[str, ...] = ()
+    """Names of policy.registry.WRAPPERS, the last one outermost."""
+    label: str = ""
+    """Name in tables and files; by default made of the parts."""
+    stem: str = ""
+    """Name of the model's file, by which policies with the same label are told apart."""
+
+    def __post_init__(self) -> None:
+        if self.model is None and self.builtin is None:
+            raise PolicyError("a policy is a model or the name of a built-in policy")
+        if not self.label:
+            parts = [None if self.model is None else self.model.policy, self.builtin, *self.wrappers]
+            object.__setattr__(self, "label", "+".join(part for part in parts if part is not None))
+        if not _LABEL.fullmatch(self.label):
+            raise PolicyError(f"policy name {self.label!r} cannot be part of a file name; use letters, digits and .+@-")
+        known = (*registry.BUILTIN_POLICIES, *(() if self.model else (SCRIPTED, *wrinkle_removal.CONTROLLERS)))
+        for kind, names, choices in (("policy", (self.builtin,), known), ("wrapper", self.wrappers, registry.WRAPPERS)):
+            for name in names:
+                if name is not None and name not in choices:
+                    raise PolicyError(f"{kind} {name!r} is unknown; it must be one of {', '.join(sorted(choices))}")
+
+    @property
+    def robot(self) -> RobotSpec | None:
+        """Robot of the model; None for a built-in policy, which suits any."""
+        return None if self.model is None else self.model.layout.robot
+
+    @property
+    def descriptor(self) -> str:
+        """What the observations' WORD must come from."""
+        return DEFAULT_DESCRIPTOR if self.model is None else self.model.descriptor
+
+    def make(self, env: Environment) -> Policy:
+        """Make the policy for an environment; PolicyError where it was trained for another robot."""
+        robot = env.spec.robot
+        if self.model is None:
+            return registry.wrap(_builtin(str(self.builtin), env), self.wrappers)
+        if self.model.layout.robot != robot:
+            raise PolicyError(f"{self.label} was trained for robot {self.model.layout.robot}, not {robot}")
+        policy = registry.from_model(self.model)
+        if self.builtin is not None:
+            policy = SequentialPolicy(policy, _builtin(self.builtin, env), name=self.label)
+        return registry.wrap(policy, self.wrappers)
+
+    def with_file_name(self) -> PolicySpec:
+        """Return the same policy, labelled with the name of its file as well."""
+        return replace(self, label=f"{self.label}@{re.sub(r'[^A-Za-z0-9.]+', '-', self.stem).strip('-')}")
+
+    @classmethod
+    def parse(cls, text: str) -> PolicySpec:
+        """Read ``[LABEL=]MODEL.npz[+RULE][+WRAPPER...]`` or ``[LABEL=]NAME[+WRAPPER...]``.
+
+        Raises
+        ------
+        PolicyError
+            Where there is no such file or name, or the file is no model.
+        """
+        if text in BUILTIN_NAMES:  # even where a file has that name
+            return cls(builtin=text, stem=text)
+        if Path(text).exists():
+            return cls(model=load_model(Path(text)), stem=Path(text).stem)
+        parts = _TEXT.fullmatch(text)
+        label, (first, *rest) = (None, [text]) if parts is None else (parts["label"], _split(parts["policy"]))
+        wrappers = tuple(word for word in rest if word in registry.WRAPPERS)
+        rule = next((word for word in rest if word in registry.BUILTIN_POLICIES), None)
+        if rest != [*([rule] if rule else ()), *wrappers]:
+            raise PolicyError(f"policy {text!r}: after the model one rule may follow, and then the wrappers")
+        if first in BUILTIN_NAMES and rule is None:
+            return cls(builtin=first, wrappers=wrappers, label=label or "", stem=first)
+        if Path(first).suffix != ".npz":
+            raise PolicyError(
+                f"policy {text!r} is neither a model file (MODEL.npz) nor one of {', '.join(BUILTIN_NAMES)}"
+            )
+        model = load_model(Path(first))
+        return cls(model=model, builtin=rule, wrappers=wrappers, label=label or "", stem=Path(first).stem)
+
+
+def load_model(path: Path) -> TrainedModel:
+    """Read a model file; PolicyError in one sentence where it cannot be read or is no model."""
+    wanted = "give a model that `layflat train` wrote"
+    if not path.exists():
+        raise PolicyError(f"{path} does not exist; {wanted}")
+    if not path.is_file():
+        raise PolicyError(f"{path} is not a file; {wanted}")
+    if not os.access(path, os.R_OK):
+        raise PolicyError(f"{path} cannot be read; check its permissions")
+    return model_io.load(path)
+
+
+def _builtin(name: str, env: Environment) -> Policy:
+    if name == SCRIPTED and env.spec.task == SMOOTH:
+        name = wrinkle_removal.WordFlatten.name
+    if name == SCRIPTED:
+        shape = env.spec.cloth_shape
+
+        def ground_truth() -> GroundTruth:
+            truth = env.ground_truth()
+            if truth is None:
+                raise PolicyError("the scripted demonstrator needs a simulation: it looks at the cloth's mesh")
+            return truth
+
+        if shape is None:
+            raise PolicyError(f"the scripted demonstrator needs the size of cloth {env.spec.cloth}, which is not known")
+        ground_truth()
+        return ScriptedDemonstrator(
+            env.spec.robot,
+            length_m=shape.length_m,
+            columns=shape.columns,
+            held_width_m=shape.held_width_m,
+            ground_truth=ground_truth,
+        )
+    if env.spec.task == SMOOTH:
+        return wrinkle_removal.controller(name, env.spec.robot)
+    return registry.make(name, env.spec.robot)
+
+
+def _split(text: str) -> list[str]:
+    """Split a policy from the known words behind it: of a file name only the end can be one."""
+    words: list[str] = []
+    while True:
+        first, plus, word = text.rpartition("+")
+        if not plus or word not in (*registry.BUILTIN_POLICIES, *registry.WRAPPERS):
+            return [text, *words]
+        text, words = first, [word, *words]
