@@ -67,7 +67,7 @@ def physics(robot: str, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_S
 def seeing(robot: str, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS) -> dict[str, FloatArray]:
     """With camera, perception and recording, on the table.
 
-    Wall s per step of an `EpisodeRunner`, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
+    Wall s per step of a runner, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
     of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_STEPS, durable in ``folder``).
     """
     bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth))

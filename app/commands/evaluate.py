@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pandas as pd
 
+from layflat.app.evaluation.paired import CONDITION
 from layflat.app.evaluation.plan import EvaluationPlan, plan_policies, start_named
 from layflat.app.evaluation.ray_engine import ray_engine
 from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_evaluation
 from layflat.app.evaluation.suites import cases_of
-from layflat.app.evaluation.paired import CONDITION
 from layflat.app.report.comparison_sentences import paired_table
 from layflat.app.report.evaluation_page import EXAMPLES, PageOptions, write_evaluation
 from layflat.app.report.policies import policies_of

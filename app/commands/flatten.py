@@ -21,7 +21,7 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.statistics import statistics
+from layflat.app.support.statistics import describe
 from layflat.app.workers.run_items import EpisodeCollector, read_first, run_items
 from layflat.app.workers.work_item import WorkItem, read_run
 from layflat.data.provenance import capture_provenance
@@ -112,7 +112,7 @@ def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | Non
 def strip_frames(episode: Episode, overlay: PerceptionOverlay, width: int) -> list[frames.Frame]:
     """Return ten frames as in Figures 3-6 to 3-8, from the start to the stop, titled with their step."""
     strip = frames.frame_strip(episode, frames.placing_steps(episode), overlay, width)
-    return [replace(frame, word=f"step {frame.step}:") for frame in strip]
+    return [replace(frame, label=f"step {frame.step}:") for frame in strip]
 
 
 def _content(config: FlattenConfig, episodes: Sequence[Episode], collector: EpisodeCollector) -> dict[str, Any]:
@@ -132,11 +132,7 @@ def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return n, and mean, min, max and ci95 (None where there is none) of contact, flat area and steps."""
     summary: dict[str, Any] = {"n": len(rows)}
     for column in ("contact_start", "contact_final", "contact_final_true", "flat_area_final", "steps"):
-        values = statistics(np.array([row[column] for row in rows], dtype=float))
-        known = {name: None if np.isnan(value) else value for name, value in values.items()}
-        summary[column] = {name: known[name] for name in ("mean", "min", "max")} | {
-            "ci95": [known["low"], known["high"]]
-        }
+        summary[column] = describe(np.array([row[column] for row in rows], dtype=float)).to_json()
     return summary
 
 

@@ -152,4 +152,10 @@ def _results(
 
 def _cells(row: dict[str, Any]) -> list[str]:
     portions = [row[name] for name in ("contact_placed", "contact_disturbed", "contact_final", "contact_final_true")]
-    return [str(row["seed"]), *map(percent, portions), ratio(row["flat_area_final"]), str(row["steps"]), row["stopped_by"]]
+    return [
+        str(row["seed"]),
+        *map(percent, portions),
+        ratio(row["flat_area_final"]),
+        str(row["steps"]),
+        row["stopped_by"],
+    ]

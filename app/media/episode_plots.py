@@ -57,7 +57,7 @@ def curves_of(name: str, episode: Episode) -> EpisodeCurves:
     """Extract the plotted part of an episode, so that thousands fit into memory."""
     step_s, seen = episode.step_s, episode.observations()
     word = np.array([o.word for o in seen])
-    pulled = [-1 if step.pull is None else step.pull.node for step in episode.steps]
+    pulled = [-1 if step.drag is None else step.drag.node for step in episode.steps]
     pull_begins = [k for k, node in enumerate(pulled) if node >= 0 and (k == 0 or pulled[k - 1] != node)]
     taken = [False, *(step.intervention for step in episode.steps), False]
     interventions = np.flatnonzero(np.diff(taken)).reshape(-1, 2)

@@ -102,7 +102,7 @@ def active_disturbances(episode: Episode, step_index: int) -> str:
     step = episode.steps[step_index]
     spans = zip(episode.disturbances, disturbed_spans(episode), strict=False)
     names = [record.name for record, (first, end) in spans if first <= step_index < end]
-    names += ["a hand"] if step.pull is not None else []
+    names += ["a hand"] if step.drag is not None else []
     force = float(np.linalg.norm(step.force_n))
     acting = " and ".join(names) + (f" {force:.2f} N" if names and force else "")
     guided = "guided by hand" if step.hand_m is not None else ""

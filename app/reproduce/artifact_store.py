@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from layflat.app.workers.run_items import demonstrations, record_all
 from layflat.app.reproduce.studies import DEMONSTRATION_SEED, ModelSpec
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
-from layflat.data.provenance import capture_provenance
 from layflat.app.workers.process import process_pool
+from layflat.app.workers.run_items import demonstrations, record_all
+from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode

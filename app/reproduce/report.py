@@ -13,7 +13,7 @@ from layflat.app.reproduce.experiment_results import ExperimentResults
 from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
 from layflat.app.reproduce.studies import DISTURBANCE, FIRST_SEED, ScaleConfig
 from layflat.app.support.atomic_write import write_text
-from layflat.app.support.provenance import capture_provenance
+from layflat.data.provenance import capture_provenance
 from layflat.data.types import Provenance
 
 TITLE = "The thesis's experiments, ours beside its"

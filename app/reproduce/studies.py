@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.policy.spec import SMOOTH
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
+from layflat.policy.spec import SMOOTH
 from layflat.sim.robots.registry import ROBOTS
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"

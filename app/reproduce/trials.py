@@ -11,9 +11,9 @@ from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.studies import FIRST_SEED, Trial
 from layflat.app.support.progress import Progress
 from layflat.app.workers.work_item import DisturbanceCase
+from layflat.data.errors import DataError
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.spec import SMOOTH, PolicySpec
-from layflat.data.errors import DataError
 from layflat.sim.cloth.starts import STARTS
 from layflat.sim.disturbances.presets import DISTURBANCES
 

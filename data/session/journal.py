@@ -79,6 +79,8 @@ class JournalHandle:
             size_bytes=len(image),
             outcome=episode.outcome,
             contact_final=episode.final_observation.contact_portion,
+            step_s=episode.step_s,
+            descriptor=episode.descriptor,
         )
 
     def open(self, beginning: Episode) -> JournalWriter:

@@ -120,9 +120,7 @@ class SessionRecorder:
 
     def register(self, journal: JournalHandle, saved: SavedEpisode) -> None:
         """Take note of an episode that another process has saved with `JournalHandle.save`."""
-        with open_session(self._parts / f"{saved.name}.h5") as part:
-            info = part.info(saved.name)
-            self._step_s, self.descriptor = info.step_s, info.descriptor
+        self._step_s, self.descriptor = saved.step_s, saved.descriptor
         self._uids.add(journal.uid)
         self._assemble_if_worth()
 
@@ -234,6 +232,8 @@ class SessionRecorder:
             size_bytes=len(image),
             outcome=episode.outcome,
             contact_final=episode.final_observation.contact_portion,
+            step_s=episode.step_s,
+            descriptor=episode.descriptor,
         )
 
     def _assemble_if_worth(self) -> None:

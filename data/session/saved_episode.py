@@ -20,3 +20,5 @@ class SavedEpisode:
     size_bytes: int
     outcome: Outcome
     contact_final: float
+    step_s: float
+    descriptor: str

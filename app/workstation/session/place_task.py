@@ -65,7 +65,9 @@ class PlaceTask:
         self.bench.reset(int(order["seed"]))
         made = None if model is not None or order["policy"] == SCRIPTED else str(order["policy"])
         spec = PolicySpec(
-            model=model, builtin=made or (None if model is not None else SCRIPTED), wrappers=tuple(order.get("with", ()))
+            model=model,
+            builtin=made or (None if model is not None else SCRIPTED),
+            wrappers=tuple(order.get("with", ())),
         )
         begin = None if self._recorder is None else self._begin
         policy, source = spec.make(self.bench), str(order.get("source", ""))
