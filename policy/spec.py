@@ -21,6 +21,8 @@ from layflat.policy.wrappers.sequential import SequentialPolicy
 SCRIPTED = ScriptedDemonstrator.name
 SMOOTH = "smooth"
 """The task whose built-in policies are the controllers of wrinkle removal."""
+WORD_CONTROLLER = "word"
+"""Controller that demonstrates wrinkle removal: Algorithm 2."""
 BUILTIN_NAMES = (SCRIPTED, *registry.BUILTIN_POLICIES)
 """Policies of the task ``place`` that need no model."""
 _TEXT = re.compile(r"(?:(?P<label>[^=/]+)=)?(?P<policy>.+)")
@@ -124,7 +126,7 @@ def load_model(path: Path) -> TrainedModel:
 
 def _builtin(name: str, env: Environment) -> Policy:
     if name == SCRIPTED and env.spec.task == SMOOTH:
-        name = wrinkle_removal.WordFlatten.name
+        name = WORD_CONTROLLER
     if name == SCRIPTED:
         shape = env.spec.cloth_shape
 

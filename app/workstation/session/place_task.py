@@ -72,7 +72,7 @@ class PlaceTask:
         begin = None if self._recorder is None else self._begin
         policy, source = spec.make(self.bench), str(order.get("source", ""))
         self._person = InterventionController(policy, source) if source else None
-        self._name, self._extra_steps = policy.name, extra_steps(policy)
+        self._name, self._extra_steps = policy.name, max_extra_steps(policy)
         self._decides: State = "placing"
         self._without_device = False
         self.run = EpisodeRunner(
@@ -214,7 +214,7 @@ class PlaceTask:
         elif self.state == "disturbing":
             self._settle = SETTLE_STEPS if pull is not None else self._settle - 1
             if stop is not None or (self._settle <= 0 and not self.run.disturbed):
-                self.run.policy.resume()
+                continue_after_disturbance(self.run.policy)
                 self._turn("repairing")
                 self.message = f"{self._name} goes on"
         elif stop is not None and pull is None and not self.run.disturbed:
