@@ -27,7 +27,6 @@ myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
-autodoc_type_aliases = {"FloatArray": "FloatArray"}
 autodoc_preserve_defaults = True
 autodoc_inherit_docstrings = False
 autodoc_default_options = {"exclude-members": "__init__, __new__, __post_init__"}
@@ -54,15 +53,34 @@ ATTRIBUTES: dict[str, list[str]] = {}
 
 def make_page(app: Any, name: str, source: list[str]) -> None:
     """Put the generated text in the place of a page, and check its examples."""
-    source[0] = generated.page(name, source[0])
+    source[0] = re.sub(r"^\|.*\|$", _unbroken, generated.page(name, source[0]), flags=re.M)
     if name not in ("reference/cli", "changelog"):  # a changelog names options that are gone
         for fault in examples.faults(source[0]):
             LOG.warning(fault, location=name)
 
 
+def _unbroken(row: re.Match[str]) -> str:
+    """Keep intervals in the rows of tables on one line."""
+    text = re.sub(r"(?<=\d) to (?=[+-]?\d)", "\u00a0to\u00a0", row[0])
+    return re.sub(r"(?<=\d) (\[[^\] ]*,) (?=[^\]]*\])", "\u00a0\\1\u00a0", text)
+
+
+def short_signature(
+    app: Any, kind: str, name: str, obj: Any, options: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """Name numpy's array types as the code does."""
+    short = [_short(text) if text else text for text in (signature, returns)]
+    return short[0], short[1]
+
+
+def _short(text: str) -> str:
+    array = r"[~\w.]*ndarray\[[~\w.]*tuple\[[~\w.]*Any, \.\.\.\], [~\w.]*dtype\[[~\w.]*?(\w+)\]\]"
+    return re.sub(array, r"NDArray[\1]", text).replace("NDArray[float64]", "FloatArray")
+
+
 def plain_docstring(app: Any, kind: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Take docstrings as plain text with `code`: nothing else in them is markup."""
-    lines[:] = [_plain(line) for line in lines]
+    lines[:] = [re.sub(r"^(\w+(?:, \w+)*) : (.+)$", r"\1 : ``\2``", _plain(line)) for line in lines]
     if kind in ("attribute", "data", "property"):
         ATTRIBUTES[name] = list(lines)
 
@@ -95,6 +113,7 @@ def loads_nothing(app: Any, error: Exception | None) -> None:
 def setup(app: Any) -> None:
     """Connect the above."""
     app.connect("source-read", make_page)
+    app.connect("autodoc-process-signature", short_signature)
     app.connect("autodoc-process-docstring", plain_docstring, priority=100)
     app.connect("autodoc-process-docstring", keep_attribute, priority=900)
     app.connect("build-finished", loads_nothing)
