@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import FLAT_AREA, DisturbanceRecord, DragTarget, GroundTruth, Observation
+from layflat.data.types import DisturbanceRecord, DragTarget, GroundTruth, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import make_descriptor
 from layflat.sim.camera.camera import D435_NOISE, Camera, default_pinhole
-from layflat.sim.cloth import starts
-from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.mouse_drag import MouseDrag, pick_node
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.air_drag import AirDrag
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
+from layflat.sim.physics.base import GRAVITY_M_S2, Cloth, World
+from layflat.sim.physics.registry import make_world
 from layflat.sim.robots.base import Robot
 from layflat.sim.robots.registry import robot_type
+from layflat.sim.starts.base import StartScene, attach
 
+START_STREAM = 0x57A7
+"""Separates the random numbers of the start from others of the same seed."""
 DISTURBANCE_STREAM = 0xD157
-"""Tells the chance of a disturbance from that of the start of the same seed."""
+"""Separates the random numbers of disturbances from others of the same seed."""
 
 
 class ClothSimulation:
@@ -50,36 +49,38 @@ class ClothSimulation:
         config = self.config
         spec = config.cloth_spec
         self._seed = seed
-        rng = np.random.default_rng([seed, 0x57A7])
-        self.world = World(substep_s=1.0 / spec.rate_hz, table_friction=config.table_friction)
-        first = starts.sample_initial_state(config.start, spec, rng)
-        self.cloth = Cloth(self.world, spec, first.nodes)
-        self.air = AirDrag(self.cloth)
-        starts.attach(self.cloth, first.corners, self.air)
-        self.robot: Robot = robot_type(config.robot)(self.cloth, first.corners, control=config.control)
-        self.disturbance: DisturbanceController | None = None
+        rng = np.random.default_rng([seed, START_STREAM])
+        world = self.world = make_world(
+            config.physics, substep_s=1.0 / spec.rate_hz, table_friction=config.table_friction
+        )
+        initial = config.start_spec.initial_state(spec, rng)
+        self.cloth: Cloth = world.add_cloth(spec, initial.nodes)
+        world.add_air(self.cloth)
+        attach(self.cloth, initial.corners)
+        self.robot: Robot = robot_type(config.robot)(self.cloth, initial.corners, control=config.control)
+        self._disturbance: DisturbanceController | None = None
         self._drag: MouseDrag | None = None
         self._drag_target_m: FloatArray | None = None
         self._force_n = np.zeros(3)
         self._nodes = self.cloth.nodes()
         if config.camera:
             self._start_camera(seed)
-        self.robot.grip()
-        drawn = starts.run_start_motion(
-            config.start, self.cloth, self.robot, self.step, partial(self._start_disturbance_at_random, rng=rng), rng
-        )
-        self._halves_before = self.world.halves_done
-        self.start = self._describe_start() | dict(first.about) | dict(drawn)
+        self.robot.grasp()
+
+        def disturb(disturbance: DisturbanceSpec) -> DisturbanceTrajectory:
+            plan = disturbance.sample(rng, spec)
+            self._disturbance = DisturbanceController(self.cloth, plan)
+            return plan
+
+        scene = StartScene(cloth=self.cloth, robot=self.robot, step=self.step, disturb=disturb, rng=rng)
+        drawn = config.start_spec.move(scene)
+        self._halves_before = world.halves_done
+        self.start = self._describe_start() | dict(drawn)
 
     def _start_camera(self, seed: int) -> None:
-        """P_flat of Eq. 4-7 is measured through the same camera: the cloth as it would lie flat."""
-        self.camera = Camera(
-            self._running(),
-            self.cloth,
-            pinhole=self._pinhole,
-            noise=D435_NOISE if self.config.noise else None,
-            seed=seed,
-        )
+        """Make the camera, and measure P_flat of Eq. 4-7 through it: the cloth as it would lie flat."""
+        noise = D435_NOISE if self.config.noise else None
+        self.camera = Camera(self.cloth, pinhole=self._pinhole, noise=noise, seed=seed)
         flat = self._perception.perceive(*self.camera.capture(self.config.cloth_spec.flat_nodes()))
         self._calibrated = self._perception.with_flat_pixels(flat.cloth_pixels)
 
@@ -101,7 +102,7 @@ class ClothSimulation:
         }
 
     def observe(self, *, images: bool = True) -> Observation:
-        """What the camera and the holder tell now."""
+        """Return what a policy may see now; without ``images``, with no camera frame in it."""
         rgb = depth = None
         word, strength, contact, lowest = np.zeros(2), 0.0, 0.0, None
         if self.config.camera:
@@ -123,7 +124,7 @@ class ClothSimulation:
         )
 
     def ground_truth(self) -> GroundTruth:
-        """The mesh, and what it says of contact and folds."""
+        """Return the mesh, its contact with the table and its flat area."""
         return GroundTruth(
             nodes=self._nodes,
             contact_portion_true=self.cloth.contact_portion_true(self._nodes),
@@ -131,68 +132,67 @@ class ClothSimulation:
         )
 
     def step(self, action: FloatArray) -> None:
-        """One step: ``action`` (A,) m in the order of the robot's axes."""
+        """Move the robot by ``action``, (A,) m in the order of its axes, in one control step."""
         substeps = self._substeps()
         self.robot.start_step(np.asarray(action, dtype=float), substeps)
         self._advance(substeps)
 
     def guide(self, hand_m: FloatArray | None) -> FloatArray:
-        """One step of kinesthetic teaching: the holder yields to a hand; what it did (A,) m is the action to record.
+        """Let a hand guide the robot for one step (kinesthetic teaching); return the resulting action, (A,) m.
 
-        ``hand_m``: where the hand is to be at the step's end, (3,) m for the hanger, which follows it along x
-        and z on a spring of bounded force, (2, 3) m for the pickers, which follow it at a bounded speed. None: nobody
-        holds on, and a hanger stays where it was left.
+        ``hand_m``: position of the hand at the step's end, of the spec's ``hand_shape``, m, world. The hanger follows
+        it along x and z on a spring of bounded force, pickers follow it at a bounded speed. None: there is no hand, and
+        a hanger stays where it was left.
         """
         self._running()
         shape = self.robot.spec.hand_shape
         hand = None if hand_m is None else np.array(hand_m, dtype=float)
         if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
             raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
-        before = self._held_at()
-        spec = self.config.cloth_spec
-        # A cloth that leaves the table along it is held up by its holder alone.
-        load = spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
+        before = self._coordinates()
+        # What does not lie on the table is held up by the robot alone.
+        load = self.config.cloth_spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
         substeps = self._substeps()
         self.robot.start_guided_step(hand, substeps, load)
         self._advance(substeps)
-        return self._held_at() - before
+        return self._coordinates() - before
 
-    def _held_at(self) -> FloatArray:
-        """(A,) m: what the actions displace."""
+    def _coordinates(self) -> FloatArray:
+        """Return what the actions displace, (A,) m."""
         robot = self.robot
         return robot.spec.pack(robot.position() if robot.spec.n_points == 1 else robot.corner_positions())
 
     def _substeps(self) -> int:
-        """Of the step to come: twice as many where cloth lies on cloth; at the usual step it diverges when lifted."""
-        return self.config.substeps * self._running().refine(self.cloth.layered(self._nodes))
+        """Return the number for the next step: twice as many where cloth lies on cloth, which diverges when lifted."""
+        return self.config.substeps * self._running().refine(self.cloth.is_layered(self._nodes))
 
     def _advance(self, substeps: int) -> None:
-        """The substeps of one step."""
+        """Simulate the substeps of one step."""
         world = self._running()
         if self._drag is not None and self._drag_target_m is not None:
             self._drag.start_step(self._drag_target_m, self.config.substeps * world.coarse_substep_s)
         impulse = self._impulse_n_s()
         for _ in range(substeps):
-            # What sets gravity comes first: the arm carries its weight in the gravity of now.
-            self.air.before_substep()
-            if self.disturbance is not None:
-                self.disturbance.before_substep()
+            # The wind and the air come first: the arm carries its weight in the gravity of now.
+            world.begin_substep()
+            if self._disturbance is not None:
+                self._disturbance.before_substep()
             if self._drag is not None:
                 self._drag.before_substep()
             self.robot.before_substep()
             world.step()
         self._nodes = self.cloth.nodes()
         self._force_n = (self._impulse_n_s() - impulse) / (substeps * world.substep_s)
-        if self.disturbance is not None and self.disturbance.done:
-            self.disturbance = None
+        if self._disturbance is not None and self._disturbance.done:
+            self._disturbance = None
 
     def _impulse_n_s(self) -> FloatArray:
-        """(3,) N s that the disturbance and the pull of now have given so far."""
-        acting = (self.disturbance, self._drag)
+        """Return what the disturbance and the drag of now have given so far, (3,) N s."""
+        acting = (self._disturbance, self._drag)
         return sum((given.impulse_n_s for given in acting if given is not None), np.zeros(3))
 
     def force_n(self) -> FloatArray:
-        """(3,) N, world: mean total force of disturbances and pulls on the cloth in the last step."""
+        """Return the mean force of disturbances and drags on the cloth in the last step, (3,) N, world."""
         return self._force_n.copy()
 
     def disturb(
@@ -213,25 +213,21 @@ class ClothSimulation:
         DisturbanceRecord or None
             The name and the trajectory that was drawn, with ``first_step`` 0; None where it does nothing.
         """
-        world, cloth = self._running(), self.config.cloth_spec
+        cloth = self.config.cloth_spec
+        self._running()
         if isinstance(disturbance, DisturbanceRecord) and disturbance.plan:
             plan = DisturbanceTrajectory.recorded(disturbance.plan, cloth)
         else:
             named = disturbance.name if isinstance(disturbance, DisturbanceRecord) else disturbance
             spec = disturbance_spec(named) if isinstance(named, str) else named
             plan = spec.sample(_disturbance_rng(self._seed, repeat), cloth)
-        if self.disturbance is not None:
-            self.disturbance.stop()
-        self.disturbance = DisturbanceController(world, self.cloth, plan)
+        if self._disturbance is not None:
+            self._disturbance.stop()
+        self._disturbance = DisturbanceController(self.cloth, plan)
         if not plan.acts:
             return None
         name = disturbance if isinstance(disturbance, str) else disturbance.name
         return DisturbanceRecord(name=name, first_step=0, plan=plan.described())
-
-    def _start_disturbance_at_random(self, spec: DisturbanceSpec, rng: np.random.Generator) -> DisturbanceTrajectory:
-        plan = spec.sample(rng, self.config.cloth_spec)
-        self.disturbance = DisturbanceController(self._running(), self.cloth, plan)
-        return plan
 
     def drag(self, node: int, target_m: FloatArray) -> None:
         """Pull the cloth's ``node`` towards ``target_m``, (3,) m, world, with a bounded force, until `release`.
@@ -239,13 +235,14 @@ class ClothSimulation:
         Call it again, at most once a step, to move the target. A drag of another node releases the first one. It works
         at any time, also during a disturbance.
         """
-        world, target = self._running(), np.array(target_m, dtype=float)
+        self._running()
+        target = np.array(target_m, dtype=float)
         if target.shape != (3,) or not np.isfinite(target).all():
             raise SimError(f"the drag's target is {target.tolist()}; it must be three finite numbers: x, y, z in m")
         if self._drag is not None and self._drag.node != node:
             self.release()
         if self._drag is None:
-            self._drag = MouseDrag(world, self.cloth, node)
+            self._drag = MouseDrag(self.cloth, node)
         self._drag_target_m = target
 
     def release(self) -> None:
@@ -263,7 +260,7 @@ class ClothSimulation:
 
     def hand_positions(self) -> FloatArray:
         """Return where a disturbance holds the cloth now, (K, 3) m, world."""
-        return np.zeros((0, 3)) if self.disturbance is None else self.disturbance.hand_positions()
+        return np.zeros((0, 3)) if self._disturbance is None else self._disturbance.hand_positions()
 
     def joint_angles(self) -> FloatArray:
         """Return the joint angles of the arm, (J,) rad; empty where there is no arm."""
@@ -276,7 +273,8 @@ class ClothSimulation:
 
     @property
     def disturbed(self) -> bool:
-        return self.disturbance is not None
+        """Whether a disturbance still acts, or the cloth has not come to rest after it."""
+        return self._disturbance is not None
 
     def divergence_reason(self) -> str | None:
         """Return why the cloth has diverged, or None; call once a step."""
@@ -284,19 +282,21 @@ class ClothSimulation:
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the start's random moves ended."""
+        """Simulated time since the start's moves ended."""
         world = self._running()
         return world.seconds(world.halves_done - self._halves_before)
 
     def success(self) -> bool:
-        return self.cloth.flat_area(self._nodes) > FLAT_AREA
+        """Whether the cloth is now as the task wants it."""
+        return self.config.task_spec.is_success(self.ground_truth())
 
     def _running(self) -> World:
         if self.world is None:
-            raise SimError("the bench has no world; call reset(seed) first")
+            raise SimError("the simulation has not started; call reset(seed) first")
         return self.world
 
     def close(self) -> None:
+        """Free the world; `reset` makes a new one. May be called twice."""
         if self.world is not None:
             self.world.close()
             self.world = None

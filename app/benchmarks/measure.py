@@ -195,7 +195,7 @@ def _ours(bench: ClothSimulation, action: FloatArray, n_steps: int) -> float:
 def _bare(bench: ClothSimulation, n_steps: int) -> float:
     """Wall s per step of stepping alone."""
     world, substeps = bench.cloth.world, bench.config.substeps
-    bench.robot.rest()
+    bench.robot.hold()
     for _ in range(SETTLE_STEPS * substeps):
         world.step()
     began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""What `layflat bench` measures of published cloth recipes: ours and theirs in one process, block by block in turns."""
+"""Speed of Layflat's cloth beside published cloths: all in one process, block by block in turns."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS, BareLayflat, BareSimulation
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS, LayflatCloth, ReferenceCloth
 
 OURS = "ours"
 ACROSS = (10, 13)
 """Nodes along an edge: as DeformableRavens has, and as our default cloth has."""
 SETTLE_S, BLOCK_S, BLOCKS = 0.5, 0.1, 6
-"""Simulated time before anything is measured, of a block, and how many blocks."""
+"""Simulated time before the measurement and of a block, and the number of blocks."""
 Line = tuple[str, FloatArray, FloatArray]
 """Name, ours and theirs, wall s per simulated s."""
 
 
 def recipes(across: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = BLOCKS) -> dict[str, FloatArray]:
-    """Wall s per simulated s of stepping alone, by "situation who"."""
+    """Return wall s per simulated s of stepping alone, by "situation name"."""
     spec = replace(cloth_spec(cloth), rows=across, columns=across)
     samples: dict[str, FloatArray] = {}
     for situation in SITUATIONS:
-        worlds: dict[str, BareLayflat | BareSimulation] = {OURS: BareLayflat(spec, situation)}
-        worlds |= {name: BareSimulation(recipe, across, situation) for name, recipe in RECIPES.items()}
+        worlds: dict[str, LayflatCloth | ReferenceCloth] = {OURS: LayflatCloth(spec, situation)}
+        worlds |= {name: ReferenceCloth(settings, across, situation) for name, settings in SOLVER_SETTINGS.items()}
         try:
             for world in worlds.values():
-                _stepped(world, settle_s)
+                _measure(world, settle_s)
             walls: dict[str, list[float]] = {name: [] for name in worlds}
             for _ in range(blocks):
                 for name, world in worlds.items():
-                    walls[name].append(_stepped(world, BLOCK_S))
+                    walls[name].append(_measure(world, BLOCK_S))
         finally:
             for world in worlds.values():
                 world.close()
@@ -43,7 +43,7 @@ def recipes(across: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = B
 
 
 def lines_of(across: int, samples: Mapping[str, FloatArray]) -> list[Line]:
-    """Ours beside each recipe, in each situation."""
+    """Return ours beside each published cloth, in each situation."""
     return [
         (
             f"bare cloth {across} x {across} {situation} / {name}",
@@ -51,12 +51,12 @@ def lines_of(across: int, samples: Mapping[str, FloatArray]) -> list[Line]:
             samples[f"{situation} {name}"],
         )
         for situation in SITUATIONS
-        for name in RECIPES
+        for name in SOLVER_SETTINGS
     ]
 
 
-def _stepped(world: BareLayflat | BareSimulation, simulated_s: float) -> float:
-    """Wall s per simulated s."""
+def _measure(world: LayflatCloth | ReferenceCloth, simulated_s: float) -> float:
+    """Step and return wall s per simulated s."""
     steps = round(simulated_s / world.substep_s)
     began = time.perf_counter()
     for _ in range(steps):

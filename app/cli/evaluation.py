@@ -28,7 +28,7 @@ Robots = Annotated[
     list[str] | None,
     typer.Option(show_default="those of the models", help="Robot of built-in policies: hanger or pickers; repeatable."),
 ]
-StartAt = Annotated[str, typer.Option(help="Start of the cloth: hanging, crumpled, folded-corner or swinging.")]
+StartAt = Annotated[str | None, typer.Option(help="Start of the cloth: hanging, crumpled, folded-corner or swinging.")]
 Limit = Annotated[float, typer.Option(metavar="S", help="Wall time after which an episode counts as hung.")]
 Engine = Annotated[str, typer.Option(help="Where the episodes run: local, or ray for a Ray cluster.")]
 Address = Annotated[
@@ -52,7 +52,7 @@ def evaluate(
     cloth: Cloths = None,
     robot: Robots = None,
     task: Task = "place",
-    start: StartAt = "hanging",
+    start: StartAt = None,
     limit_s: Limit = 900.0,
     engine: Engine = "local",
     address: Address = None,
@@ -96,7 +96,7 @@ def disturb(
     cloth: Cloths = None,
     robot: Robots = None,
     task: Task = "place",
-    start: StartAt = "hanging",
+    start: StartAt = None,
     limit_s: Limit = 900.0,
     engine: Engine = "local",
     address: Address = None,

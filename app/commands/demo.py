@@ -27,7 +27,7 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.policy.registry import RECOMMENDED_WRAPPERS
 from layflat.policy.trained_model import RegressionModel
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 
 DEMONSTRATIONS = 10
 """As many as the thesis gave its robot (chapter 4-3-2)."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from layflat.app.evaluation.paired import CONDITION
-from layflat.app.evaluation.plan import EvaluationPlan, plan_policies, start_named
+from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
 from layflat.app.evaluation.ray_engine import ray_engine
 from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_evaluation
@@ -23,7 +23,7 @@ from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.app.workers.worker_process import Engine, local_engine
-from layflat.sim.cloth.cloth import DEFAULT_CLOTH
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
 
 EPISODE_S = 12.0
 CASE_S = 6.0
@@ -49,7 +49,8 @@ class EvaluateConfig:
     robots: tuple[str, ...] = ()
     """By default those of the models."""
     task: str = "place"
-    start: str = "hanging"
+    start: str | None = None
+    """By default that of the task."""
     limit_s: float = LIMIT_S
     engine: str = "local"
     address: str | None = None
@@ -67,7 +68,7 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         seeds=tuple(config.seed + k for k in range(config.episodes)),
         cases=tuple(case for text in config.disturb for case in cases_of(text)),
         task=config.task,
-        start=start_named(config.start),
+        start=config.start,
         limit_s=config.limit_s,
     )
     engine = engine_of(config.engine, workers, config.address)

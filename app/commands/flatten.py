@@ -29,7 +29,7 @@ from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import SMOOTH, PolicySpec
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.config import SimConfig
 
 EPISODE_S = 14.0

@@ -25,7 +25,7 @@ from layflat.data.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.spec import PolicySpec
-from layflat.sim.cloth.cloth import CLOTHS, DEFAULT_CLOTH
+from layflat.sim.cloth.spec import CLOTHS, DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS, robot_spec

@@ -11,7 +11,7 @@ from layflat.app.workers.run_items import demonstrations, record_all
 from layflat.data.session.recorder import SessionRecorder
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.policy.spec import SCRIPTED
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS, robot_spec
 

@@ -26,7 +26,7 @@ from layflat.data.format import schema
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.types import PHASES, Episode
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.errors import SimError

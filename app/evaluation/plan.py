@@ -14,11 +14,12 @@ from layflat.app.support.validators import one_of
 from layflat.app.workers.work_item import LIMIT_S, NO_DISTURBANCE, DisturbanceCase, WorkItem
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import PolicySpec
-from layflat.sim.cloth.cloth import CLOTHS
-from layflat.sim.cloth.starts import STARTS, Start
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.starts.registry import STARTS
+from layflat.sim.tasks.registry import TASKS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,8 @@ class EvaluationPlan:
     cases: tuple[DisturbanceCase, ...] = ()
     """Besides the undisturbed one, which is always there."""
     task: str = "place"
-    start: Start = "hanging"
+    start: str | None = None
+    """None: the default of the task."""
     descriptor: str = DEFAULT_DESCRIPTOR
     """What WORD comes from for policies without a model; a model has its own."""
     limit_s: float = LIMIT_S
@@ -52,7 +54,10 @@ class EvaluationPlan:
             one_of("robot", robot, ROBOTS)
         for cloth in self.cloths:
             one_of("cloth", cloth, CLOTHS)
-        one_of("start", self.start, STARTS)
+        one_of("task", self.task, TASKS)
+        if self.start is None:
+            object.__setattr__(self, "start", TASKS[self.task].starts[0])
+        one_of("start", str(self.start), STARTS)
         for robot in self.robots:
             self.config(robot, self.cloths[0], self.policies[0])
         if not self.limit_s > 0:
@@ -100,12 +105,6 @@ class EvaluationPlan:
                                 cases=self.all_cases,
                                 limit_s=self.limit_s,
                             )
-
-
-def start_named(name: str) -> Start:
-    """Return the start of that name; UsageError lists the known ones."""
-    one_of("start", name, STARTS)
-    return next(start for start in STARTS if start == name)
 
 
 def plan_policies(texts: Sequence[str], robots: Sequence[str]) -> tuple[tuple[PolicySpec, ...], tuple[str, ...]]:

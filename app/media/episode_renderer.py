@@ -16,7 +16,7 @@ from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.data.types import Episode, Observation
 from layflat.sim.camera.replay_scene import ReplayScene
-from layflat.sim.cloth.cloth import CLOTHS, cloth_spec
+from layflat.sim.cloth.spec import CLOTHS, cloth_spec
 
 VIDEO_WIDTH, VIDEO_HEIGHT = 640, 480
 

@@ -17,7 +17,7 @@ from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
-from layflat.sim.cloth.starts import STARTS
+from layflat.sim.starts.registry import STARTS
 
 CONFIG = "reproduction.json"
 MODEL_S = 40.0

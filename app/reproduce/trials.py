@@ -14,7 +14,6 @@ from layflat.app.workers.work_item import DisturbanceCase
 from layflat.data.errors import DataError
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.spec import SMOOTH, PolicySpec
-from layflat.sim.cloth.starts import STARTS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 PLACING_S = 7.0
@@ -57,7 +56,7 @@ def plan_of(trial: Trial, store: ArtifactStore, seed: int) -> EvaluationPlan:
         cloths=(trial.cloth,),
         seeds=tuple(range(first, first + trial.seeds)),
         cases=cases,
-        start=next(start for start in STARTS if start == trial.start),
+        start=trial.start,
     )
 
 

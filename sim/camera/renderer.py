@@ -1,8 +1,7 @@
-"""A picture from one pinhole: the table and floor behind, solid bodies, and the cloth in front.
+"""Renderer: the image of one pinhole camera, with table, floor, cloth, shadow and balls.
 
-The table and floor do not change, so they are computed once. Solid bodies (an arm, a hanger) come from TinyRenderer,
-which costs 2 ms where there is nothing to draw. The cloth comes from layflat.sim.camera.rasterizer, shaded by its own
-smooth normals.
+The table and floor do not change, so they are computed once. The cloth comes from layflat.sim.camera.rasterizer. Solid
+bodies (an arm, a hanger) come from the physics engine and are put in front by the camera.
 """
 
 from __future__ import annotations
@@ -10,27 +9,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet as bullet
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.rasterizer import Raster, rasterize
 from layflat.sim.cloth.mesh import ClothMesh
-from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_RGBA, TABLE_SIZE_M
+from layflat.sim.physics.base import FAR_M, NEAR_M, TABLE_CENTRE_M, TABLE_RGBA, TABLE_SIZE_M
 
 LIGHT = np.array([1.0, 1.0, 1.15]) / np.linalg.norm([1.0, 1.0, 1.15])
 """Towards the light: 39 degrees high, between the axes, so that wrinkles along x and along y are shaded alike."""
 AMBIENT, DIFFUSE = 0.30, 1.0
 FACE_RGB = (40.0, 90.0, 200.0)
 REVERSE_RGB = (48.0, 116.0, 196.0)
-"""A slightly different blue: a fold can be told by eye, and one range of hue takes both."""
+"""A slightly different blue: a fold is visible, and one range of hue takes both."""
 FLOOR_RGB = (118.0, 112.0, 106.0)
 SKY_RGB = (176.0, 180.0, 186.0)
 FLOOR_Z_M = -0.75
 SHADOW = 0.72
 """Brightness of the table in the cloth's shadow."""
-NEAR_M, FAR_M = 0.05, 4.0
 
 
 @dataclass(kw_only=True)
@@ -42,36 +39,34 @@ class Framebuffer:
     depth: NDArray[np.float32]
     """(H * W,) m along the optical axis; inf where there is nothing."""
 
-    def put(self, pixels: NDArray[np.intp], depth: NDArray[np.float32], rgb: NDArray) -> NDArray[np.bool_]:
-        """Draw what is nearer than the picture so far; returns which of ``pixels`` (P,) were drawn."""
+    def put(self, pixels: NDArray[np.intp], depth: NDArray[np.float32], rgb: NDArray) -> None:
+        """Draw what is nearer than the image so far."""
         nearer = depth < self.depth[pixels]
         drawn = pixels[nearer]
         self.depth[drawn] = depth[nearer]
         self.rgb[drawn] = np.clip(rgb[nearer], 0, 255)
-        return nearer
 
 
 class Renderer:
-    """What a pinhole sees of the bench."""
+    """Image of the table and the cloth before one pinhole."""
 
     def __init__(self, pinhole: PinholeCamera) -> None:
         self.pinhole = pinhole
         self._world_to_cam = np.ascontiguousarray(pinhole.cam_to_world[:3, :3])
         self._background = _background(pinhole)
-        self._projection = _projection(pinhole)
-        flip = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL's camera looks along -z with y up
-        self._view = np.linalg.inv(pinhole.cam_to_world @ flip).T.ravel().tolist()
 
-    def blank(self) -> Framebuffer:
-        """Table and floor."""
+    def background(self) -> Framebuffer:
+        """Return an image of table and floor."""
         return Framebuffer(rgb=self._background.rgb.copy(), depth=self._background.depth.copy())
 
     def raster(self, vertices: FloatArray, triangles: NDArray) -> Raster:
+        """Return which pixels see which of the triangles (T, 3) over vertices (V, 3) m, world."""
         pixels, depth = self.pinhole.project(vertices)
         screen = np.column_stack([pixels, depth])
         return rasterize(screen, triangles, self.pinhole.width, self.pinhole.height)
 
     def draw_cloth(self, picture: Framebuffer, mesh: ClothMesh) -> None:
+        """Draw the cloth, each side in its colour, shaded by its smooth normals."""
         raster = self.raster(mesh.vertices, mesh.triangles)
         slope = raster.interpolate(mesh.normals @ LIGHT, mesh.triangles)
         # The light falls on the side that the camera sees.
@@ -82,7 +77,7 @@ class Renderer:
     def draw_ball(
         self, picture: Framebuffer, centre: FloatArray, radius_m: float, rgb: tuple[float, float, float]
     ) -> None:
-        """A shaded ball, for a picker that has no body to show."""
+        """Draw a shaded ball, for a picker that has no body to show."""
         pixel, depth = self.pinhole.project(centre)
         if depth[0] <= NEAR_M:
             return
@@ -106,24 +101,6 @@ class Renderer:
         on_table = pixels[self._background.on_table[pixels]]
         picture.rgb[on_table] = (picture.rgb[on_table] * SHADOW).astype(np.uint8)
 
-    def draw_solids(self, picture: Framebuffer, client: int) -> None:
-        """Every visible body of the world: those that TinyRenderer shows."""
-        rgba, buffer = bullet.getCameraImage(
-            self.pinhole.width,
-            self.pinhole.height,
-            self._view,
-            self._projection,
-            lightDirection=(10 * LIGHT).tolist(),
-            shadow=0,
-            renderer=bullet.ER_TINY_RENDERER,
-            flags=bullet.ER_NO_SEGMENTATION_MASK,
-            physicsClientId=client,
-        )[2:4]
-        buffer = np.asarray(buffer, dtype=np.float32).reshape(-1)
-        hit = np.flatnonzero(buffer < 1.0 - 1e-6)
-        depth = np.float32(FAR_M * NEAR_M) / (FAR_M - (FAR_M - NEAR_M) * buffer[hit])
-        picture.put(hit, depth, np.asarray(rgba, dtype=np.uint8).reshape(-1, 4)[hit, :3])
-
 
 @dataclass(kw_only=True)
 class _Background(Framebuffer):
@@ -131,7 +108,7 @@ class _Background(Framebuffer):
 
 
 def _background(pinhole: PinholeCamera) -> _Background:
-    """The table as a box and the floor below, by intersecting each pixel's ray with them."""
+    """Draw the table as a box and the floor below, by intersecting each pixel's ray with them."""
     size = pinhole.width * pinhole.height
     row, column = np.divmod(np.arange(size), pinhole.width)
     local = np.stack([(column - pinhole.cx) / pinhole.fx, (row - pinhole.cy) / pinhole.fy, np.ones(size)], axis=1)
@@ -155,21 +132,3 @@ def _background(pinhole: PinholeCamera) -> _Background:
     rgb[on_box] = table * np.array([0.78, 0.70, 1.0])[axis[on_box], None]
     depth[on_box] = enter[on_box]
     return _Background(rgb=rgb.astype(np.uint8), depth=depth.astype(np.float32), on_table=on_box & (axis == 2))
-
-
-def _projection(pinhole: PinholeCamera) -> list[float]:
-    """OpenGL projection matrix, column by column, whose image is the pinhole's.
-
-    TinyRenderer samples at whole pixels and turns the image upside down: column u lies at 2 u / W - 1 of its view,
-    row v at 2 (H - 1 - v) / H - 1. The test against layflat.sim.camera.rasterizer would notice a shift.
-    """
-    return list(
-        bullet.computeProjectionMatrix(
-            -pinhole.cx / pinhole.fx * NEAR_M,
-            (pinhole.width - pinhole.cx) / pinhole.fx * NEAR_M,
-            -(pinhole.height - 1 - pinhole.cy) / pinhole.fy * NEAR_M,
-            (pinhole.cy + 1) / pinhole.fy * NEAR_M,
-            NEAR_M,
-            FAR_M,
-        )
-    )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import ClothSpec
+from layflat.sim.cloth.spec import ClothSpec
 
 MIN_HEIGHT_M = 0.0015
 """The curve between two nodes may dip below both; nothing is drawn inside the table."""

@@ -11,7 +11,8 @@ from scipy.interpolate import CubicSpline
 
 from layflat.data.arrays import FloatArray
 from layflat.perception.descriptors.base import axial_mean
-from layflat.sim.cloth.cloth import ClothSpec, resting_share
+from layflat.sim.cloth.geometry import resting_share
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 
 MAX_HEIGHT_M = 0.03

@@ -1,4 +1,4 @@
-"""What disturbances there are: kinds, names, and what is left to chance.
+"""Disturbances: their kinds, their presets, and what is random about them.
 
 Lengths are shares of the cloth's length and forces are multiples of its weight, so that one name means the same to a
 towel and to a napkin.
@@ -15,21 +15,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import ClothSpec
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.disturbances.toml_fields import READERS
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2
+from layflat.sim.physics.base import GRAVITY_M_S2
 
 Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "fold", "wind"]
 Range: TypeAlias = tuple[float, float]
-"""Least and greatest value of what is drawn uniformly."""
+"""Least and greatest value of a uniform distribution."""
 Waypoint: TypeAlias = tuple[float, float]
-"""Share of the cloth's length forward (along the heading) and up, from where the hands took hold."""
+"""Shares of the cloth's length forward (along the heading) and up, from where the hands took hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceSpec:
-    """A disturbance by name; ``sample`` settles what is random about it."""
+    """A disturbance by name; `sample` draws what is random about it."""
 
     name: str
     kind: Kind
@@ -44,21 +44,21 @@ class DisturbanceSpec:
     path: tuple[Waypoint, ...] = ()
     """Corners of the hands' path; the start is (0, 0)."""
     turn_deg: float = 0.0
-    """By how much the hands turn together over their path, as one turns a page: the hindmost goes over the others."""
+    """Angle by which the hands turn together over their path, as a page is turned: the last goes over the others."""
     scale: Range = (1.0, 1.0)
     """Factor on the path, or on the wind."""
     either_side: bool = False
     """Mirrored at y = 0 in every other draw."""
     speed_m_s: float = 0.15
-    """Of the hands' target along the path."""
+    """Speed of the hands' target along the path."""
     force_weights: float = 3.0
     """Greatest total force of the hands / weight of the cloth."""
     wind_m_s2: float = 0.0
-    """Acceleration that a wind gives to the cloth, along the heading."""
+    """Acceleration of the cloth by a wind, along the heading."""
     time_limit_s: float = 1.0
-    """The hands let go, or the wind ends, after this time at the latest."""
+    """Greatest duration until the hands let go, or the wind ends."""
     settle_s: float = 1.0
-    """From the end of the force until the disturbance counts as over."""
+    """Time from the end of the force until the disturbance counts as over."""
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
@@ -75,7 +75,10 @@ class DisturbanceSpec:
             if not getattr(self, field) > 0:
                 raise SimError(f"disturbance {self.name}: {field} is {getattr(self, field)}; it must be above 0")
         if min(self.patch) < 1 or self.settle_s < 0:
-            raise SimError(f"disturbance {self.name}: patch {self.patch} or settle_s {self.settle_s} makes no sense")
+            raise SimError(
+                f"disturbance {self.name}: patch is {self.patch} and settle_s {self.settle_s};"
+                " the patch needs a node each way, and settle_s must be at least 0"
+            )
         if (self.kind in ("none", "wind")) == bool(self.path):
             raise SimError(f"disturbance {self.name}: a path is for hands, and a {self.kind} has {self.path}")
         if self.turn_deg and not self.path:
@@ -85,10 +88,10 @@ class DisturbanceSpec:
 
     @staticmethod
     def from_mapping(values: Mapping[str, Any]) -> DisturbanceSpec:
-        """A disturbance from plain values by field, as TOML has them; SimError for each that is wrong.
+        """Make a disturbance from plain values by field, as TOML has them; SimError for each that is wrong.
 
-        ``like`` names a preset that gives what is not said; without it ``kind`` has to be given. A range is a list of
-        two numbers, or one number where nothing is left to chance; ``path`` is a list of [forward, up].
+        ``like`` names a preset for the other fields; without it ``kind`` has to be given. A range is a list of two
+        numbers, or one number where nothing is random; ``path`` is a list of [forward, up].
         """
         given = dict(values)
         name = given.pop("name", given.get("like"))
@@ -109,7 +112,7 @@ class DisturbanceSpec:
         return DisturbanceSpec(name=name, **fresh)
 
     def sample(self, rng: np.random.Generator, cloth: ClothSpec) -> DisturbanceTrajectory:
-        """What will happen to this cloth; draws the same number of values whatever the kind."""
+        """Draw what will happen to this cloth; the number of values drawn does not depend on the kind."""
         along, across = rng.uniform(*self.along), rng.uniform(*self.across)
         heading, scale = math.radians(rng.uniform(*self.heading_deg)), rng.uniform(*self.scale)
         if rng.uniform() < 0.5 and self.either_side:
@@ -133,19 +136,19 @@ class DisturbanceSpec:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DisturbanceTrajectory:
-    """A disturbance with nothing left to chance."""
+    """A disturbance without anything random."""
 
     nodes: tuple[int, ...]
-    """Cloth nodes that hands take hold of."""
+    """Cloth nodes of which hands take hold."""
     path_m: FloatArray
-    """(W, 3) m, world axes: corners of the path from where each hand took hold; the first is zero."""
+    """Corners of the path from where each hand took hold, (W, 3) m, world axes; the first is zero."""
     speed_m_s: float
     force_limit_n: float
     wind_m_s2: tuple[float, float, float]
     time_limit_s: float
     settle_s: float
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Rotation vector, world axes: how far the hands have turned about their middle at the path's end."""
+    """Rotation vector, world axes, by which the hands have turned about their middle at the path's end."""
 
     @property
     def acts(self) -> bool:
@@ -153,19 +156,18 @@ class DisturbanceTrajectory:
         return bool(self.nodes) or any(self.wind_m_s2)
 
     def described(self) -> dict[str, Any]:
-        """As JSON values by name."""
+        """Return the fields as JSON values by name."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         return values | {key: np.asarray(values[key]).tolist() for key in _ARRAYS}
 
     @staticmethod
     def recorded(described: Mapping[str, Any], cloth: ClothSpec) -> DisturbanceTrajectory:
-        """The plan that ``described`` came of; SimError where it is none for this cloth."""
+        """Return the trajectory that was `described`; SimError where it does not fit this cloth."""
         try:
             values: dict[str, Any] = dict(described)
             x, y, z = (float(part) for part in values["wind_m_s2"])
             path = np.array(values["path_m"], dtype=float)
             nodes = tuple(int(node) for node in values["nodes"])
-            # Records of before hands could turn say nothing of it.
             turn = tuple(float(part) for part in values.get("turn_rad", (0.0, 0.0, 0.0)))
             plan = DisturbanceTrajectory(
                 **(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z), "turn_rad": turn})
@@ -174,15 +176,13 @@ class DisturbanceTrajectory:
             numbers = [x, y, z, *turn, *path.ravel(), *limits]
             sound = path.ndim == 2 and path.shape[1] == 3 and len(turn) == 3 and bool(np.isfinite(numbers).all())
         except (KeyError, TypeError, ValueError) as error:
-            raise SimError(f"the recorded disturbance is no plan of this version ({error})") from None
-        if not sound or not all(0 <= node < cloth.rows * cloth.columns for node in nodes):
-            raise SimError(
-                "the recorded disturbance is no plan for this cloth: its nodes, path or numbers make no sense"
-            )
+            raise SimError(f"the recorded disturbance cannot be read by this version ({error})") from None
+        if not sound or not all(0 <= node < cloth.n_nodes for node in nodes):
+            raise SimError("the recorded disturbance does not fit this cloth: its nodes, path or numbers are invalid")
         return plan
 
     def target(self, time_s: float) -> tuple[FloatArray, FloatArray, bool]:
-        """Offset (3,) m and velocity (3,) m/s of the targets, and whether they are at the path's end."""
+        """Return offset (3,) m and velocity (3,) m/s of the targets, and whether they are at the path's end."""
         left = self.speed_m_s * time_s
         for start, end in zip(self.path_m[:-1], self.path_m[1:], strict=True):
             length = float(np.linalg.norm(end - start))
@@ -193,7 +193,7 @@ class DisturbanceTrajectory:
         return self.path_m[-1], np.zeros(3), True
 
     def turned(self, time_s: float) -> FloatArray:
-        """(3, 3): how far the hands have turned about their middle, evenly over the path."""
+        """Return the rotation (3, 3) of the hands about their middle, which is even over the path."""
         length = float(np.linalg.norm(np.diff(self.path_m, axis=0), axis=1).sum())
         share = min(1.0, self.speed_m_s * time_s / length) if length > 0 else 1.0
         rotation: FloatArray = Rotation.from_rotvec(share * np.array(self.turn_rad)).as_matrix()
@@ -204,7 +204,7 @@ _ARRAYS = ("nodes", "path_m", "wind_m_s2", "turn_rad")
 
 
 def _patch_nodes(cloth: ClothSpec, along: float, across: float, patch: tuple[int, int]) -> tuple[int, ...]:
-    """Nodes of a patch around a place, moved inwards where it would leave the cloth; never the held corners."""
+    """Return the nodes of a patch around a place, moved into the cloth, without the held corners."""
     rows, columns = min(patch[0], cloth.rows), min(patch[1], cloth.columns)
     row = int(np.clip(round(along * (cloth.rows - 1)) - rows // 2, 0, cloth.rows - rows))
     column = int(np.clip(round(across * (cloth.columns - 1)) - columns // 2, 0, cloth.columns - columns))
@@ -264,7 +264,7 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
 
 
 def disturbance_spec(name: str) -> DisturbanceSpec:
-    """A preset by name; SimError lists the known ones."""
+    """Return a preset; SimError lists the known names."""
     if name not in DISTURBANCES:
         raise SimError(f"unknown disturbance {name!r}; the known ones are {', '.join(DISTURBANCES)}")
     return DISTURBANCES[name]

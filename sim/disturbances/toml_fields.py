@@ -1,4 +1,4 @@
-"""Fields of a disturbance from plain values, as TOML has them; each wrong one is one sentence."""
+"""Readers of a disturbance's fields from plain values, as TOML has them; SimError says which one is wrong."""
 
 from __future__ import annotations
 
@@ -71,4 +71,4 @@ READERS: Mapping[str, Callable[[str, str, Any], Any]] = {
     "time_limit_s": _number,
     "settle_s": _number,
 }
-"""What reads each field of a plain mapping."""
+"""Reader of each field of a plain mapping."""

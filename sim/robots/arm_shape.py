@@ -1,4 +1,4 @@
-"""The arm's visible shape as arrays, placed by forward kinematics: for who draws it without a simulator."""
+"""ArmShape: an arm's visible shape as arrays, placed by forward kinematics, to draw it without an engine."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import HELD_STRETCH, ClothSpec
 from layflat.sim.errors import SimError
-from layflat.sim.robots.panda import BASE_POSITION_M, JOINTS, arm_urdf
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _BOX_TRIANGLES = np.array(
@@ -28,24 +26,25 @@ _BOX_TRIANGLES = np.array(
 class ArmShape:
     """Triangles of all links, V vertices and T triangles."""
 
+    base_position_m: tuple[float, float, float]
     vertices: FloatArray
     """(V, 3) m, each in its link's frame."""
     link: NDArray[np.intp]
-    """(V,) the link of each vertex: 0 the base, k the one that joint k moves."""
+    """Link of each vertex, (V,): 0 the base, k the one that joint k moves."""
     triangles: NDArray[np.intp]
     """(T, 3) counter-clockwise seen from outside."""
     is_hanger: NDArray[np.bool_]
-    """(T,) True for bar and clips."""
+    """Whether a triangle is part of the bar or a clip, (T,)."""
     joint_frames: FloatArray
-    """(JOINTS, 4, 4) from each joint's frame at zero to that of the link before."""
+    """(J, 4, 4) from each joint's frame at zero to that of the link before."""
 
     def link_frames(self, joint_angles: FloatArray) -> FloatArray:
-        """(JOINTS + 1, 4, 4) from each link's frame to the world; ``joint_angles`` (JOINTS,) rad about z."""
+        """Return (J + 1, 4, 4) from each link's frame to the world; ``joint_angles`` (J,) rad about z."""
         angles = np.asarray(joint_angles, dtype=float)
-        if angles.shape != (JOINTS,):
-            raise SimError(f"joint angles have shape {angles.shape}; the arm has {JOINTS} joints")
+        if angles.shape != (len(self.joint_frames),):
+            raise SimError(f"joint angles have shape {angles.shape}; the arm has {len(self.joint_frames)} joints")
         frames = [np.eye(4)]
-        frames[0][:3, 3] = BASE_POSITION_M
+        frames[0][:3, 3] = self.base_position_m
         for frame, angle in zip(self.joint_frames, angles, strict=True):
             c, s = math.cos(angle), math.sin(angle)
             turn = np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -53,14 +52,14 @@ class ArmShape:
         return np.array(frames)
 
     def placed(self, joint_angles: FloatArray) -> FloatArray:
-        """(V, 3) m, world."""
+        """Return the vertices, (V, 3) m, world."""
         frames = self.link_frames(joint_angles)[self.link]
         return np.einsum("vij,vj->vi", frames[:, :3, :3], self.vertices) + frames[:, :3, 3]
 
 
-def arm_shape(cloth: ClothSpec) -> ArmShape:
-    """The arm with the hanger that holds ``cloth``, of the description that the bench loads."""
-    robot = ET.fromstring(arm_urdf(HELD_STRETCH * cloth.width_m))
+def shape_from_urdf(urdf: bytes, base_position_m: tuple[float, float, float], joints: int) -> ArmShape:
+    """Return the shape of the arm in a robot description whose links are ``panda_link0`` to ``panda_link<joints>``."""
+    robot = ET.fromstring(urdf)
     vertices: list[FloatArray] = []
     triangles: list[NDArray] = []
     links: list[NDArray] = []
@@ -73,18 +72,19 @@ def arm_shape(cloth: ClothSpec) -> ArmShape:
             vertices.append(points)
             links.append(np.full(len(points), number))
             hanger.append(np.full(len(faces), is_box))
-    joints = {str(joint.get("name")): _origin(joint.find("origin")) for joint in robot.findall("joint")}
+    origins = {str(joint.get("name")): _origin(joint.find("origin")) for joint in robot.findall("joint")}
     return ArmShape(
+        base_position_m=base_position_m,
         vertices=np.concatenate(vertices),
         link=np.concatenate(links),
         triangles=np.concatenate(triangles),
         is_hanger=np.concatenate(hanger),
-        joint_frames=np.array([joints[f"panda_joint{k + 1}"] for k in range(JOINTS)]),
+        joint_frames=np.array([origins[f"panda_joint{k + 1}"] for k in range(joints)]),
     )
 
 
 def _shape(visual: ET.Element) -> tuple[FloatArray, NDArray[np.intp], bool]:
-    """Vertices in the link's frame, triangles, and whether it is a box."""
+    """Return vertices in the link's frame, triangles, and whether it is a box."""
     frame = _origin(visual.find("origin"))
     box, mesh = visual.find("geometry/box"), visual.find("geometry/mesh")
     if box is not None:
@@ -107,7 +107,7 @@ def _read_obj(path: Path) -> tuple[FloatArray, NDArray[np.intp]]:
 
 
 def _outward(points: FloatArray, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Faces turned so that they run counter-clockwise seen from outside: the meshes are hulls around their middle."""
+    """Turn faces to run counter-clockwise seen from outside: the meshes are hulls around their middle."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     inward = np.einsum("tk,tk->t", normal, (a + b + c) / 3 - points.mean(axis=0)) < 0
@@ -115,7 +115,7 @@ def _outward(points: FloatArray, faces: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def _origin(element: ET.Element | None) -> FloatArray:
-    """(4, 4) of an origin element; the identity without one."""
+    """Return the frame (4, 4) of an origin element; the identity without one."""
     frame = np.eye(4)
     if element is None:
         return frame

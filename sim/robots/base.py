@@ -1,56 +1,90 @@
-"""The seam between the robot and who holds the cloth: two free pickers, or a Panda arm with a two-clip hanger."""
+"""Robot: the base class of what holds the cloth's two corners and carries them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, TypeAlias
+from abc import ABC, abstractmethod
+from typing import ClassVar, Literal, TypeAlias
+
+import numpy as np
 
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
-
-if TYPE_CHECKING:
-    from layflat.sim.cloth.cloth import Cloth
+from layflat.sim.cloth.spec import ClothSpec
+from layflat.sim.physics.base import Arm, Cloth, World
+from layflat.sim.robots.arm_shape import ArmShape
 
 Control: TypeAlias = Literal["impedance", "position"]
 """How an arm is driven: it yields to a push, or its joints are stiff."""
 
 
-class Robot(Protocol):
-    """Holds the cloth's two corners and carries them along displacements, one per step.
+class Robot(ABC):
+    """Holds the cloth's two corners and moves them by displacements, one per control step.
 
-    A holder is made at its home pose with the clips or pickers at ``corner_positions()``; the caller puts the cloth's
-    corner nodes there and calls ``grip``.
+    A new robot is a subclass in a file of its own and a line in `layflat.sim.robots.registry`. It is made at its home
+    pose with its clips or pickers at the corners' positions, where the cloth's corner nodes are already; then `grasp`
+    is called.
     """
 
     spec: ClassVar[RobotSpec]
     """Name and action axes."""
     start_step_m: ClassVar[float]
     """Largest random displacement along each axis in one of the start's steps."""
+    workspace_low_m: ClassVar[tuple[float, float, float]]
+    """Lowest coordinates of a held point, world."""
+    workspace_high_m: ClassVar[tuple[float, float, float]]
+    """Highest coordinates of a held point, world."""
 
-    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None: ...
+    @abstractmethod
+    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
+        """Make the robot for ``cloth`` in its world; ``corner_positions`` (2, 3) m, row 0 at +y."""
 
+    @abstractmethod
     def corner_positions(self) -> FloatArray:
-        """(2, 3) m, world: where the two held corners really are; row 0 at +y."""
+        """Return where the held corners really are, (2, 3) m, world; row 0 at +y."""
 
+    @abstractmethod
     def position(self) -> FloatArray:
-        """(3,) m, world: the hanger's centre between the clips, or the midpoint of the pickers."""
+        """Return the midpoint of the held corners, (3,) m, world."""
 
-    def joint_angles(self) -> FloatArray:
-        """(J,) rad: the arm's joints now; none where no arm holds the cloth."""
+    @abstractmethod
+    def grasp(self) -> None:
+        """Attach the cloth's corners, which are at `corner_positions` already."""
 
-    def grip(self) -> None:
-        """Anchor the cloth's corners; they must already be at ``corner_positions()``."""
-
+    @abstractmethod
     def start_step(self, action: FloatArray, substeps: int) -> None:
-        """Begin one step: ``action`` (A,) m in the order of its axes, spread evenly over ``substeps``."""
+        """Begin one control step: ``action`` (A,) m in the order of the axes, spread evenly over ``substeps``."""
 
+    @abstractmethod
     def start_guided_step(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
-        """Begin one step in which a hand leads: ``hand_m`` (3,) m for a hanger, (2, 3) m for pickers; None: no hand.
+        """Begin one control step in which a hand guides the robot.
 
-        ``load_n``: weight of the cloth that hangs from the holder.
+        ``hand_m``: position of the hand at the end, of the spec's ``hand_shape``; None: there is no hand. ``load_n``:
+        weight of the cloth that hangs from the robot.
         """
 
+    @abstractmethod
     def before_substep(self) -> None:
-        """Called before each substep: move the kinematic bodies or apply the torques."""
+        """Move the kinematic points or apply the torques of the next substep."""
 
-    def rest(self) -> None:
-        """Stay in place while the world is only stepped (to time bare substeps); the next step goes on as before."""
+    @abstractmethod
+    def hold(self) -> None:
+        """Stay in place while the world is only stepped, as benchmarks do, until the next control step."""
+
+    def joint_angles(self) -> FloatArray:
+        """Return the joint angles of the arm, (J,) rad; empty without an arm."""
+        return np.zeros(0)
+
+    @classmethod
+    def joint_angles_at(cls, position: FloatArray) -> FloatArray:
+        """Return the joint angles (J,) rad at which `position` is (3,) m; empty without an arm."""
+        return np.zeros(0)
+
+    @classmethod
+    def arm_shape(cls, cloth: ClothSpec) -> ArmShape | None:
+        """Return the arm's shape, to draw it without an engine; None without an arm."""
+        return None
+
+    @classmethod
+    def add_arm(cls, world: World, cloth: ClothSpec) -> Arm | None:
+        """Add the arm to a world, to simulate or to draw it; None without an arm."""
+        return None

@@ -3,59 +3,54 @@
 from __future__ import annotations
 
 import numpy as np
-import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.robots.panda import JOINTS, TOOL_M, TORQUE_LIMIT_N_M, WRIST_LINK
+from layflat.sim.physics.base import Arm
+from layflat.sim.robots.panda import JOINTS, TORQUE_LIMIT_N_M
 
 STIFFNESS_N_M = 400.0
-"""Translational, all axes (chapter 3-3-1)."""
+"""Translational stiffness of all axes (chapter 3-3-1)."""
 ROTATIONAL_STIFFNESS_N_M_RAD = 60.0
 """Keeps the bar level: half a towel's weight on one clip only (0.25 N at 0.18 m) tilts it by 0.75 mrad."""
 DAMPING_RATIO = 1.0
 POSTURE_STIFFNESS_N_M_RAD = 10.0
-"""Of the one motion that leaves the hanger where it is (the elbow going round)."""
+"""Stiffness of the one motion that leaves the hanger where it is (the elbow going round)."""
 COMPLIANT_DAMPING_N_S_M = 12.0
-"""Along x and z while the arm yields: a hand feels 0.6 N of it at 5 cm/s."""
+"""Damping along x and z while the arm yields: a hand feels 0.6 N of it at 5 cm/s."""
 REFRESH_SUBSTEPS = 12
-"""Jacobian, inertia and gravity hold for so many substeps; springs and dampers see fresh joints in each.
+"""Substeps between two computations of Jacobian, inertia and gravity; springs and dampers see fresh joints in each.
 
 Taken half way ahead they are as good as fresh ones: 10 and 20 mm steps lag the same with 1, 12 and 24."""
 
 _STIFFNESS = np.array([STIFFNESS_N_M] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
 _KEPT = np.array([0.0, 1.0, 0.0, 1.0, 1.0, 1.0])
-"""Of stiffness and damping while the arm yields: y and the rotations."""
+"""Share of stiffness and damping that remains while the arm yields: y and the rotations."""
 _COMPLIANT_DAMPING = np.diag(COMPLIANT_DAMPING_N_S_M * np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
 _ROOT_STIFFNESS = np.sqrt(_STIFFNESS)
 _ELBOW_DAMPING = 2.0 * np.sqrt(POSTURE_STIFFNESS_N_M_RAD)
-"""Times the root of the inertia: critical."""
+"""Critical damping / root of the inertia."""
 _TORQUE_LOW_N_M = -TORQUE_LIMIT_N_M
 _IDENTITY = np.eye(JOINTS)
 _DOWN = np.diag([1.0, -1.0, -1.0])
 """The hand's axes in the world when it points straight down: its y is the bar, towards -y."""
-_TIP = [0.0, 0.0, TOOL_M]
-"""The corners' midpoint in the last link's frame."""
 
 
 class CartesianImpedance:
-    """Torque law tau = J^T (K e + D e') + N (posture) + gravity and Coriolis torques.
+    """The torque law tau = J^T (K e + D e') + N (posture) + gravity and Coriolis torques.
 
     e: (6,) position and rotation from where the hanger is to its set point; K diagonal; D = S sqrt(K) + sqrt(K) S with
     S = sqrt(Lambda), which is critical damping for the operational-space inertia Lambda (Albu-Schaeffer et al. 2003);
     N: torques that do not accelerate the hanger (dynamically consistent null space).
 
-    e' is taken against the set point's own speed, so a steady move has no lag to speak of. Between two refreshes the
+    e' is taken against the set point's own speed, so a steady move hardly lags. Between two refreshes the
     law is linear in joint angles, joint speeds, set point and its speed: a substep costs one product with a (7, 20)
     matrix, and as the angles move by a few milliradians, the second-order error is micrometres.
     """
 
-    def __init__(self, client: int, arm: int, substep_s: float) -> None:
-        self._client = client
+    def __init__(self, arm: Arm, substep_s: float) -> None:
         self._arm = arm
         self.substep_s = substep_s
-        """Of the substeps to come."""
-        self._joints = list(range(JOINTS))
-        self._zeros = [0.0] * JOINTS
+        """Duration of the coming substeps."""
         self._gain = np.zeros((JOINTS, 2 * JOINTS + 6))
         self._offset = np.zeros(JOINTS)
         self._input = np.zeros(2 * JOINTS + 6)
@@ -63,10 +58,10 @@ class CartesianImpedance:
         self._age = REFRESH_SUBSTEPS
         self._compliant = False
         self.jacobian = np.zeros((6, JOINTS))
-        """Of the corners' midpoint: m/rad above, rotation below; as of the last refresh."""
+        """Jacobian of the corners' midpoint at the last refresh: m/rad above, rotation below."""
 
     def yield_in_plane(self, compliant: bool) -> None:
-        """From now on the hanger has no springs along x and z and little damping, or (False) all of both again."""
+        """Switch off the springs along x and z and most of the damping, or (False) switch both on again."""
         if compliant != self._compliant:
             self._compliant = compliant
             self._age = REFRESH_SUBSTEPS
@@ -74,13 +69,12 @@ class CartesianImpedance:
     def apply(
         self, set_point: FloatArray, velocity: FloatArray, posture: FloatArray, force: FloatArray | None = None
     ) -> FloatArray:
-        """Send the torques (7,) N m of this substep; a view that the next call overwrites.
+        """Apply the torques (7,) N m of this substep and return them: a view that the next call overwrites.
 
         ``set_point`` (3,) m and ``velocity`` (3,) m/s of the corners' midpoint, world; ``posture`` (7,) rad; ``force``
         (3,) N, world, is exerted at the corners' midpoint besides.
         """
-        states = bullet.getJointStates(self._arm, self._joints, physicsClientId=self._client)
-        angles, speeds = [s[0] for s in states], [s[1] for s in states]
+        angles, speeds = self._arm.joint_states()
         if self._age >= REFRESH_SUBSTEPS:
             self._refresh(angles, speeds, posture)
             self._age = 0
@@ -95,9 +89,7 @@ class CartesianImpedance:
             torque += self.jacobian[:3].T @ force
         np.minimum(torque, TORQUE_LIMIT_N_M, out=torque)
         np.maximum(torque, _TORQUE_LOW_N_M, out=torque)
-        bullet.setJointMotorControlArray(
-            self._arm, self._joints, bullet.TORQUE_CONTROL, forces=torque.tolist(), physicsClientId=self._client
-        )
+        self._arm.set_torques(torque)
         return torque
 
     def _refresh(self, angles: list[float], speeds: list[float], posture: FloatArray) -> None:
@@ -105,12 +97,8 @@ class CartesianImpedance:
         ahead = 0.5 * REFRESH_SUBSTEPS * self.substep_s
         middle = [angle + ahead * speed for angle, speed in zip(angles, speeds, strict=True)]
         jacobian = self.jacobian
-        jacobian[:3], jacobian[3:] = bullet.calculateJacobian(
-            self._arm, WRIST_LINK, _TIP, middle, self._zeros, self._zeros, physicsClientId=self._client
-        )
-        inertia = np.array(bullet.calculateMassMatrix(self._arm, middle, physicsClientId=self._client))
-        bias = bullet.calculateInverseDynamics(self._arm, middle, speeds, self._zeros, physicsClientId=self._client)
-        place, rotation = hanger_pose(self._client, self._arm)
+        jacobian[:3], jacobian[3:], inertia, bias = self._arm.dynamics(middle, speeds)
+        place, rotation = self._arm.tool_pose()
 
         inverse = np.linalg.inv(inertia)
         to_acceleration = inverse @ jacobian.T
@@ -134,16 +122,8 @@ class CartesianImpedance:
         self._offset = spring @ constant + POSTURE_STIFFNESS_N_M_RAD * (null_space @ posture) + bias
 
 
-def hanger_pose(client: int, arm: int) -> tuple[FloatArray, FloatArray]:
-    """Corners' midpoint (3,) m and the hand's axes (3, 3) as columns, world, as the hanger really is."""
-    state = bullet.getLinkState(arm, WRIST_LINK, computeForwardKinematics=1, physicsClientId=client)
-    # The link's inertial frame is turned like the hand and lies on its axis.
-    rotation = np.array(bullet.getMatrixFromQuaternion(state[1])).reshape(3, 3)
-    return np.array(state[0]) + rotation[:, 2] * (TOOL_M - state[2][2]), rotation
-
-
 def _rotation_error(rotation: FloatArray) -> FloatArray:
-    """(3,) rad, world: small rotation that would bring the hand straight down."""
+    """Return the small rotation that would bring the hand straight down, (3,) rad, world."""
     # Half the sum of the cross products of present and wanted axes.
     skew = _DOWN @ rotation.T
     skew = skew - skew.T
@@ -156,6 +136,6 @@ def _critical_damping(task_inertia: FloatArray) -> FloatArray:
 
 
 def _root(matrix: FloatArray) -> FloatArray:
-    """Square root of a symmetric positive matrix."""
+    """Return the square root of a symmetric positive matrix."""
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -1,8 +1,6 @@
-"""Every robot by its name. A new one adds a file and a line here."""
+"""Every robot by its name. A new one adds a file and an entry here."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 from layflat.data.robot import RobotSpec
 from layflat.sim.errors import SimError
@@ -11,7 +9,7 @@ from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.pickers import FreePickers
 
 _TYPES: tuple[type[Robot], ...] = (PandaHanger, FreePickers)
-ROBOTS: Mapping[str, type[Robot]] = {kind.spec.name: kind for kind in _TYPES}
+ROBOTS: dict[str, type[Robot]] = {robot.spec.name: robot for robot in _TYPES}
 
 
 def robot_type(name: str) -> type[Robot]:

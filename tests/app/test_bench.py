@@ -17,9 +17,9 @@ from layflat.app.benchmarks import (
     measure_perception,
     measure_solver_settings,
 )
-from layflat.app.benchmarks.solver_settings import RECIPES, SITUATIONS
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG
+from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS
 from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.fakeplay import Scripted
 
@@ -35,7 +35,9 @@ def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
         "fine seeing": ("flat", "drag", "capture", "perceive", "keep"),
         "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
         "predicting": ("predict", "GPy"),
-        "recipes": tuple(f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *RECIPES)),
+        "recipes": tuple(
+            f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *SOLVER_SETTINGS)
+        ),
         "batch": tuple(str(workers) for workers in measure_batch.WORKERS),
         "recording": ("step", "hand over", "journal", "keep", "raw", "size", *PACKED),
         "opening": ("open", "read", "arrays", "growth", "episodes"),
@@ -133,7 +135,7 @@ def test_a_short_real_run(robot, tmp_path):
 def test_recipes_are_compared_with_ours_of_as_many_nodes():
     rows = {row.name: row for row in _all_rows()}
     for across in measure_solver_settings.ACROSS:
-        for name in RECIPES:
+        for name in SOLVER_SETTINGS:
             row = rows[f"bare cloth {across} x {across} flat / {name}"]
             assert row.unit == bench.RTF
             assert row.ratio == pytest.approx(1.0)

@@ -14,7 +14,7 @@ from layflat.data.session.journal_reader import journals, read_journal
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.rollout import rollout
 from layflat.policy.scripted.baselines import ZeroPolicy
-from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
 from layflat.sim.robots.registry import ROBOTS

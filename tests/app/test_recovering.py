@@ -13,14 +13,13 @@ from layflat.policy.rollout import run_disturbances, run_until_stop
 from layflat.policy.runner import EpisodeRunner
 from layflat.policy.schedule import DisturbanceScheduler
 from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
-from layflat.sim.cloth.starts import Start
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
 from layflat.tests.lowering import Down
 
 
-def episode(robot: str, start: Start, seed: int, *around: str) -> Episode:
+def episode(robot: str, start: str, seed: int, *around: str) -> Episode:
     bench = ClothSimulation(SimConfig(robot=robot, start=start))
     try:
         bench.reset(seed)

@@ -17,7 +17,7 @@ from layflat.app.media.video import count_frames
 from layflat.app.support.errors import UsageError
 from layflat.data import SessionRecorder
 from layflat.data.types import DisturbanceRecord, GroundTruth
-from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS
@@ -250,9 +250,9 @@ def _planned(plan: dict) -> dict:
         ({"bench": {"gravity": 3.7}}, "gravity"),
         ({"bench": {"noise": "much"}}, "noise 'much'"),
         ({"step_s": 7.0}, r"step_s is 7\.0"),
-        (_planned({"nodes": [1]}), "no plan"),
-        (_planned(PLAN | {"nodes": [10**6]}), "no plan for this cloth"),
-        (_planned(PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}), "no plan for this cloth"),
+        (_planned({"nodes": [1]}), "cannot be read"),
+        (_planned(PLAN | {"nodes": [10**6]}), "does not fit this cloth"),
+        (_planned(PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}), "does not fit this cloth"),
     ],
     ids=str,
 )
@@ -314,5 +314,5 @@ def test_a_plan_from_before_hands_could_turn_is_one_that_does_not():
     described = {key: value for key, value in PLAN.items() if key != "turn_rad"}
     assert DisturbanceTrajectory.recorded(described, cloth).described() == PLAN
     for broken in ([1.0, 2.0], "over", [math.nan, 0.0, 0.0]):
-        with pytest.raises(SimError, match="no plan"):
+        with pytest.raises(SimError, match="cannot be read"):
             DisturbanceTrajectory.recorded(PLAN | {"turn_rad": broken}, cloth)

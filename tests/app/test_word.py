@@ -19,8 +19,8 @@ from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.camera.camera import TARGET_M
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 from layflat.sim.camera.renderer import Renderer
-from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.mesh import MeshMaker
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.tests.scenes import CLOTHS, Scene, shoot, stand
 
 CONTRACT = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import ClothSpec
+from layflat.sim.cloth.spec import ClothSpec
 
 RADIUS_MARGINS = 1.5
 """Of the fold / margin of the cloth: two layers are kept two margins apart."""

@@ -6,22 +6,22 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from layflat.sim.cloth.cloth import HELD_STRETCH, cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import World
-from layflat.sim.robots.arm_shape import arm_shape
-from layflat.sim.robots.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics, load_arm
+from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.sim.robots.hanger import PandaHanger
+from layflat.sim.robots.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics
 
 
 @pytest.fixture(scope="module")
 def shape():
-    return arm_shape(cloth_spec("towel"))
+    return PandaHanger.arm_shape(cloth_spec("towel"))
 
 
 def test_links_are_where_bullet_has_them(shape):
-    world = World(substep_s=1 / 240, table_friction=1.0)
+    world = BulletWorld(substep_s=1 / 240, table_friction=1.0)
     try:
-        arm = load_arm(world.client, HELD_STRETCH * cloth_spec("towel").width_m)
+        arm = PandaHanger.add_arm(world, cloth_spec("towel")).body
         for seed in range(5):
             angles = np.random.default_rng(seed).uniform(JOINT_LOW_RAD, JOINT_HIGH_RAD)
             for joint, angle in enumerate(angles):

@@ -15,19 +15,20 @@ from layflat.perception.arrays import touches_border
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.sim.camera.camera import Camera, default_pinhole
-from layflat.sim.camera.renderer import Renderer
-from layflat.sim.cloth.cloth import Cloth, cloth_spec
-from layflat.sim.physics.bullet.world import World
+from layflat.sim.camera.renderer import LIGHT, Renderer
+from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.sim.physics.bullet.world import BulletWorld
 
 SPEC = cloth_spec("towel")
 
 
 @pytest.fixture
-def bench() -> Iterator[tuple[World, Cloth]]:
-    world = World(substep_s=1 / SPEC.rate_hz, table_friction=1.0)
-    cloth = Cloth(world, SPEC)
+def cloth() -> Iterator[BulletCloth]:
+    world = BulletWorld(substep_s=1 / SPEC.rate_hz, table_friction=1.0)
+    cloth = world.add_cloth(SPEC)
     cloth.set_nodes(SPEC.flat_nodes())
-    yield world, cloth
+    yield cloth
     world.close()
 
 
@@ -38,14 +39,15 @@ def _wavy(direction_deg: float) -> np.ndarray:
     return nodes
 
 
-def test_solid_bodies_and_the_raster_see_the_same_box(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, noise=None, seed=0)  # hides the table from Bullet's renderer
+def test_solid_bodies_and_the_raster_see_the_same_box(cloth: BulletCloth) -> None:
+    camera = Camera(cloth, noise=None, seed=0)
     half, at = np.array([0.12, 0.09, 0.05]), np.array([0.25, 0.0, 0.25])
     turn = bullet.getQuaternionFromEuler((0.5, 0.4, 0.7))
     rotation = np.array(bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
-    shape = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=world.client)
-    bullet.createMultiBody(0, -1, shape, basePosition=at.tolist(), baseOrientation=turn, physicsClientId=world.client)
+    shape = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=cloth.world.client)
+    bullet.createMultiBody(
+        0, -1, shape, basePosition=at.tolist(), baseOrientation=turn, physicsClientId=cloth.world.client
+    )
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half @ rotation.T + at
     quads = [[i for i in range(8) if i >> axis & 1 == side] for axis in range(3) for side in (0, 1)]
     triangles = np.array([t for a, b, c, d in quads for t in ((a, b, d), (a, d, c))])
@@ -54,9 +56,9 @@ def test_solid_bodies_and_the_raster_see_the_same_box(bench: tuple[World, Cloth]
     pose = camera.pinhole.cam_to_world
     view = Renderer(PinholeCamera(width=320, height=240, fx=307, fy=290, cx=150.3, cy=125.7, cam_to_world=pose))
     raster = view.raster(corners, triangles)
-    picture = view.blank()
+    picture = view.background()
     picture.depth[:] = np.inf
-    view.draw_solids(picture, world.client)
+    picture.put(*cloth.world.solid_renderer(view.pinhole, LIGHT).draw())
     seen = np.flatnonzero(np.isfinite(picture.depth))
     assert len(seen) > 2000
     assert len(np.setxor1d(seen, raster.pixels)) < 0.005 * len(seen)
@@ -64,9 +66,8 @@ def test_solid_bodies_and_the_raster_see_the_same_box(bench: tuple[World, Cloth]
     assert np.abs(raster.depth[first] - picture.depth[both]).max() < 2e-4
 
 
-def test_flat_cloth_fills_its_projected_outline(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, noise=None, seed=0)
+def test_flat_cloth_fills_its_projected_outline(cloth: BulletCloth) -> None:
+    camera = Camera(cloth, noise=None, seed=0)
     rgb, _ = camera.capture()
     corners, _ = camera.pinhole.project(SPEC.flat_nodes()[[0, SPEC.columns - 1, -1, -SPEC.columns]])
     area = cv2.contourArea(corners.astype(np.float32))
@@ -74,9 +75,8 @@ def test_flat_cloth_fills_its_projected_outline(bench: tuple[World, Cloth]) -> N
     assert blue.sum() == pytest.approx(area, rel=0.02)
 
 
-def test_depth_gives_the_height_of_what_is_seen(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, noise=None, seed=0)
+def test_depth_gives_the_height_of_what_is_seen(cloth: BulletCloth) -> None:
+    camera = Camera(cloth, noise=None, seed=0)
     rgb, depth = camera.capture()
     assert depth.dtype == np.float32
     assert rgb.dtype == np.uint8
@@ -98,9 +98,8 @@ def test_the_region_where_cloth_goes_is_in_the_image() -> None:
 
 
 @pytest.mark.parametrize("direction_deg", [0, 30, 60, 90])
-def test_wrinkles_of_these_directions_are_shaded(bench: tuple[World, Cloth], direction_deg: float) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, noise=None, seed=0)
+def test_wrinkles_of_these_directions_are_shaded(cloth: BulletCloth, direction_deg: float) -> None:
+    camera = Camera(cloth, noise=None, seed=0)
 
     def contrast(nodes: np.ndarray) -> float:
         rgb, _ = camera.capture(nodes)
@@ -111,9 +110,8 @@ def test_wrinkles_of_these_directions_are_shaded(bench: tuple[World, Cloth], dir
     assert contrast(_wavy(direction_deg)) > 8 > 1 > contrast(SPEC.flat_nodes())
 
 
-def test_one_range_of_hue_takes_face_reverse_and_shade(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, noise=None, seed=0)
+def test_one_range_of_hue_takes_face_reverse_and_shade(cloth: BulletCloth) -> None:
+    camera = Camera(cloth, noise=None, seed=0)
     reverse = SPEC.flat_nodes()
     reverse[:, 1] *= -1
     counts = [segment(camera.capture(nodes)[0], HsvRange()).sum() for nodes in (SPEC.flat_nodes(), reverse)]
@@ -125,35 +123,32 @@ def test_one_range_of_hue_takes_face_reverse_and_shade(bench: tuple[World, Cloth
     assert segment(wavy, HsvRange())[on_cloth].mean() > 0.97
 
 
-def test_same_seed_same_frames_bit_for_bit(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    first, second = (Camera(world, cloth, seed=3) for _ in range(2))
+def test_same_seed_same_frames_bit_for_bit(cloth: BulletCloth) -> None:
+    first, second = (Camera(cloth, seed=3) for _ in range(2))
     for _ in range(2):
         (rgb_a, depth_a), (rgb_b, depth_b) = first.capture(), second.capture()
         assert rgb_a.tobytes() == rgb_b.tobytes()
         assert depth_a.tobytes() == depth_b.tobytes()
-    assert Camera(world, cloth, seed=4).capture()[1].tobytes() != depth_a.tobytes()
+    assert Camera(cloth, seed=4).capture()[1].tobytes() != depth_a.tobytes()
 
 
-def test_a_body_in_front_hides_and_one_beneath_does_not(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, noise=None, seed=0)
+def test_a_body_in_front_hides_and_one_beneath_does_not(cloth: BulletCloth) -> None:
+    camera = Camera(cloth, noise=None, seed=0)
     assert camera.hidden_share(SPEC.flat_nodes()) == 0.0
     shape = bullet.createVisualShape(
-        bullet.GEOM_BOX, halfExtents=[0.3, 0.3, 0.01], rgbaColor=[0, 1, 0, 1], physicsClientId=world.client
+        bullet.GEOM_BOX, halfExtents=[0.3, 0.3, 0.01], rgbaColor=[0, 1, 0, 1], physicsClientId=cloth.world.client
     )
-    board = bullet.createMultiBody(0, -1, shape, basePosition=[0.175, 0, -0.02], physicsClientId=world.client)
+    board = bullet.createMultiBody(0, -1, shape, basePosition=[0.175, 0, -0.02], physicsClientId=cloth.world.client)
     assert camera.hidden_share(SPEC.flat_nodes()) == 0.0
     place, turn = [0.175, 0.0, 0.05], [0, 0, 0, 1]
-    bullet.resetBasePositionAndOrientation(board, place, turn, physicsClientId=world.client)
+    bullet.resetBasePositionAndOrientation(board, place, turn, physicsClientId=cloth.world.client)
     assert camera.hidden_share(SPEC.flat_nodes()) > 0.95
     rgb, _ = camera.capture()
     assert segment(rgb, HsvRange()).sum() == 0
 
 
-def test_pictures_for_people(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    camera = Camera(world, cloth, seed=0)
+def test_pictures_for_people(cloth: BulletCloth) -> None:
+    camera = Camera(cloth, seed=0)
     hanging = SPEC.hanging_nodes(np.array([[0.0, 0.18, 0.45], [0.0, -0.18, 0.45]]))
     for nodes in (SPEC.flat_nodes(), hanging):
         picture = camera.render(160, 120, nodes=nodes)
@@ -165,11 +160,10 @@ def test_pictures_for_people(bench: tuple[World, Cloth]) -> None:
     assert 0 < (with_marker != picture).any(axis=2).sum() < 60
 
 
-def test_memory_does_not_grow_with_the_frames(bench: tuple[World, Cloth]) -> None:
-    world, cloth = bench
-    shape = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.02, physicsClientId=world.client)
-    bullet.createMultiBody(0, -1, shape, basePosition=[0.5, 0, 0.2], physicsClientId=world.client)
-    camera = Camera(world, cloth, seed=0, pinhole=default_pinhole(width=80, height=60))
+def test_memory_does_not_grow_with_the_frames(cloth: BulletCloth) -> None:
+    shape = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.02, physicsClientId=cloth.world.client)
+    bullet.createMultiBody(0, -1, shape, basePosition=[0.5, 0, 0.2], physicsClientId=cloth.world.client)
+    camera = Camera(cloth, seed=0, pinhole=default_pinhole(width=80, height=60))
     statm = Path("/proc/self/statm")
     if not statm.exists():
         pytest.skip("resident memory is read from /proc")

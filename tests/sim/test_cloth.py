@@ -10,12 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import qmc
 
-from layflat.sim.cloth.cloth import CLOTHS, CONTACT_TOLERANCE_M, HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from layflat.sim.cloth.starts import attach
+from layflat.sim.cloth.geometry import CONTACT_TOLERANCE_M
+from layflat.sim.cloth.spec import CLOTHS, HELD_STRETCH, ClothSpec, cloth_spec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.air_drag import AirDrag
-from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, World
+from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
+from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.pickers import FreePickers
+from layflat.sim.starts.base import attach
 from layflat.tests.sim.drawn_fold import fold_corner
 
 SMALL = ClothSpec(
@@ -27,16 +29,17 @@ PRESETS = ["towel", "napkin", pytest.param("towel-fine", marks=pytest.mark.slow)
 
 def _settled(spec: ClothSpec, nodes: np.ndarray, duration_s: float, *, held: bool = False) -> tuple[np.ndarray, float]:
     """Nodes after ``duration_s``, and the lowest height that any node had meanwhile, m."""
-    world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
+    world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
     try:
-        cloth = Cloth(world, spec, nodes)
-        air, lowest = AirDrag(cloth), np.inf
+        cloth = world.add_cloth(spec, nodes)
+        world.add_air(cloth)
+        lowest = np.inf
         if held:
             corners = nodes[list(spec.corners)] * [1.0, HELD_STRETCH, 1.0]
-            attach(cloth, corners, air)
-            FreePickers(cloth, corners).grip()
+            attach(cloth, corners)
+            FreePickers(cloth, corners).grasp()
         for step in range(round(duration_s * spec.rate_hz)):
-            air.before_substep()
+            world.begin_substep()
             world.step()
             if step % 4 == 0:
                 lowest = min(lowest, float(cloth.nodes()[:, 2].min()))
@@ -53,13 +56,13 @@ def _hanging(spec: ClothSpec) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def bench_cloth() -> Cloth:
+def bench_cloth() -> BulletCloth:
     """Only for what it says of nodes that it is given."""
-    return Cloth(World(substep_s=1 / SMALL.rate_hz, table_friction=1.0), SMALL)
+    return BulletWorld(substep_s=1 / SMALL.rate_hz, table_friction=1.0).add_cloth(SMALL)
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_hanging_stretch_and_sag(name: str, bench_cloth: Cloth) -> None:
+def test_hanging_stretch_and_sag(name: str, bench_cloth: BulletCloth) -> None:
     """Mean edge at most 2 % longer than at rest, 95th percentile 4.5 %; both hems sag by at most 10 mm.
 
     The 95th percentile is that of the edges near the two clips, where the whole weight hangs from one node.
@@ -132,7 +135,9 @@ def _moved(nodes: np.ndarray, angle: float, x_m: float, y_m: float) -> np.ndarra
 
 
 @given(angle=st.floats(-3.1, 3.1), x_m=st.floats(-0.3, 0.6), y_m=st.floats(-0.3, 0.3))
-def test_flat_area_does_not_depend_on_where_it_lies(bench_cloth: Cloth, angle: float, x_m: float, y_m: float) -> None:
+def test_flat_area_does_not_depend_on_where_it_lies(
+    bench_cloth: BulletCloth, angle: float, x_m: float, y_m: float
+) -> None:
     flat = _moved(SMALL.flat_nodes(), angle, x_m, y_m)
     assert bench_cloth.flat_area(flat) == pytest.approx(1.0)
     turned = _moved(SMALL.flat_nodes() * [1.0, -1.0, 1.0], angle, x_m, y_m)
@@ -140,7 +145,7 @@ def test_flat_area_does_not_depend_on_where_it_lies(bench_cloth: Cloth, angle: f
 
 
 @given(crease=st.floats(0.05, 0.95))
-def test_a_fold_counts_twice_against_the_area(bench_cloth: Cloth, crease: float) -> None:
+def test_a_fold_counts_twice_against_the_area(bench_cloth: BulletCloth, crease: float) -> None:
     """Folded over at ``crease`` of the length, a share of 1 - crease lies on its reverse: crease - (1 - crease)."""
     nodes = SMALL.flat_nodes()
     beyond = nodes[:, 0] > crease * SMALL.length_m
@@ -152,7 +157,7 @@ def test_a_fold_counts_twice_against_the_area(bench_cloth: Cloth, crease: float)
     assert bench_cloth.contact_portion_true(nodes) == pytest.approx(crease, abs=row)
 
 
-def test_areas_of_a_cloth_in_the_air_are_zero(bench_cloth: Cloth) -> None:
+def test_areas_of_a_cloth_in_the_air_are_zero(bench_cloth: BulletCloth) -> None:
     assert bench_cloth.flat_area(SMALL.flat_nodes(z_m=0.3)) == 0.0
     assert bench_cloth.contact_portion_true(SMALL.flat_nodes(z_m=0.3)) == 0.0
     assert bench_cloth.contact_portion_true(SMALL.flat_nodes()) == 1.0
@@ -160,7 +165,7 @@ def test_areas_of_a_cloth_in_the_air_are_zero(bench_cloth: Cloth) -> None:
 
 @given(tilt=st.floats(-1.0, 1.0), roll=st.floats(-1.0, 1.0), base=st.floats(-0.05, 0.06), stretch=st.floats(0.9, 1.1))
 def test_contact_of_a_tilted_sheet_is_the_area_below(
-    bench_cloth: Cloth, tilt: float, roll: float, base: float, stretch: float
+    bench_cloth: BulletCloth, tilt: float, roll: float, base: float, stretch: float
 ) -> None:
     """Against a count of points scattered over the same plane, however the sheet is meshed, and however stretched."""
     flat = SMALL.flat_nodes(z_m=0.0)
@@ -171,14 +176,14 @@ def test_contact_of_a_tilted_sheet_is_the_area_below(
     assert bench_cloth.contact_portion_true(nodes) == pytest.approx(below.mean(), abs=0.012)
 
 
-def test_flat_area_counts_stretch_and_contact_does_not(bench_cloth: Cloth) -> None:
+def test_flat_area_counts_stretch_and_contact_does_not(bench_cloth: BulletCloth) -> None:
     nodes = SMALL.flat_nodes() * [1.02, 1.03, 1.0]
     assert bench_cloth.flat_area(nodes) == pytest.approx(1.02 * 1.03)
     assert bench_cloth.contact_portion_true(nodes) == pytest.approx(1.0)
 
 
 @given(lift=st.lists(st.floats(0.0, 0.1), min_size=30, max_size=30), more=st.floats(0.0, 0.05))
-def test_contact_never_grows_when_the_cloth_rises(bench_cloth: Cloth, lift: list[float], more: float) -> None:
+def test_contact_never_grows_when_the_cloth_rises(bench_cloth: BulletCloth, lift: list[float], more: float) -> None:
     nodes = SMALL.flat_nodes()
     nodes[:, 2] += lift
     portion = bench_cloth.contact_portion_true(nodes)
@@ -187,8 +192,8 @@ def test_contact_never_grows_when_the_cloth_rises(bench_cloth: Cloth, lift: list
 
 
 def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
-    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
-    cloth = Cloth(world, SMALL)
+    world = BulletWorld(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = world.add_cloth(SMALL)
     rest = SMALL.flat_nodes()
     assert cloth.divergence_reason(rest) is None
     for _ in range(24):
@@ -208,8 +213,8 @@ def test_the_guard_catches_what_diverges_and_nothing_else() -> None:
 
 
 def test_set_nodes_and_the_order_of_nodes() -> None:
-    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
-    cloth = Cloth(world, SMALL)
+    world = BulletWorld(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = world.add_cloth(SMALL)
     wanted = SMALL.flat_nodes(z_m=0.2) + np.random.default_rng(0).normal(0, 1e-3, (30, 3))
     cloth.set_nodes(wanted)
     np.testing.assert_allclose(cloth.nodes(), wanted, atol=1e-12)
@@ -258,10 +263,10 @@ def test_unknown_cloth_lists_the_known_ones() -> None:
 def test_nodes_that_are_set_are_the_shape_at_rest() -> None:
     """Bullet's resetMeshData takes the new lengths for those at rest, which its documentation does not say."""
     spec = cloth_spec("towel")
-    world = World(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
+    world = BulletWorld(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
     try:
         world.set_gravity((0.0, 0.0, 0.0))
-        cloth = Cloth(world, spec)
+        cloth = world.add_cloth(spec)
         cloth.set_nodes(spec.flat_nodes(z_m=0.5) * np.array([1.0, 1.2, 1.0]))
         for _ in range(400):
             world.step()
@@ -274,12 +279,13 @@ def test_nodes_that_are_set_are_the_shape_at_rest() -> None:
 def test_a_cloth_that_was_hung_up_is_at_rest_as_large_as_its_spec(name: str) -> None:
     """The holder is 3 % wider than the cloth: it stretches it, and does not make it another cloth."""
     spec = cloth_spec(name)
-    world = World(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
+    world = BulletWorld(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
     try:
         nodes = _hanging(spec)
-        cloth = Cloth(world, spec, nodes)
+        cloth = world.add_cloth(spec, nodes)
         wide = nodes[list(spec.corners)] * [1.0, HELD_STRETCH, 1.0]
-        attach(cloth, wide, AirDrag(cloth))
+        world.add_air(cloth)
+        attach(cloth, wide)
         assert np.ptp(cloth.nodes()[list(spec.corners), 1]) == pytest.approx(HELD_STRETCH * spec.width_m, abs=1e-3)
         world.set_gravity((0.0, 0.0, 0.0))
         for _ in range(200):
@@ -292,7 +298,7 @@ def test_a_cloth_that_was_hung_up_is_at_rest_as_large_as_its_spec(name: str) -> 
 
 
 def test_a_step_is_halved_without_a_jump_in_time() -> None:
-    world = World(substep_s=1.0 / 200, table_friction=1.0)
+    world = BulletWorld(substep_s=1.0 / 200, table_friction=1.0)
     try:
         for parts, steps in ((1, 3), (2, 4), (1, 1)):
             assert world.refine(parts == 2) == parts
@@ -307,15 +313,15 @@ def test_a_step_is_halved_without_a_jump_in_time() -> None:
 
 def test_layers_are_told_from_bends_and_wrinkles() -> None:
     spec = cloth_spec("towel")
-    cloth = Cloth(World(substep_s=1.0 / spec.rate_hz, table_friction=1.0), spec)
+    cloth = BulletWorld(substep_s=1.0 / spec.rate_hz, table_friction=1.0).add_cloth(spec)
     flat = spec.flat_nodes()
     for legs in (0.09, 0.15, 0.3):
-        assert cloth.layered(fold_corner(flat, spec, (legs, legs), left=True))
+        assert cloth.is_layered(fold_corner(flat, spec, (legs, legs), left=True))
     half_laid = np.where(
         flat[:, :1] < 0.17, flat, np.stack([np.full(169, 0.17), flat[:, 1], flat[:, 0] - 0.166], axis=1)
     )
     # As steep as wrinkles get that a stick has pushed up.
     wrinkled = flat + np.array([0.0, 0.0, 0.04]) * np.sin(flat[:, :1] * 2 * np.pi / 0.1)
     for nodes in (flat, half_laid, wrinkled, np.full_like(flat, np.inf)):
-        assert not cloth.layered(nodes)
+        assert not cloth.is_layered(nodes)
     cloth.world.close()

@@ -9,8 +9,8 @@ import pytest
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
-from layflat.sim.physics.bullet.world import World
+from layflat.sim.cloth.spec import ClothSpec, cloth_spec
+from layflat.sim.physics.bullet.world import BulletWorld
 
 LAID = (0.15, 0.4, 0.65, 0.9)
 
@@ -20,9 +20,9 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         self.spec: ClothSpec = cloth_spec(name)
-        self.world = World(substep_s=1 / self.spec.rate_hz, table_friction=1.0)
-        self.cloth = Cloth(self.world, self.spec)
-        self.camera = Camera(self.world, self.cloth, seed=0)
+        self.world = BulletWorld(substep_s=1 / self.spec.rate_hz, table_friction=1.0)
+        self.cloth = self.world.add_cloth(self.spec)
+        self.camera = Camera(self.cloth, seed=0)
         blank = PerceptionPipeline(self.camera.pinhole)
         flat = blank.perceive(*self.camera.capture(self.spec.flat_nodes()))
         self.perceiver = blank.with_flat_pixels(flat.cloth_pixels)

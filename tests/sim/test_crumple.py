@@ -18,7 +18,7 @@ from layflat.sim.simulation import ClothSimulation
 from layflat.sim.config import SimConfig
 bench = ClothSimulation(SimConfig(robot="pickers", start="crumpled", camera=False))
 bench.reset(int(sys.argv[1]))
-print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
+print(hashlib.sha256(bench.ground_truth().nodes.tobytes()).hexdigest())
 """
 
 

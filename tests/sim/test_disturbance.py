@@ -17,12 +17,14 @@ from hypothesis import strategies as st
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
+from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec, cloth_spec
 from layflat.sim.disturbances.controller import DisturbanceController
-from layflat.sim.disturbances.force_anchors import HAND_MASS_KG
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
+from layflat.sim.physics.base import GRAVITY_M_S2
+from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.sim.physics.bullet.force_anchors import HAND_MASS_KG
+from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.pickers import FreePickers
 
 SMALL = ClothSpec(
@@ -32,15 +34,15 @@ SMALL = ClothSpec(
 SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 
 
+def _started(cloth: BulletCloth, spec: DisturbanceSpec, seed: int) -> DisturbanceController:
+    return DisturbanceController(cloth, spec.sample(np.random.default_rng(seed), cloth.spec))
+
+
 @contextmanager
-def _started(world: World, cloth: Cloth, spec: DisturbanceSpec, seed: int) -> DisturbanceController:
-    return DisturbanceController(world, cloth, spec.sample(np.random.default_rng(seed), cloth.spec))
-
-
-def _bench(spec: ClothSpec, nodes: np.ndarray) -> Iterator[tuple[World, Cloth]]:
-    world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
+def _bench(spec: ClothSpec, nodes: np.ndarray) -> Iterator[tuple[BulletWorld, BulletCloth]]:
+    world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
     try:
-        cloth = Cloth(world, spec)
+        cloth = world.add_cloth(spec)
         cloth.set_nodes(nodes)
         yield world, cloth
     finally:
@@ -51,14 +53,14 @@ def _flying() -> np.ndarray:
     return SMALL.flat_nodes(z_m=0.6)
 
 
-def _run(world: World, disturbance: DisturbanceController, limit_s: float = 5.0) -> None:
+def _run(world: BulletWorld, disturbance: DisturbanceController, limit_s: float = 5.0) -> None:
     end = world.time_s + limit_s
     while not disturbance.done and world.time_s < end:
         disturbance.before_substep()
         world.step()
 
 
-def _velocity(world: World, cloth: Cloth) -> np.ndarray:
+def _velocity(world: BulletWorld, cloth: BulletCloth) -> np.ndarray:
     before = cloth.nodes().mean(axis=0)
     world.step()
     return np.asarray((cloth.nodes().mean(axis=0) - before) / world.substep_s)
@@ -79,7 +81,7 @@ def _steady_push(
     nodes[:, 2] += 3.0
     with _bench(SMALL, nodes) as (world, cloth):
         world.set_gravity((0.0, 0.0, gravity_m_s2))
-        disturbance = _started(world, cloth, spec, 1)
+        disturbance = _started(cloth, spec, 1)
         _run(world, disturbance)
         fallen = np.array([0.0, 0.0, gravity_m_s2 * (world.time_s + world.substep_s)])
         return SMALL.mass_kg * (_velocity(world, cloth) - fallen), disturbance.impulse_n_s
@@ -122,12 +124,12 @@ def test_hands_follow_their_path() -> None:
     spec = replace(disturbance_spec("push"), heading_deg=(30.0, 30.0), settle_s=0.0)
     with _bench(SMALL, _flying()) as (world, cloth):
         world.set_gravity((0.0, 0.0, 0.0))
-        disturbance = _started(world, cloth, spec, 1)
+        disturbance = _started(cloth, spec, 1)
         disturbance.before_substep()
         start = disturbance.hand_positions()
         assert len(start) == 9
         last = start
-        while disturbance.acting:
+        while disturbance.is_acting:
             last = disturbance.hand_positions()
             world.step()
             disturbance.before_substep()
@@ -140,7 +142,7 @@ def test_nothing_is_left_behind() -> None:
     with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
         bodies, gravity = bullet.getNumBodies(physicsClientId=world.client), world.gravity_m_s2
         for name in ("thesis", "wind", "none"):
-            disturbance = _started(world, cloth, replace(disturbance_spec(name), settle_s=0.05), 0)
+            disturbance = _started(cloth, replace(disturbance_spec(name), settle_s=0.05), 0)
             _run(world, disturbance)
             assert disturbance.done
             assert len(disturbance.hand_positions()) == 0
@@ -151,21 +153,21 @@ def test_nothing_is_left_behind() -> None:
 def test_stop_lets_go_at_once() -> None:
     with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
         bodies = bullet.getNumBodies(physicsClientId=world.client)
-        disturbance = _started(world, cloth, disturbance_spec("lift-drop"), 0)
+        disturbance = _started(cloth, disturbance_spec("lift-drop"), 0)
         for _ in range(20):
             disturbance.before_substep()
             world.step()
         assert bullet.getNumBodies(physicsClientId=world.client) > bodies
         disturbance.stop()
         assert bullet.getNumBodies(physicsClientId=world.client) == bodies
-        assert not disturbance.acting
+        assert not disturbance.is_acting
 
 
 def test_none_touches_nothing() -> None:
     results = []
     for disturbed in (False, True):
         with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
-            disturbance = _started(world, cloth, disturbance_spec("none"), 0)
+            disturbance = _started(cloth, disturbance_spec("none"), 0)
             for _ in range(24):
                 if disturbed:
                     disturbance.before_substep()
@@ -180,7 +182,7 @@ def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
     with _bench(SMALL, _flying()) as (world, cloth):
         world.set_gravity((0.0, 0.0, 0.0))
         before = cloth.nodes().mean(axis=0)
-        disturbance = _started(world, cloth, spec, 0)
+        disturbance = _started(cloth, spec, 0)
         for _ in range(round(0.5 / world.substep_s)):
             disturbance.before_substep()
             world.step()
@@ -192,16 +194,16 @@ def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
 def test_wind_adds_to_whatever_gravity_another_sets() -> None:
     spec = replace(disturbance_spec("wind"), heading_deg=(0.0, 0.0), wind_m_s2=2.0, time_limit_s=0.1, settle_s=0.0)
     with _bench(SMALL, _flying()) as (world, cloth):
-        disturbance = _started(world, cloth, spec, 0)
+        disturbance = _started(cloth, spec, 0)
         for k in range(40):
             if k % 5 == 0:
                 base = (0.0, 0.01 * k, -9.0)
                 world.set_gravity(base)
             disturbance.before_substep()
-            if disturbance.acting:
+            if disturbance.is_acting:
                 assert world.gravity_m_s2 == pytest.approx((2.0, base[1], -9.0))
             world.step()
-        assert not disturbance.acting
+        assert not disturbance.is_acting
         assert world.gravity_m_s2 == pytest.approx(base)
 
 
@@ -243,7 +245,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
         nodes[list(spec.corners)] = held
         cloth.set_nodes(nodes)
         pickers = FreePickers(cloth, held)
-        pickers.grip()
+        pickers.grasp()
         substeps = round(spec.rate_hz / 10)
 
         def step(dx: float, disturbance: DisturbanceController | None = None) -> None:
@@ -254,7 +256,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
                     disturbance.before_substep()
                 world.step()
 
-        camera = Camera(world, cloth, noise=None, seed=0)
+        camera = Camera(cloth, noise=None, seed=0)
         flat = PerceptionPipeline(camera.pinhole).perceive(*camera.capture(spec.flat_nodes())).cloth_pixels
         perceiver = PerceptionPipeline(camera.pinhole, flat_pixels=flat)
 
@@ -264,7 +266,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
         for _ in range(3):
             step(0.0)
         assert contact() > 0.97
-        disturbance = _started(world, cloth, disturbance_spec("thesis"), 3)
+        disturbance = _started(cloth, disturbance_spec("thesis"), 3)
         while not disturbance.done:
             step(0.0, disturbance)
         disturbed = cloth.nodes()
@@ -279,16 +281,17 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
 
 _SCRIPT = """
 import sys, hashlib, numpy as np
-from layflat.sim.cloth.cloth import Cloth, cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.presets import disturbance_spec
-from layflat.sim.physics.bullet.world import World
+from layflat.sim.physics.bullet.world import BulletWorld
 spec = cloth_spec("napkin")
-world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
-cloth = Cloth(world, spec)
+world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
+cloth = world.add_cloth(spec)
 cloth.set_nodes(spec.flat_nodes())
 plan = disturbance_spec("thesis").sample(np.random.default_rng(int(sys.argv[1])), spec)
-disturbance = DisturbanceController(world, cloth, plan)
+disturbance = DisturbanceController(cloth, plan)
 for _ in range(100):
     disturbance.before_substep()
     world.step()

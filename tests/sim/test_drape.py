@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec, cloth_spec
-from layflat.sim.cloth.starts import attach
-from layflat.sim.physics.bullet.air_drag import AirDrag
-from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M, World
+from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec, cloth_spec
+from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
+from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.pickers import FreePickers
+from layflat.sim.starts.base import attach
 
 FINE = {"towel": (21, 21), "towel-fine": (21, 21), "napkin": (21, 17)}
 FINE_HZ = 800.0
@@ -28,21 +28,21 @@ def _fine(spec: ClothSpec) -> ClothSpec:
 
 def _surface(spec: ClothSpec, situation: Literal["held", "over an edge"]) -> np.ndarray:
     """(41, 41, 3) m: the same places of the cloth, whatever its mesh."""
-    world = World(substep_s=1 / spec.rate_hz, table_friction=1.0)
+    world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
     try:
         if situation == "held":
             high, half = spec.length_m + 0.12, spec.width_m / 2
             nodes = spec.hanging_nodes(np.array([[0.0, half, high], [0.0, -half, high]]))
         else:
             nodes = spec.flat_nodes(x_m=TABLE_CENTRE_M[0] + TABLE_SIZE_M[0] / 2 - 0.65 * spec.length_m, z_m=0.005)
-        cloth = Cloth(world, spec, nodes)
-        air = AirDrag(cloth)
+        cloth = world.add_cloth(spec, nodes)
+        world.add_air(cloth)
         if situation == "held":
             corners = nodes[list(spec.corners)] * [1.0, HELD_STRETCH, 1.0]
-            attach(cloth, corners, air)
-            FreePickers(cloth, corners).grip()
+            attach(cloth, corners)
+            FreePickers(cloth, corners).grasp()
         for _ in range(round(1.5 * spec.rate_hz)):
-            air.before_substep()
+            world.begin_substep()
             world.step()
         grid = cloth.nodes().reshape(spec.rows, spec.columns, 3)
     finally:

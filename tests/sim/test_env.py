@@ -11,10 +11,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from layflat.data.types import ACTION_LIMIT_M
-from layflat.sim import MAX_EPISODE_STEPS
 from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
+from layflat.sim.registration import MAX_EPISODE_STEPS, register_environments
 
+register_environments()
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
 
 
@@ -62,10 +63,10 @@ def test_rewards_add_up_to_the_gain_of_contact(env: ClothPlaceEnv) -> None:
     first, _ = env.reset(seed=0)
     total = 0.0
     for step_index in range(18):
-        before = env.bench.holder.position()
+        before = env.simulation.robot.position()
         seen, reward, terminated, truncated, info = env.step(np.array([0.5, 0.0, -0.7] * 2, np.float32))
         if step_index == 0:
-            moved = env.bench.holder.position() - before
+            moved = env.simulation.robot.position() - before
             np.testing.assert_allclose(moved, np.array([0.5, 0.0, -0.7]) * ACTION_LIMIT_M, atol=1e-6)
         total += reward
         assert env.observation_space.contains(seen)
@@ -79,9 +80,9 @@ def test_rewards_add_up_to_the_gain_of_contact(env: ClothPlaceEnv) -> None:
 
 def test_a_diverged_cloth_ends_the_episode_and_says_why(env: ClothPlaceEnv) -> None:
     env.reset(seed=0)
-    nodes = env.bench.cloth.nodes().copy()
+    nodes = env.simulation.cloth.nodes().copy()
     nodes[100] += [3.0, 0.0, 0.0]
-    env.bench.cloth.set_nodes(nodes)
+    env.simulation.cloth.set_nodes(nodes)
     seen, reward, terminated, _, info = env.step(np.zeros(6, np.float32))
     assert terminated
     assert reward == 0.0
@@ -95,7 +96,7 @@ def test_wrong_actions_are_refused_and_change_nothing(env: ClothPlaceEnv, wrong:
     env.reset(seed=1)
     with pytest.raises(SimError, match="6 finite numbers"):
         env.step(wrong.astype(np.float32))
-    assert env.bench.time_s == 0.0
+    assert env.simulation.time_s == 0.0
 
 
 def test_the_picture_shows_something(env: ClothPlaceEnv) -> None:
@@ -121,7 +122,7 @@ def test_a_disturbance_comes_at_its_step() -> None:
     heard = []
     for _ in range(4):
         made.step(np.zeros(6, np.float32))
-        heard.append(made.bench.disturbed)
+        heard.append(made.simulation.disturbed)
     made.close()
     assert heard == [False, False, True, True]
 

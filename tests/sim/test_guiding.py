@@ -12,24 +12,24 @@ from layflat.data.arrays import FloatArray
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import World
+from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots import hand_guiding, panda
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.simulation import ClothSimulation
-from layflat.tests.sim.test_hanger import START, bare_hanger, run_step
+from layflat.tests.sim.test_hanger import START, WRIST_LINK, bare_hanger, run_step
 
 AXES = [0, 2]
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    made = World(substep_s=1 / 200, table_friction=1.0)
+def world() -> Iterator[BulletWorld]:
+    made = BulletWorld(substep_s=1 / 200, table_friction=1.0)
     yield made
     made.close()
 
 
 def guided_step(
-    world: World,
+    world: BulletWorld,
     hanger: PandaHanger,
     hand: FloatArray | None = None,
     push_n: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -42,13 +42,13 @@ def guided_step(
         if any(push_n):
             place = hanger.position().tolist()
             bullet.applyExternalForce(
-                hanger.arm, panda.WRIST_LINK, push_n, place, bullet.WORLD_FRAME, physicsClientId=world.client
+                hanger.arm.body, WRIST_LINK, push_n, place, bullet.WORLD_FRAME, physicsClientId=world.client
             )
         world.step()
 
 
 class TestArm:
-    def test_without_a_hand_it_stays(self, world: World) -> None:
+    def test_without_a_hand_it_stays(self, world: BulletWorld) -> None:
         hanger = bare_hanger(world)
         start = hanger.position()
         for _ in range(20):
@@ -56,7 +56,7 @@ class TestArm:
             assert np.abs(hanger.position() - start).max() < 1e-4
 
     @pytest.mark.parametrize("axis", AXES)
-    def test_it_yields_to_more_than_its_friction_along_x_and_z(self, world: World, axis: int) -> None:
+    def test_it_yields_to_more_than_its_friction_along_x_and_z(self, world: BulletWorld, axis: int) -> None:
         """1 N would move the springs of the impedance by 2.5 mm, and 0.25 N is less than friction."""
         moved = {}
         for newtons in (0.25, 1.0):
@@ -71,7 +71,7 @@ class TestArm:
         # Steady speed: (1 N - friction) / damping.
         assert moved[1.0] > 0.02
 
-    def test_it_keeps_its_springs_along_y_and_its_bar_level(self, world: World) -> None:
+    def test_it_keeps_its_springs_along_y_and_its_bar_level(self, world: BulletWorld) -> None:
         hanger = bare_hanger(world)
         before = hanger.position()
         for _ in range(20):
@@ -80,7 +80,7 @@ class TestArm:
         left, right = hanger.corner_positions()
         assert abs(left[2] - right[2]) < 0.001
 
-    def test_a_load_that_is_carried_does_not_sink_it_and_one_that_is_not_does(self, world: World) -> None:
+    def test_a_load_that_is_carried_does_not_sink_it_and_one_that_is_not_does(self, world: BulletWorld) -> None:
         fallen = {}
         for load in (0.0, 2.0):
             hanger = bare_hanger(world)
@@ -92,7 +92,7 @@ class TestArm:
         assert fallen[0.0] > 0.05
 
     @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0), (0.6, -0.8)])
-    def test_it_follows_a_hand(self, world: World, direction: tuple[float, float]) -> None:
+    def test_it_follows_a_hand(self, world: BulletWorld, direction: tuple[float, float]) -> None:
         """At 5 cm/s: the hand feels friction and damping, and lags by that over its own stiffness."""
         hanger = bare_hanger(world)
         hand = hanger.position()
@@ -105,7 +105,7 @@ class TestArm:
                 assert lag < 0.006
                 assert np.linalg.norm(hanger.hand_force_n()) == pytest.approx(felt_n, rel=0.25)
 
-    def test_a_flung_hand_pulls_no_harder_than_its_limit(self, world: World) -> None:
+    def test_a_flung_hand_pulls_no_harder_than_its_limit(self, world: BulletWorld) -> None:
         hanger = bare_hanger(world, (0.25, 0.3))
         rng = np.random.default_rng(1)
         for _ in range(40):
@@ -116,7 +116,7 @@ class TestArm:
             assert (np.abs(hanger.joint_torques()) <= panda.TORQUE_LIMIT_N_M).all()
 
     @pytest.mark.parametrize("hand", [(0.25, 0.0, -1.0), (2.0, 0.0, 0.3), (-2.0, 0.0, 0.3), (0.25, 0.0, 2.0)])
-    def test_it_stays_in_its_workspace(self, world: World, hand: tuple[float, float, float]) -> None:
+    def test_it_stays_in_its_workspace(self, world: BulletWorld, hand: tuple[float, float, float]) -> None:
         hanger = bare_hanger(world, (0.25, 0.1))
         for _ in range(60):
             guided_step(world, hanger, np.array(hand))
@@ -126,7 +126,7 @@ class TestArm:
         assert 0.0 < place[2] < 0.56
         assert -0.106 < place[0] < 0.606
 
-    def test_the_springs_take_over_without_a_jump(self, world: World) -> None:
+    def test_the_springs_take_over_without_a_jump(self, world: BulletWorld) -> None:
         hanger = bare_hanger(world)
         hand = hanger.position()
         for step_index in range(15):
@@ -140,7 +140,7 @@ class TestArm:
         run_step(world, hanger, (0.005, 0.0))
         assert hanger.position()[0] - before[0] == pytest.approx(0.005, abs=0.002)
 
-    def test_stiff_joints_do_not_yield(self, world: World) -> None:
+    def test_stiff_joints_do_not_yield(self, world: BulletWorld) -> None:
         with pytest.raises(SimError, match="impedance"):
             bare_hanger(world, control="position").start_guided_step(None, 20, 0.0)
 
@@ -150,19 +150,19 @@ class TestOnTheBench:
         bench = ClothSimulation(SimConfig(robot="hanger", cloth="napkin", camera=False))
         try:
             bench.reset(1)
-            start = bench.holder.position()
+            start = bench.robot.position()
             hand, actions = start.copy(), []
             for step_index in range(16):
                 hand = hand + (np.array([0.006, 0.0, -0.006]) if step_index < 12 else 0.0)
                 actions.append(bench.guide(hand))
                 assert bench.divergence_reason() is None
-            end = bench.holder.position()
+            end = bench.robot.position()
             np.testing.assert_allclose(np.sum(actions, axis=0), (end - start)[AXES], atol=1e-9)
             assert np.linalg.norm((end - hand)[AXES]) < 0.004
             bench.reset(1)
             for action in actions:
                 bench.step(action)
-            np.testing.assert_allclose(bench.holder.position(), end, atol=0.003)
+            np.testing.assert_allclose(bench.robot.position(), end, atol=0.003)
         finally:
             bench.close()
 
@@ -172,11 +172,11 @@ class TestOnTheBench:
             bench.reset(0)
             for _ in range(3):
                 bench.step(np.zeros(2))  # at rest: what moves coasts some millimetres further
-            before = bench.holder.position()
+            before = bench.robot.position()
             for _ in range(15):
                 bench.guide(None)
             # It gives way to the swinging cloth a little, and does not sink.
-            assert np.abs(bench.holder.position() - before).max() < 0.002
+            assert np.abs(bench.robot.position() - before).max() < 0.002
         finally:
             bench.close()
 
@@ -184,17 +184,17 @@ class TestOnTheBench:
         bench = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
         try:
             bench.reset(0)
-            hands = bench.holder.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
+            hands = bench.robot.corner_positions() + np.array([[0.03, 0.0, 0.01], [0.02, 0.0, 0.01]])
             first = bench.guide(hands)
             assert first.shape == (6,)
             fastest = hand_guiding.HAND_SPEED_M_S * bench.config.step_s
             np.testing.assert_allclose(np.linalg.norm(first.reshape(2, 3), axis=1), fastest, rtol=1e-6)
             for _ in range(3):
                 bench.guide(hands)
-            np.testing.assert_allclose(bench.holder.corner_positions(), hands, atol=1e-9)
-            before = bench.holder.corner_positions()
+            np.testing.assert_allclose(bench.robot.corner_positions(), hands, atol=1e-9)
+            before = bench.robot.corner_positions()
             assert not bench.guide(None).any()
-            np.testing.assert_array_equal(bench.holder.corner_positions(), before)
+            np.testing.assert_array_equal(bench.robot.corner_positions(), before)
         finally:
             bench.close()
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.mesh import MeshMaker
+from layflat.sim.cloth.spec import cloth_spec
 
 SPEC = cloth_spec("napkin")
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from layflat.sim.cloth.cloth import HELD_STRETCH, Cloth, ClothSpec
-from layflat.sim.physics.bullet.world import World
-from layflat.sim.robots.pickers import MAX_SPREAD, WORKSPACE_HIGH_M, WORKSPACE_LOW_M, FreePickers
+from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec
+from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.sim.robots.pickers import MAX_SPREAD, FreePickers
 
 SMALL = ClothSpec(
     name="small", length_m=0.15, width_m=0.15, rows=6, columns=6,
@@ -21,26 +22,26 @@ HOME = np.array([[0.0, 0.5, 0.4 / 0.15], [0.0, -0.5, 0.4 / 0.15]]) * 0.15 * np.a
 
 
 @pytest.fixture
-def held() -> Iterator[tuple[World, Cloth, FreePickers]]:
-    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
-    cloth = Cloth(world, SMALL)
+def held() -> Iterator[tuple[BulletWorld, BulletCloth, FreePickers]]:
+    world = BulletWorld(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = world.add_cloth(SMALL)
     nodes = SMALL.hanging_nodes(HOME)
     nodes[:, 0] = 0.0  # a taut hem: a drooping one keeps the cloth moving, and awake
     cloth.set_nodes(nodes)
     pickers = FreePickers(cloth, HOME)
-    pickers.grip()
+    pickers.grasp()
     yield world, cloth, pickers
     world.close()
 
 
-def _step(world: World, pickers: FreePickers, action: np.ndarray, substeps: int = 24) -> None:
+def _step(world: BulletWorld, pickers: FreePickers, action: np.ndarray, substeps: int = 24) -> None:
     pickers.start_step(action, substeps)
     for _ in range(substeps):
         pickers.before_substep()
         world.step()
 
 
-def test_corners_follow_within_a_substep_of_motion(held: tuple[World, Cloth, FreePickers]) -> None:
+def test_corners_follow_within_a_substep_of_motion(held: tuple[BulletWorld, BulletCloth, FreePickers]) -> None:
     world, cloth, pickers = held
     rng = np.random.default_rng(0)
     for _ in range(10):
@@ -51,7 +52,7 @@ def test_corners_follow_within_a_substep_of_motion(held: tuple[World, Cloth, Fre
         assert np.linalg.norm(corners - pickers.corner_positions(), axis=1).max() < allowed
 
 
-def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[World, Cloth, FreePickers]) -> None:
+def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[BulletWorld, BulletCloth, FreePickers]) -> None:
     world, _, pickers = held
     action = np.array([0.004, -0.001, 0.006, -0.003, 0.002, -0.005])
     before = pickers.corner_positions()
@@ -60,7 +61,7 @@ def test_each_picker_moves_by_its_own_part_of_the_action(held: tuple[World, Clot
     np.testing.assert_allclose(pickers.position(), pickers.corner_positions().mean(axis=0))
 
 
-def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cloth, FreePickers]) -> None:
+def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[BulletWorld, BulletCloth, FreePickers]) -> None:
     """Bullet puts a still cloth to sleep after about a second unless it is forbidden; it then ignores its anchors."""
     world, cloth, pickers = held
     for _ in range(30):
@@ -78,16 +79,16 @@ def test_a_cloth_that_hung_still_for_three_seconds_follows(held: tuple[World, Cl
 )
 @settings(max_examples=30, deadline=None)
 def test_whatever_is_asked_they_stay_in_the_workspace_and_near_each_other(actions: list[list[float]]) -> None:
-    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
+    world = BulletWorld(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
     try:
-        pickers = FreePickers(Cloth(world, SMALL), HOME)  # not gripped: their path does not depend on the cloth
+        pickers = FreePickers(world.add_cloth(SMALL), HOME)  # not gripped: their path does not depend on the cloth
         for action in actions:
             pickers.start_step(np.array(action), 4)
             for _ in range(4):
                 pickers.before_substep()
             at = pickers.corner_positions()
-            assert (at >= WORKSPACE_LOW_M - 1e-9).all()
-            assert (at <= WORKSPACE_HIGH_M + 1e-9).all()
+            assert (at >= np.array(pickers.workspace_low_m) - 1e-9).all()
+            assert (at <= np.array(pickers.workspace_high_m) + 1e-9).all()
             assert np.linalg.norm(at[0] - at[1]) <= MAX_SPREAD * SMALL.width_m + 1e-9
     finally:
         world.close()

@@ -8,16 +8,17 @@ import sys
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.cloth import HELD_STRETCH
-from layflat.sim.cloth.starts import START_MOVES, home_corners
+from layflat.sim.cloth.spec import HELD_STRETCH
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.sim.simulation import ClothSimulation
+from layflat.sim.starts.base import home_corners
+from layflat.sim.starts.hanging import START_MOVES
 
 _SCRIPT = """
 import sys, hashlib, numpy as np
-from layflat.data.types import action_size
+from layflat.sim.robots.registry import robot_spec
 from layflat.sim.simulation import ClothSimulation
 from layflat.sim.config import SimConfig
 robot, cloth, seed = sys.argv[1], sys.argv[2], int(sys.argv[3])
@@ -28,9 +29,9 @@ down = np.array([0.006, -0.011] if robot == "hanger" else [0.006, 0.0, -0.011] *
 lowest = 1.0
 for _ in range(15):
     bench.step(down + rng.uniform(-0.001, 0.001, robot_spec(robot).size))
-    lowest = min(lowest, bench.truth().nodes[:, 2].min())
+    lowest = min(lowest, bench.ground_truth().nodes[:, 2].min())
 assert bench.divergence_reason() is None and lowest < 0.006, lowest
-print(hashlib.sha256(bench.truth().nodes.tobytes()).hexdigest())
+print(hashlib.sha256(bench.ground_truth().nodes.tobytes()).hexdigest())
 """
 
 
@@ -117,8 +118,8 @@ def test_impossible_settings_are_refused(wrong: dict) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_fine_mesh_survives_a_whole_demonstration(robot: str, seed: int) -> None:
     script = (
-        "import sys; from layflat.app.workers.episode_pool import EpisodeJob, run_job\n"
-        "episode = run_job(EpisodeJob(robot=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
+        "import sys; from layflat.app.workers.episode_pool import EpisodeConfig, run_episode\n"
+        "episode = run_episode(EpisodeConfig(robot=sys.argv[1], cloth='towel-fine', seed=int(sys.argv[2])))\n"
         "print(episode.stopped_by, episode.final_ground_truth.flat_area)"
     )
     done = subprocess.run(

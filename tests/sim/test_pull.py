@@ -12,11 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.sim.cloth.cloth import Cloth, ClothSpec, cloth_spec
+from layflat.sim.cloth.spec import ClothSpec, cloth_spec
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, MouseDrag, free_node, pick_node
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, World
+from layflat.sim.physics.base import GRAVITY_M_S2
+from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.registry import robot_spec
 from layflat.sim.simulation import ClothSimulation
 from layflat.tests.sim.drawn_fold import fold_corner
@@ -32,17 +34,17 @@ STEP_STEPS = 24
 
 
 @pytest.fixture
-def flying() -> Iterator[tuple[World, Cloth]]:
+def flying() -> Iterator[tuple[BulletWorld, BulletCloth]]:
     """A small cloth without weight, far above the table."""
-    world = World(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
-    cloth = Cloth(world, SMALL)
+    world = BulletWorld(substep_s=1 / SMALL.rate_hz, table_friction=1.0)
+    cloth = world.add_cloth(SMALL)
     cloth.set_nodes(SMALL.flat_nodes(z_m=3.0))
     world.set_gravity((0.0, 0.0, 0.0))
     yield world, cloth
     world.close()
 
 
-def run_step(world: World, pull: MouseDrag, target: np.ndarray) -> None:
+def run_step(world: BulletWorld, pull: MouseDrag, target: np.ndarray) -> None:
     pull.start_step(target, STEP_S)
     for _ in range(STEP_STEPS):
         pull.before_substep()
@@ -60,10 +62,10 @@ def run_step(world: World, pull: MouseDrag, target: np.ndarray) -> None:
     ],
 )
 def test_momentum_is_the_logged_force_times_time(
-    flying: tuple[World, Cloth], heading: tuple[float, ...], tolerance: float
+    flying: tuple[BulletWorld, BulletCloth], heading: tuple[float, ...], tolerance: float
 ) -> None:
     world, cloth = flying
-    pull = MouseDrag(world, cloth, MIDDLE)
+    pull = MouseDrag(cloth, MIDDLE)
     start = cloth.nodes()[MIDDLE]
     for _ in range(5):
         run_step(world, pull, start + 5.0 * np.array(heading))
@@ -76,9 +78,11 @@ def test_momentum_is_the_logged_force_times_time(
     assert np.linalg.norm(gained - impulse) < tolerance * np.linalg.norm(impulse)
 
 
-def test_the_force_is_bounded_and_the_target_followed_at_a_bounded_speed(flying: tuple[World, Cloth]) -> None:
+def test_the_force_is_bounded_and_the_target_followed_at_a_bounded_speed(
+    flying: tuple[BulletWorld, BulletCloth],
+) -> None:
     world, cloth = flying
-    pull = MouseDrag(world, cloth, MIDDLE)
+    pull = MouseDrag(cloth, MIDDLE)
     given_n_s = np.zeros(3)
     for _ in range(4):
         before = pull.position()
@@ -89,9 +93,9 @@ def test_the_force_is_bounded_and_the_target_followed_at_a_bounded_speed(flying:
     assert np.linalg.norm(given_n_s) > 0
 
 
-def test_the_node_comes_to_its_target_and_stays(flying: tuple[World, Cloth]) -> None:
+def test_the_node_comes_to_its_target_and_stays(flying: tuple[BulletWorld, BulletCloth]) -> None:
     world, cloth = flying
-    pull = MouseDrag(world, cloth, MIDDLE)
+    pull = MouseDrag(cloth, MIDDLE)
     target = cloth.nodes()[MIDDLE] + [0.05, -0.03, 0.04]
     distances = []
     for _ in range(25):
@@ -101,20 +105,20 @@ def test_the_node_comes_to_its_target_and_stays(flying: tuple[World, Cloth]) -> 
     np.testing.assert_allclose(pull.position(), cloth.nodes()[MIDDLE], atol=0.003)
 
 
-def test_letting_go_leaves_nothing_behind(flying: tuple[World, Cloth]) -> None:
+def test_letting_go_leaves_nothing_behind(flying: tuple[BulletWorld, BulletCloth]) -> None:
     world, cloth = flying
     bodies = bullet.getNumBodies(physicsClientId=world.client)
-    pull = MouseDrag(world, cloth, 0)
+    pull = MouseDrag(cloth, 0)
     run_step(world, pull, np.array([0.1, 0.1, 3.1]))
     assert bullet.getNumBodies(physicsClientId=world.client) == bodies + 1
     pull.release()
     assert bullet.getNumBodies(physicsClientId=world.client) == bodies
 
 
-def test_a_node_that_is_none_is_refused(flying: tuple[World, Cloth]) -> None:
+def test_a_node_that_is_none_is_refused(flying: tuple[BulletWorld, BulletCloth]) -> None:
     for node in (-1, 49):
         with pytest.raises(SimError, match="0 to 48"):
-            MouseDrag(*flying, node)
+            MouseDrag(flying[1], node)
 
 
 class TestOnTheBench:
@@ -149,11 +153,11 @@ class TestOnTheBench:
         bench = ClothSimulation(SimConfig(robot="pickers", cloth="napkin", camera=False))
         try:
             bench.reset(0)
-            bodies = bullet.getNumBodies(physicsClientId=bench._running().client)
+            bodies = bullet.getNumBodies(physicsClientId=bench.world.client)
             place = bench.ground_truth().nodes[60]
             bench.drag(30, place)
             bench.drag(60, place + np.array([0.1, 0.0, 0.0]))
-            assert bullet.getNumBodies(physicsClientId=bench._running().client) == bodies + 1
+            assert bullet.getNumBodies(physicsClientId=bench.world.client) == bodies + 1
             bench.step(np.zeros(6))
             alone = bench.force_n()
             assert alone[0] > 0.001

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.app.benchmarks.solver_settings import HANG_LENGTHS, RECIPES, BareLayflat, BareSimulation
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.physics.bullet.reference_cloths import HANG_LENGTHS, SOLVER_SETTINGS, LayflatCloth, ReferenceCloth
 
 
-@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("name", SOLVER_SETTINGS)
 def test_a_flat_cloth_keeps_its_size_and_comes_to_rest_on_the_table(name: str) -> None:
-    recipe = RECIPES[name]
-    world = BareSimulation(recipe, 5, "flat")
+    recipe = SOLVER_SETTINGS[name]
+    world = ReferenceCloth(recipe, 5, "flat")
     for _ in range(round(0.4 * recipe.rate_hz)):
         world.step()
     nodes = world.nodes()
@@ -23,10 +23,10 @@ def test_a_flat_cloth_keeps_its_size_and_comes_to_rest_on_the_table(name: str) -
     assert -0.002 < nodes[:, 2].min() < 0.05
 
 
-@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("name", SOLVER_SETTINGS)
 def test_a_held_cloth_hangs_from_its_corners(name: str) -> None:
-    recipe = RECIPES[name]
-    world = BareSimulation(recipe, 5, "held")
+    recipe = SOLVER_SETTINGS[name]
+    world = ReferenceCloth(recipe, 5, "held")
     for _ in range(round(0.3 * recipe.rate_hz)):
         world.step()
     nodes = world.nodes()
@@ -37,8 +37,8 @@ def test_a_held_cloth_hangs_from_its_corners(name: str) -> None:
 
 def test_a_world_beside_it_changes_nothing() -> None:
     def fall(with_another: bool) -> np.ndarray:
-        ours = BareLayflat(CLOTHS["towel"], "held")
-        other = BareSimulation(RECIPES["DEDO"], 4, "flat") if with_another else None
+        ours = LayflatCloth(CLOTHS["towel"], "held")
+        other = ReferenceCloth(SOLVER_SETTINGS["DEDO"], 4, "flat") if with_another else None
         for _ in range(30):
             ours.step()
             if other is not None:

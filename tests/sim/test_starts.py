@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
@@ -44,14 +44,14 @@ def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
     bench = ClothSimulation(SimConfig(robot="hanger", cloth="towel", start="folded-corner", camera=False))
     try:
         bench.reset(0)
-        assert bench.cloth.layered(bench.ground_truth().nodes)
-        while bench.holder.position()[2] < 0.46:
-            bench.step(np.array([-0.008 if bench.holder.position()[0] > 0 else 0.0, 0.010]))
+        assert bench.cloth.is_layered(bench.ground_truth().nodes)
+        while bench.robot.position()[2] < 0.46:
+            bench.step(np.array([-0.008 if bench.robot.position()[0] > 0 else 0.0, 0.010]))
             assert bench.divergence_reason() is None
         for _ in range(10):
             bench.step(np.zeros(2))
         nodes = bench.ground_truth().nodes
-        assert not bench.cloth.layered(nodes)
+        assert not bench.cloth.is_layered(nodes)
         assert bench.cloth.stretch(nodes).min() > 0.9
     finally:
         bench.close()
@@ -95,6 +95,6 @@ def test_a_swinging_cloth_touches_ahead_of_its_holder(robot: str) -> None:
             if edge[:, 2].min() < 0.008:
                 break
         assert edge[:, 2].min() < 0.008
-        assert edge[:, 0].mean() - bench.holder.position()[0] > 0.03
+        assert edge[:, 0].mean() - bench.robot.position()[0] > 0.03
     finally:
         bench.close()

@@ -9,9 +9,10 @@ import sys
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.cloth import Cloth, ClothSpec
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, World
+from layflat.sim.physics.base import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M
+from layflat.sim.physics.bullet.world import BulletWorld
 
 
 def _small(rows: int, columns: int) -> ClothSpec:
@@ -21,8 +22,8 @@ def _small(rows: int, columns: int) -> ClothSpec:
     )  # fmt: skip
 
 
-def _world(**changes: float) -> World:
-    return World(**({"substep_s": 1 / 240, "table_friction": 1.0} | changes))
+def _world(**changes: float) -> BulletWorld:
+    return BulletWorld(**({"substep_s": 1 / 240, "table_friction": 1.0} | changes))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_the_table_is_a_box_with_its_top_at_zero_and_its_edges_where_they_should
     spec = _small(4, 4)
     for x_m, rests in ((right - 0.1 - spec.length_m, True), (right + 0.1, False)):
         world = _world()
-        cloth = Cloth(world, spec)
+        cloth = world.add_cloth(spec)
         cloth.set_nodes(spec.flat_nodes(x_m=x_m, z_m=0.006))
         for _ in range(72):
             world.step()
@@ -79,7 +80,7 @@ def test_friction_of_the_table_holds_or_lets_slide() -> None:
     moved = []
     for friction in (1.0, 0.2):
         world, spec = _world(table_friction=friction), _small(4, 4)
-        cloth = Cloth(world, spec)
+        cloth = world.add_cloth(spec)
         cloth.set_nodes(spec.flat_nodes())
         for _ in range(24):
             world.step()
@@ -98,7 +99,7 @@ def test_each_cloth_of_a_process_has_its_own_mesh() -> None:
     """Bullet caches OBJ files by path: an older cloth's mesh would come back."""
     for rows, columns in ((3, 5), (4, 4), (3, 5)):
         world, spec = _world(), _small(rows, columns)
-        cloth = Cloth(world, spec)
+        cloth = world.add_cloth(spec)
         np.testing.assert_allclose(cloth.nodes(), spec.flat_nodes(z_m=0.5), atol=1e-6)
         world.close()
 
@@ -106,8 +107,8 @@ def test_each_cloth_of_a_process_has_its_own_mesh() -> None:
 def test_two_worlds_do_not_meet() -> None:
     first, second = _world(), _world()
     spec = _small(3, 3)
-    cloth = Cloth(first, spec)
-    other = Cloth(second, spec)
+    cloth = first.add_cloth(spec)
+    other = second.add_cloth(spec)
     before = other.nodes()
     for _ in range(12):
         first.step()
@@ -121,8 +122,8 @@ def test_two_worlds_do_not_meet() -> None:
     "call",
     [
         "import layflat.sim.physics.bullet.world",
-        "import layflat.sim.camera.camera, pybullet",
-        "import layflat.sim; import pybullet",
+        "import layflat.sim.simulation",
+        "import layflat.sim.physics.bullet; import pybullet",
     ],
 )
 def test_imports_print_nothing(call: str) -> None:
@@ -133,6 +134,6 @@ def test_imports_print_nothing(call: str) -> None:
 
 
 def test_output_after_the_quiet_import_is_heard() -> None:
-    call = "import sys, layflat.sim; print('out'); print('err', file=sys.stderr)"
+    call = "import sys, layflat.sim.physics.bullet; print('out'); print('err', file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=True, timeout=60)
     assert (done.stdout.split(), done.stderr.split()) == ([b"out"], [b"err"])

@@ -12,10 +12,10 @@ import pytest
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.cloth import Cloth, cloth_spec
-from layflat.sim.cloth.wrinkle_generation import Wrinkling, settled_wrinkles
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.cloth.wrinkle_ground_truth import WrinkleTruth, wrinkle_truth
-from layflat.sim.physics.bullet.world import World
+from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.sim.starts.wrinkles import Wrinkling, settled_wrinkles
 
 MIN_COHERENCE = 0.6
 """Of the mesh truth: below it the cloth has no one direction to be right about."""
@@ -43,8 +43,8 @@ def axis_error(one: float, other: float) -> float:
 def measured(cloth: str, *, angles: int, repeats: int, seed: int) -> Iterator[Case]:
     """``angles`` directions over 180 degrees x ``repeats`` draws of wavelength, amplitude and phase."""
     spec = cloth_spec(cloth)
-    world = World(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
-    camera = Camera(world, Cloth(world, spec), seed=seed)  # with depth noise
+    world = BulletWorld(substep_s=1.0 / spec.rate_hz, table_friction=1.0)
+    camera = Camera(world.add_cloth(spec), seed=seed)  # with depth noise
     perceiver = PerceptionPipeline(camera.pinhole)
     perceiver = perceiver.with_flat_pixels(perceiver.perceive(*camera.capture(spec.flat_nodes())).cloth_pixels)
     others = {name: make_descriptor(name) for name in DESCRIPTORS}

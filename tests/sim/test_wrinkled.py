@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.cloth import cloth_spec
-from layflat.sim.cloth.wrinkle_generation import CENTRE_M, Wrinkling, settled_wrinkles, wrinkled_nodes
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.cloth.wrinkle_ground_truth import wrinkle_truth
 from layflat.sim.errors import SimError
+from layflat.sim.starts.wrinkles import CENTRE_M, Wrinkling, settled_wrinkles, wrinkled_nodes
 
 SPEC = cloth_spec("towel")
 DEEP = Wrinkling(normal_rad=0.0, wavelength_m=0.08, amplitude_m=0.009, phase_rad=1.0)

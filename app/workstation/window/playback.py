@@ -19,10 +19,10 @@ from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, Perc
 from layflat.perception.descriptors.registry import make_descriptor
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.renderer import Renderer
-from layflat.sim.cloth.cloth import cloth_spec
 from layflat.sim.cloth.mesh import MeshMaker
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.errors import SimError
-from layflat.sim.robots.panda import inverse_kinematics
+from layflat.sim.robots.registry import robot_type
 
 MOMENTS_KEPT = 64
 
@@ -96,10 +96,8 @@ class Playback:
 
     def _joints(self, seen: Observation) -> FloatArray:
         """The arm's, hand straight down, where the robot has one."""
-        if self.episode.robot.n_points > 1:
-            return np.zeros(0)
         try:
-            return inverse_kinematics(seen.holder_position)
+            return robot_type(self.episode.robot.name).joint_angles_at(seen.holder_position)
         except SimError:
             return np.zeros(0)  # A place that no arm reaches was imported from elsewhere.
 
@@ -108,7 +106,7 @@ class Playback:
         if seen.rgb is not None and seen.depth is not None and seen.rgb.shape[:2] == self._shape:
             rgb, depth = seen.rgb, seen.depth
         else:
-            picture = self._view.blank()
+            picture = self._view.background()
             self._view.draw_cloth(picture, self._meshes.mesh(nodes))
             rgb = picture.rgb.reshape(*self._shape, 3)
             depth = np.where(np.isfinite(picture.depth), picture.depth, np.float32(0)).reshape(self._shape)

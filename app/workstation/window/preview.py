@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from layflat.app.workstation.session.frame_channel import BenchFrame
-from layflat.sim.cloth.starts import home_corners
 from layflat.sim.config import SimConfig
-from layflat.sim.robots.panda import inverse_kinematics
+from layflat.sim.robots.registry import robot_type
+from layflat.sim.starts.base import home_corners
 
 
 @lru_cache(maxsize=4)
@@ -31,7 +31,7 @@ def preview(robot: str, cloth: str) -> BenchFrame:
         nodes=settings.cloth_spec.hanging_nodes(home),
         corners=home,
         holder=centre,
-        joints=inverse_kinematics(centre) if robot == "hanger" else np.zeros(0),
+        joints=robot_type(robot).joint_angles_at(centre),
         hands=np.zeros((0, 3)),
         force_n=np.zeros(3),
         pull=None,

@@ -10,7 +10,7 @@ from typing import Any
 from layflat.app.support.atomic_write import write_text
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.robots.registry import ROBOTS
 
 FILE = "workstation.json"

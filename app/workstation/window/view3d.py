@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from layflat.app.workstation.window.orbit_camera import NEAR_M, OrbitCamera
 from layflat.data.arrays import FloatArray
 from layflat.sim.camera.renderer import LIGHT
-from layflat.sim.cloth.cloth import ClothSpec
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.physics.bullet.world import TABLE_CENTRE_M, TABLE_SIZE_M
+from layflat.sim.cloth.spec import ClothSpec
+from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
 from layflat.sim.robots.arm_shape import ArmShape
 
 FINE = 2

@@ -18,9 +18,9 @@ from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
 from layflat.perception.overlay import draw_cloth_state
 from layflat.sim.camera.camera import default_pinhole
-from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.disturbances.mouse_drag import pick_node
-from layflat.sim.robots.arm_shape import arm_shape
+from layflat.sim.robots.registry import robot_type
 
 _PINHOLE = default_pinhole()
 TABLE_LIFT_M = 0.004
@@ -58,7 +58,7 @@ class Viewport:
         kind = (moment.robot, moment.cloth)
         if self._view is None or self._view[0] != kind:
             spec = cloth_spec(moment.cloth)
-            arm = arm_shape(spec) if moment.robot == "hanger" else None
+            arm = robot_type(moment.robot).arm_shape(spec)
             self._view = (kind, View3d(spec, arm))
         return self._view[1].draw(self._scene(moment), self.orbit, size)
 

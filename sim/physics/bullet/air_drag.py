@@ -1,4 +1,4 @@
-"""Still air around the cloth: what stops its swing.
+"""AirDrag: still air around the cloth, which stops its swing.
 
 Bullet's deformables have no air drag and do not expose node velocities, so a hanging cloth swings for ever. A light
 plate that swings slowly loses its speed to the air at a rate of a few per second (drag coefficient about 10 at small
@@ -9,42 +9,46 @@ that Bullet gives to every node, so the drag of the mean motion is a sideways gr
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from layflat.sim.cloth.cloth import Cloth
-from layflat.sim.physics.bullet.world import GRAVITY_M_S2
+from layflat.sim.physics.base import GRAVITY_M_S2, Cloth
+
+if TYPE_CHECKING:
+    from layflat.sim.physics.bullet.world import BulletWorld
 
 DRAG_RATE_PER_S = 3.0
 UPDATE_S = 0.02
 DRAG_LIMIT_M_S2 = 3.0
-"""Drag never exceeds this, whatever a wild cloth does."""
+"""Bound of the drag, however fast a diverging cloth moves."""
 
 
 class AirDrag:
-    """Applies the drag of the mean motion."""
+    """Drag of the cloth's mean motion."""
 
-    def __init__(self, cloth: Cloth, *, drag_rate_per_s: float = DRAG_RATE_PER_S) -> None:
+    def __init__(self, world: BulletWorld, cloth: Cloth) -> None:
+        self._world = world
         self._cloth = cloth
-        self._rate = drag_rate_per_s
-        self._every = cloth.world.halves(UPDATE_S)
+        self._every = world.halves(UPDATE_S)
         self._last: tuple[int, float, float] | None = None
         """``halves_done``, and the cloth's centre along x and y, m."""
 
-    def before_substep(self) -> None:
-        """Every 20 ms: mean velocity of the cloth -> gravity of the next 20 ms."""
-        world = self._cloth.world
+    def update(self) -> None:
+        """Set the gravity of the next 20 ms by the cloth's mean velocity; acts every 20 ms."""
+        world = self._world
         if world.halves_done % self._every:
             return
         # Single numbers from here on: numpy's overhead on three of them is most of what this would cost.
         cx, cy, _ = self._cloth.nodes().mean(axis=0).tolist()
         if not math.isfinite(cx + cy):
-            return  # The guard finds a cloth that has diverged at the end of the step.
+            return  # The simulation finds a cloth that has diverged at the end of the step.
         last, self._last = self._last, (world.halves_done, cx, cy)
         if last is None:
             return
         duration_s = world.seconds(world.halves_done - last[0])
-        # The descent is driven by the holder; only the swing needs damping.
-        ax, ay = self._drag((cx - last[1]) / duration_s), self._drag((cy - last[2]) / duration_s)
+        # The descent is driven by the robot; only the swing needs damping.
+        ax, ay = _drag((cx - last[1]) / duration_s), _drag((cy - last[2]) / duration_s)
         world.set_gravity((ax, ay, -GRAVITY_M_S2))
 
-    def _drag(self, velocity_m_s: float) -> float:
-        return min(max(-self._rate * velocity_m_s, -DRAG_LIMIT_M_S2), DRAG_LIMIT_M_S2)
+
+def _drag(velocity_m_s: float) -> float:
+    return min(max(-DRAG_RATE_PER_S * velocity_m_s, -DRAG_LIMIT_M_S2), DRAG_LIMIT_M_S2)

@@ -1,4 +1,4 @@
-"""The first import of PyBullet, which prints its build time, silenced; the package imports it before all others."""
+"""The first import of PyBullet, without the build time that it prints; the package imports this before all others."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def suppress_output() -> Iterator[None]:
-    """Send what C code writes to file descriptors 1 and 2 to nowhere; Python's own streams cannot stop it."""
+    """Discard what C code writes to file descriptors 1 and 2, which Python's own streams cannot stop."""
     libc = ctypes.CDLL(None)
-    kept: list[tuple[int, int]] = []
+    saved: list[tuple[int, int]] = []
     try:
         for stream in (sys.stdout, sys.stderr):
             if stream is not None:
                 stream.flush()
-        with open(os.devnull, "wb") as nowhere:
+        with open(os.devnull, "wb") as null:
             for number in (1, 2):
-                with contextlib.suppress(OSError):  # closed by whoever started us
-                    kept.append((number, os.dup(number)))
-                    os.dup2(nowhere.fileno(), number)
+                with contextlib.suppress(OSError):  # The parent may have closed it.
+                    saved.append((number, os.dup(number)))
+                    os.dup2(null.fileno(), number)
         yield
     finally:
-        # C's stdout is buffered when it is a pipe: what it holds must go to nowhere too.
+        # C's stdout is buffered when it is a pipe: discard what it holds, too.
         libc.fflush(None)
-        for number, copy in kept:
+        for number, copy in saved:
             os.dup2(copy, number)
             os.close(copy)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from layflat.app.workstation.window.layout import layout
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
-from layflat.sim.cloth.cloth import cloth_spec
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.robots.arm_shape import arm_shape
 from layflat.sim.robots.panda import inverse_kinematics
 

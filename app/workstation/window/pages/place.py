@@ -19,7 +19,7 @@ from layflat.app.workstation.window.settings import with_one
 from layflat.policy import model_io as model_files
 from layflat.policy.registry import BUILTIN_POLICIES, RECOMMENDED_WRAPPERS
 from layflat.policy.spec import SCRIPTED
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 NAMED = tuple(name for name in DISTURBANCES if name != "none")

@@ -15,7 +15,7 @@ from layflat.app.workstation.window.input_manager import InputManager
 from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, BasePage, FormRow, KeyHint, device_chips
 from layflat.app.workstation.window.settings import SOURCES, with_one
 from layflat.data.session.reader import open_session
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 STATES = {

@@ -11,7 +11,7 @@ from layflat.app.workstation.window import menu_style, style
 from layflat.app.workstation.window.pages.page import BasePage, KeyHint, Shows
 from layflat.app.workstation.window.settings import SPEEDS, with_one
 from layflat.perception.descriptors.registry import DESCRIPTORS
-from layflat.sim.cloth.cloth import CLOTHS
+from layflat.sim.cloth.spec import CLOTHS
 
 ABOUT = (
     ("Robot", "hanger: a Panda arm holds the cloth by two clips and moves forth, back, up and down, as in chapter 4-3 "

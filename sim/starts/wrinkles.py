@@ -1,4 +1,4 @@
-"""Cloth that lies on the table in wrinkles of one direction: material to measure wrinkle descriptors on."""
+"""Cloth that lies on the table in wrinkles of one direction, to measure wrinkle descriptors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import Cloth, ClothSpec
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import World
+from layflat.sim.physics.registry import make_world
 
 CENTRE_M = (0.20, 0.0)
-"""Where the bench lays its cloth."""
+"""Middle of the cloth."""
 SETTLE_S = 0.3
 
 
@@ -24,7 +24,7 @@ class Wrinkling:
     normal_rad: float
     """Angle of the wrinkles' perpendicular from +x, table coordinates."""
     wavelength_m: float
-    """On the table. A mesh shows wrinkles of 2.5 of its cells and longer."""
+    """Wavelength on the table. A mesh shows wrinkles of 2.5 of its cells and longer."""
     amplitude_m: float
     phase_rad: float = 0.0
 
@@ -37,7 +37,7 @@ class Wrinkling:
 
     @classmethod
     def random(cls, rng: np.random.Generator, spec: ClothSpec, normal_rad: float) -> Wrinkling:
-        """Wavelength of 2.5 to 3.1 cells, amplitude of 8.5 to 12.5 % of it, any phase."""
+        """Draw a wavelength of 2.5 to 3.1 cells, an amplitude of 8.5 to 12.5 % of it, and any phase."""
         cell_m = max(spec.length_m / (spec.rows - 1), spec.width_m / (spec.columns - 1))
         wavelength_m = float(rng.uniform(2.5, 3.1)) * cell_m
         return cls(
@@ -49,7 +49,7 @@ class Wrinkling:
 
 
 def wrinkled_nodes(spec: ClothSpec, wrinkling: Wrinkling) -> FloatArray:
-    """(N, 3) m: the cloth about CENTRE_M, drawn together across the wrinkles so that its length along the sine is kept.
+    """Return nodes (N, 3) m of a cloth about CENTRE_M, drawn together across the wrinkles so that its length is kept.
 
     Its lowest points are at rest height.
     """
@@ -72,20 +72,20 @@ def wrinkled_nodes(spec: ClothSpec, wrinkling: Wrinkling) -> FloatArray:
 def settled_wrinkles(
     spec: ClothSpec, wrinkling: Wrinkling, *, settle_s: float = SETTLE_S, table_friction: float = 1.0
 ) -> FloatArray:
-    """(N, 3) m: what the physics leaves of ``wrinkled_nodes`` after ``settle_s``; SimError if the cloth diverges.
+    """Return the nodes (N, 3) m that the physics makes of `wrinkled_nodes`; SimError if the cloth diverges.
 
-    In a world of its own. Nodes that are set are the shape at rest: the wrinkles stay, eased by gravity and the table.
+    Nodes that are set are the shape at rest: the wrinkles stay, eased by gravity and the table.
     """
-    world = World(substep_s=1.0 / spec.rate_hz, table_friction=table_friction)
+    world = make_world(substep_s=1.0 / spec.rate_hz, table_friction=table_friction)
     try:
-        cloth = Cloth(world, spec)
+        cloth = world.add_cloth(spec)
         cloth.set_nodes(wrinkled_nodes(spec, wrinkling))
         for _ in range(round(settle_s * spec.rate_hz)):
             world.step()
         nodes = cloth.nodes()
-        wrong = cloth.divergence_reason(nodes)
-        if wrong is not None:
-            raise SimError(f"the wrinkled cloth diverged: {wrong}")
+        reason = cloth.divergence_reason(nodes)
+        if reason is not None:
+            raise SimError(f"the wrinkled cloth diverged: {reason}")
         return nodes
     finally:
         world.close()

@@ -1,21 +1,21 @@
-"""The crumpled start of wrinkle removal (chapter 3-2-2): hard-coded moves lay the cloth and push wrinkles into it.
+"""The cloth lies crumpled (chapter 3-2-2): hard-coded moves lay it and push wrinkles into it.
 
 The moves look at the mesh, as a person who prepares an experiment looks at the cloth; what flattens it does not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.cloth import Cloth
 from layflat.sim.errors import SimError
+from layflat.sim.starts.base import Start, StartScene
 
 DESCEND_STEP_M = 0.010
 TRAIL_STEP_M = (0.012, 0.004)
-"""Forward and down in one step while the free edge begins to touch: an edge that lands first is laid upon and folds."""
+"""Step forward and down while the free edge begins to touch: an edge that lands first folds under."""
 TRAIL_M = 0.05
 TOUCH_HEIGHT_M = 0.012
 BRAKE_ABOVE_M = 0.06
@@ -25,15 +25,15 @@ LAID_M = 0.005
 REST_M = 0.004
 """Height of the pickers where they lie with the cloth."""
 LAY_REACH = 0.95
-"""Share of the cloth's length that is laid: taut enough to lie flat, with a little slack to begin a wrinkle from."""
+"""Share of the cloth's length that is laid: taut enough to lie flat, with a little slack for a wrinkle."""
 PUSH_WIDTH_M = 0.35
-"""Width of the cloth that the steps below are for; a smaller cloth is pushed in proportion."""
+"""Width of the cloth for which the steps below are; a smaller cloth is pushed in proportion."""
 BACK_STEP_M = (0.003, 0.0045)
 INWARD_STEP_M = (0.003, 0.0045)
-"""What each picker goes back and towards the other in one step of the push, drawn for each picker: the ratio gives
-its wrinkles their direction. Pushed straight back the cloth rolls into one bulge along y or folds over at the corners.
+"""Displacement of each picker back and towards the other in one step of the push, drawn for each: the ratio gives its
+wrinkles their direction. Pushed straight back the cloth rolls into one bulge along y or folds over at the corners.
 With a wider range of both and up to 40 steps the corners got wrapped into the cloth, and 8 of 15 runs of Algorithm 2
-(5 starts, steps of 3, 5 and 10 mm) then tore an edge beyond the guard's limit."""
+(5 starts, steps of 3, 5 and 10 mm) then tore an edge beyond the stretch limit."""
 PUSH_CONTACT = (0.77, 0.81)
 """Contact of the mesh at which the push ends, drawn; the cloth loses 0.02 more while it settles, and the camera then
 sees 0.74, as in figure 3-6."""
@@ -44,40 +44,27 @@ well: a hem that bunches up where its layers, two margins thick, have no room di
 SETTLE_STEPS = 8
 
 
-def crumple(
-    cloth: Cloth, corners: Callable[[], FloatArray], step: Callable[[FloatArray], None], rng: np.random.Generator
-) -> dict[str, float]:
-    """Lay the hanging ``cloth``, push wrinkles in until the camera sees about 0.74 of it, let it settle.
+def _crumple(scene: StartScene) -> Mapping[str, float]:
+    """Lay the hanging cloth, push wrinkles in until the camera sees about 0.74 of it, let it settle.
 
-    Parameters
-    ----------
-    corners: (2, 3) m, where the pickers are; row 0 at +y.
-    step: one control step with an action (6,) m.
-    rng: decides how each picker pushes and when it ends.
-
-    Returns what was drawn and what came of it, for the episode's record. SimError if the cloth diverges.
+    Returns what was drawn and what resulted. SimError if the cloth diverges.
     """
-
-    def move(action: FloatArray) -> None:
-        step(action)
-        why = cloth.divergence_reason(cloth.nodes())
-        if why is not None:
-            raise SimError(f"the cloth diverged while it was crumpled ({why}); take another seed")
-
-    _lay(cloth, corners, move)
-    scale = cloth.spec.width_m / PUSH_WIDTH_M
+    cloth, rng, corners = scene.cloth, scene.rng, scene.robot.corner_positions
+    spec = cloth.spec
+    _lay(scene)
+    scale = spec.width_m / PUSH_WIDTH_M
     back, inward = scale * rng.uniform(*BACK_STEP_M, 2), scale * rng.uniform(*INWARD_STEP_M, 2)
     until = float(rng.uniform(*PUSH_CONTACT))
     push = np.array([[-back[0], -inward[0], 0.0], [-back[1], inward[1], 0.0]]).ravel()
     n_steps = 0
-    narrow = NARROWEST_MARGINS * cloth.spec.margin_m * (cloth.spec.columns - 1)
+    narrow = NARROWEST_MARGINS * spec.margin_m * (spec.columns - 1)
     while (
         n_steps < PUSH_STEPS and np.ptp(corners()[:, 1]) > narrow and cloth.contact_portion_true(cloth.nodes()) > until
     ):
-        move(push)
+        _move(scene, push)
         n_steps += 1
     for _ in range(SETTLE_STEPS):
-        move(np.zeros(6))
+        _move(scene, np.zeros(6))
     return {
         "push_back_1_m": float(back[0]),
         "push_back_2_m": float(back[1]),
@@ -89,9 +76,9 @@ def crumple(
     }
 
 
-def _lay(cloth: Cloth, corners: Callable[[], FloatArray], move: Callable[[FloatArray], None]) -> None:
-    """Down until the free edge trails behind on the table, then straight to where the held edge belongs."""
-    spec = cloth.spec
+def _lay(scene: StartScene) -> None:
+    """Move down until the free edge trails behind on the table, then straight to where the held edge belongs."""
+    cloth, corners, spec = scene.cloth, scene.robot.corner_positions, scene.cloth.spec
     for _ in range(LAY_STEPS):
         edge, x = cloth.nodes()[: spec.columns], float(corners()[:, 0].mean())
         lowest = float(edge[:, 2].min())
@@ -99,11 +86,21 @@ def _lay(cloth: Cloth, corners: Callable[[], FloatArray], move: Callable[[FloatA
             break
         high = float(np.clip((lowest - TOUCH_HEIGHT_M) / BRAKE_ABOVE_M, 0.0, 1.0))
         dz = TRAIL_STEP_M[1] + high * (DESCEND_STEP_M - TRAIL_STEP_M[1])
-        move(np.array([(1 - high) * TRAIL_STEP_M[0], 0.0, -dz] * 2))
+        _move(scene, np.array([(1 - high) * TRAIL_STEP_M[0], 0.0, -dz] * 2))
     for _ in range(LAY_STEPS):
         centre = corners().mean(axis=0)
         if centre[2] <= LAID_M:
             break
         goal = float(cloth.nodes()[: spec.columns, 0].mean()) + LAY_REACH * spec.length_m
         to_go = np.array([max(goal - centre[0], 0.0), 0.0, REST_M - centre[2]])
-        move(np.tile(to_go * min(1.0, LAY_STEP_M / float(np.linalg.norm(to_go))), 2))
+        _move(scene, np.tile(to_go * min(1.0, LAY_STEP_M / float(np.linalg.norm(to_go))), 2))
+
+
+def _move(scene: StartScene, action: FloatArray) -> None:
+    scene.step(action)
+    reason = scene.cloth.divergence_reason(scene.cloth.nodes())
+    if reason is not None:
+        raise SimError(f"the cloth diverged while it was crumpled ({reason}); take another seed")
+
+
+CRUMPLED = Start(name="crumpled", move=_crumple, two_points=True)
