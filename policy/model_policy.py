@@ -6,7 +6,7 @@ import numpy as np
 
 from layflat.data.types import Observation
 from layflat.policy.base import Decision
-from layflat.policy.stopping import AnyOf, BelowThreshold, NoContactGain, RuleStoppedPolicy, StopRule, XLimit
+from layflat.policy.stopping import AnyOf, NoContactGain, RuleStoppedPolicy, StopRule, below_threshold, x_limit
 from layflat.policy.trained_model import RegressionModel, TrainedModel
 
 NO_GAIN_STEPS = 10
@@ -19,12 +19,12 @@ def default_guard() -> StopRule:
 
     A fold keeps the contact portion low, so that a policy would drag on to the edge of the table.
     """
-    return AnyOf(XLimit(), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
+    return AnyOf(x_limit(), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
 
 
 def model_stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:
     """Return the rule that ends a model's policy: its output has faded, or the guard (by default the default one)."""
-    faded = BelowThreshold(threshold_m=model.stop_threshold_m, n_steps=model.stop_steps)
+    faded = below_threshold(model.stop_threshold_m, n_steps=model.stop_steps)
     return AnyOf(faded, default_guard() if guard is None else guard)
 
 

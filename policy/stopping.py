@@ -7,6 +7,7 @@ and when a policy continues after a disturbance.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -41,73 +42,69 @@ class StopRule(Protocol):
         """Count one step with ``action`` (A,) m; return a Stop as long as the condition holds, else None."""
 
 
-class _Sustained:
-    """Base of rules whose condition must hold for ``n_steps`` steps in a row."""
+class Sustained:
+    """Stops when a condition holds for ``n_steps`` steps in a row."""
 
-    def __init__(self, n_steps: int) -> None:
-        if n_steps < 1:
-            raise PolicyError(f"n_steps is {n_steps}; it must be at least 1")
-        self._n_steps = int(n_steps)
+    def __init__(self, condition: Callable[[Observation, FloatArray], bool], stop: Stop, *, n_steps: int) -> None:
+        self._condition = condition
+        self._stop = stop
+        self._n_steps = positive("n_steps", n_steps)
         self._count = 0
 
     def reset(self) -> None:
         """Forget all steps so far."""
         self._count = 0
 
-    def _sustained(self, holds: bool) -> bool:
-        self._count = self._count + 1 if holds else 0
-        return self._count >= self._n_steps
+    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
+        """Count one step."""
+        self._count = self._count + 1 if self._condition(observation, action) else 0
+        return self._stop if self._count >= self._n_steps else None
 
 
-class BelowThreshold(_Sustained):
-    """The norm of the action stays below ``threshold_m`` for ``n_steps`` steps in a row (thesis, chapter 4-2-3).
+def below_threshold(threshold_m: float, *, n_steps: int = 1) -> StopRule:
+    """Stop when the norm of the action is below ``threshold_m`` for ``n_steps`` steps (thesis, chapter 4-2-3).
 
     The thesis stops at the first such step. A larger ``n_steps`` keeps a pause between two moves from ending the
     episode.
     """
-
-    def __init__(self, *, threshold_m: float, n_steps: int = 1) -> None:
-        super().__init__(n_steps)
-        self._threshold_m = _positive("threshold_m", threshold_m)
-
-    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        """Count one step."""
-        if not self._sustained(float(np.linalg.norm(action)) < self._threshold_m):
-            return None
-        return Stop(by="threshold", reason=f"output below {1000 * self._threshold_m:g} mm for {self._n_steps} steps")
+    least = positive("threshold_m", threshold_m)
+    stop = Stop(by="threshold", reason=f"output below {1000 * least:g} mm for {n_steps} steps")
+    return Sustained(lambda _, action: float(np.linalg.norm(action)) < least, stop, n_steps=n_steps)
 
 
-class ContactReached(_Sustained):
-    """The contact portion is at least ``contact`` for ``n_steps`` steps in a row."""
-
-    def __init__(self, contact: float, *, n_steps: int = 1) -> None:
-        super().__init__(n_steps)
-        self._contact = _positive("contact", contact)
-
-    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        """Count one step."""
-        if not self._sustained(observation.contact_portion >= self._contact):
-            return None
-        return Stop(by="converged", reason=f"contact portion has reached {self._contact:g}")
+def contact_reached(contact: float, *, n_steps: int = 1) -> StopRule:
+    """Stop when the contact portion is at least ``contact`` for ``n_steps`` steps."""
+    least = positive("contact", contact)
+    stop = Stop(by="converged", reason=f"contact portion has reached {least:g}")
+    return Sustained(lambda observation, _: observation.contact_portion >= least, stop, n_steps=n_steps)
 
 
-class NoContactGain(_Sustained):
-    """The best contact portion so far does not rise by ``gain`` for ``n_steps`` steps.
+def x_limit(x_m: float = X_LIMIT_M) -> StopRule:
+    """Stop when the holder is at or beyond world ``x_m``: the end of the camera's view and of the arm's reach.
+
+    In files it counts as ``step_limit``; the reason says which limit it is.
+    """
+    stop = Stop(by="step_limit", reason=f"holder has reached the limit x = {x_m:g} m")
+    return Sustained(lambda observation, _: bool(observation.holder_position[0] >= x_m), stop, n_steps=1)
+
+
+class NoContactGain:
+    """Stops when the best contact portion so far does not rise by ``gain`` for ``n_steps`` steps.
 
     Counting begins when the contact portion reaches ``from_contact``: a cloth that still hangs in the air gains no
     contact, and must not end the episode.
     """
 
     def __init__(self, *, n_steps: int, gain: float = 0.002, from_contact: float = 0.0) -> None:
-        super().__init__(n_steps)
-        self._gain = _positive("gain", gain)
+        self._n_steps = positive("n_steps", n_steps)
+        self._gain = positive("gain", gain)
         self._from_contact = from_contact
-        self._best: float | None = None
+        self.reset()
 
     def reset(self) -> None:
         """Forget all steps so far."""
-        super().reset()
-        self._best = None
+        self._best: float | None = None
+        self._count = 0
 
     def update(self, observation: Observation, action: FloatArray) -> Stop | None:
         """Count one step."""
@@ -116,20 +113,21 @@ class NoContactGain(_Sustained):
             if contact >= self._from_contact:
                 self._best = contact
             return None
-        gained = contact >= self._best + self._gain
-        if gained:
-            self._best = contact
-        if not self._sustained(not gained):
+        if contact >= self._best + self._gain:
+            self._best, self._count = contact, 0
+            return None
+        self._count += 1
+        if self._count < self._n_steps:
             return None
         return Stop(by="converged", reason=f"no gain of contact for {self._n_steps} steps")
 
 
 class Stuck:
-    """The holder stays within ``within_m`` along each axis for ``n_steps`` steps: it pulls, and nothing yields."""
+    """Stops when the holder stays within ``within_m`` along each axis for ``n_steps`` steps: nothing yields."""
 
     def __init__(self, *, n_steps: int, within_m: float) -> None:
-        self._within_m = _positive("within_m", within_m)
-        self._positions: deque[FloatArray] = deque(maxlen=int(_positive("n_steps", n_steps)))
+        self._within_m = positive("within_m", within_m)
+        self._positions: deque[FloatArray] = deque(maxlen=int(positive("n_steps", n_steps)))
 
     def reset(self) -> None:
         """Forget all steps so far."""
@@ -142,25 +140,6 @@ class Stuck:
         if len(self._positions) != n_steps or np.ptp(np.array(self._positions), axis=0).max() >= self._within_m:
             return None
         return Stop(by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {n_steps} steps")
-
-
-class XLimit:
-    """The holder is at or beyond world ``x_m``: the end of the camera's view and of the arm's reach.
-
-    In files it counts as ``step_limit``; the reason says which limit it is.
-    """
-
-    def __init__(self, x_m: float = X_LIMIT_M) -> None:
-        self._x_m = x_m
-
-    def reset(self) -> None:
-        """Do nothing: the rule has no memory."""
-
-    def update(self, observation: Observation, action: FloatArray) -> Stop | None:
-        """Check one step."""
-        if observation.holder_position[0] < self._x_m:
-            return None
-        return Stop(by="step_limit", reason=f"holder has reached the limit x = {self._x_m:g} m")
 
 
 class AnyOf:
@@ -212,7 +191,8 @@ class RuleStoppedPolicy:
         return Decision(action=action, std=std, reason=reason)
 
 
-def _positive(name: str, value: float) -> float:
+def positive(name: str, value: float) -> float:
+    """Return a parameter of a rule; PolicyError unless it is finite and above 0."""
     if not (np.isfinite(value) and value > 0):
         raise PolicyError(f"{name} is {value}; it must be above 0")
-    return float(value)
+    return value

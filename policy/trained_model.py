@@ -132,8 +132,17 @@ class TrainedModel:
                 raise PolicyError(f"{name} is {np.min(value)}; it must be above 0")
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RegressionModel(TrainedModel):
     """A trained model whose action is a function of the current observation."""
+
+    input_scale: FloatArray
+    """(D,) divisor of each input column."""
+
+    def __post_init__(self) -> None:
+        freeze(self, "input_scale", (self.layout.size,))
+        self._require_positive("input_scale")
+        super().__post_init__()
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Predict the action.
@@ -150,12 +159,12 @@ class RegressionModel(TrainedModel):
         """
         raise NotImplementedError
 
-    def _queries(self, inputs: ArrayLike) -> FloatArray:
-        """Return ``inputs`` as an (M, D) array, or raise a PolicyError."""
+    def _scaled(self, inputs: ArrayLike) -> FloatArray:
+        """Return ``inputs`` (M, D) in scaled units; PolicyError if the shape is wrong."""
         queries = np.asarray(inputs, dtype=np.float64)
         if queries.ndim != 2 or queries.shape[1] != self.layout.size:
             raise PolicyError(f"inputs have shape {queries.shape}; they must be (M, {self.layout.size})")
-        return queries
+        return queries / self.input_scale
 
 
 def freeze(instance: object, name: str, shape: tuple[int | None, ...]) -> None:

@@ -55,8 +55,6 @@ class GmrModel(RegressionModel):
     ARRAYS: ClassVar[tuple[str, ...]] = ("input_scale", "weights", "means", "covariances")
     SETTINGS: ClassVar[Mapping[str, type]] = {"output_scale_m": float}
 
-    input_scale: FloatArray
-    """(D,) divisor of each input."""
     output_scale_m: float
     """Unit of the outputs, m per step."""
     weights: FloatArray
@@ -68,13 +66,12 @@ class GmrModel(RegressionModel):
 
     def __post_init__(self) -> None:
         size = self.layout.size + len(self.outputs)
-        freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "weights", (None,))
         freeze(self, "means", (len(self.weights), size))
         freeze(self, "covariances", (len(self.weights), size, size))
         if not (len(self.weights) and (self.weights > 0).all() and abs(self.weights.sum() - 1) < SUM_TOLERANCE):
             raise PolicyError(f"weights sum to {self.weights.sum():g}; they must be above 0 and sum to 1")
-        self._require_positive("input_scale", "output_scale_m")
+        self._require_positive("output_scale_m")
         super().__post_init__()
         self._components  # noqa: B018  refuses an invalid covariance here, not in the first step
 
@@ -113,7 +110,7 @@ class GmrModel(RegressionModel):
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Predict mean and standard deviation of the action; see `RegressionModel.predict`."""
-        scaled = self._queries(inputs) / self.input_scale
+        scaled = self._scaled(inputs)
         logs, means = [], []
         for part in self._components:
             away = scaled - part.mean_x

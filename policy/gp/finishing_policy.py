@@ -21,7 +21,7 @@ from layflat.data.arrays import FloatArray
 from layflat.data.types import Observation
 from layflat.policy.base import Decision
 from layflat.policy.gp.model import GpModel
-from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, RuleStoppedPolicy, StopRule, Stuck, XLimit
+from layflat.policy.stopping import AnyOf, NoContactGain, RuleStoppedPolicy, StopRule, Stuck, contact_reached, x_limit
 
 RADIUS = 0.5
 """In scales of the inputs (5 cm, a tenth of contact, half a unit of WORD): for 95 % of a demonstration's steps, the
@@ -124,8 +124,8 @@ def resting_point(model: GpModel) -> FloatArray:
 def default_stop_rule() -> StopRule:
     """Return a rule that stops when the cloth is flat, gains nothing, is stuck, or is at the end of the view."""
     return AnyOf(
-        ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS),
+        contact_reached(FLAT_CONTACT, n_steps=FLAT_STEPS),
         NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=ON_TABLE_CONTACT),
         Stuck(n_steps=STUCK_STEPS, within_m=STUCK_M),
-        XLimit(),
+        x_limit(),
     )

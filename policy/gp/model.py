@@ -39,8 +39,6 @@ class GpModel(RegressionModel):
 
     inputs: FloatArray
     """(N, D) points in natural units (m, unit vector, portion); in the sparse form the M inducing points."""
-    input_scale: FloatArray
-    """(D,) divisor of each column before the kernel."""
     alpha: FloatArray
     """(A, N) weights of Eq. 4-5, in units of output_scale_m."""
     output_scale_m: float
@@ -52,7 +50,6 @@ class GpModel(RegressionModel):
     def __post_init__(self) -> None:
         outputs, inputs = len(self.outputs), self.layout.size
         freeze(self, "inputs", (None, inputs))
-        freeze(self, "input_scale", (inputs,))
         freeze(self, "alpha", (outputs, len(self.inputs)))
         if self.inner is not None:
             freeze(self, "inner", (outputs, len(self.inputs), len(self.inputs)))
@@ -62,7 +59,7 @@ class GpModel(RegressionModel):
             raise PolicyError(f"length_scales has shape {self.hyper.length_scales.shape}, not {(outputs, inputs)}")
         if not len(self.inputs):
             raise PolicyError("a model needs at least one point")
-        self._require_positive("input_scale", "output_scale_m")
+        self._require_positive("output_scale_m")
         super().__post_init__()
 
     def arrays(self) -> dict[str, FloatArray]:
@@ -121,5 +118,5 @@ class GpModel(RegressionModel):
 
         See `RegressionModel.predict`.
         """
-        mean, std = self._cache.predict(self._queries(inputs) / self.input_scale)
+        mean, std = self._cache.predict(self._scaled(inputs))
         return self.output_scale_m * mean, self.output_scale_m * std

@@ -30,18 +30,14 @@ class NearestModel(RegressionModel):
 
     inputs: FloatArray
     """(N, D) in natural units."""
-    input_scale: FloatArray
-    """(D,) divisor of each column before distances are taken."""
     actions: FloatArray
     """(N, A) m per step."""
 
     def __post_init__(self) -> None:
         freeze(self, "inputs", (None, self.layout.size))
-        freeze(self, "input_scale", (self.layout.size,))
         freeze(self, "actions", (len(self.inputs), len(self.outputs)))
         if not len(self.inputs):
             raise PolicyError("a model needs at least one point")
-        self._require_positive("input_scale")
         super().__post_init__()
 
     @property
@@ -54,7 +50,7 @@ class NearestModel(RegressionModel):
 
         See `RegressionModel.predict`.
         """
-        distances = cdist(self._queries(inputs) / self.input_scale, self.inputs / self.input_scale)
+        distances = cdist(self._scaled(inputs), self.inputs / self.input_scale)
         near = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
         return self.actions[near[:, 0]], np.maximum(self.actions[near].std(axis=1), MIN_STD_M)
 

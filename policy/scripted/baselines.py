@@ -7,7 +7,7 @@ import numpy as np
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, PolicyError
-from layflat.policy.stopping import AnyOf, ContactReached, NoContactGain, RuleStoppedPolicy, StopRule, XLimit
+from layflat.policy.stopping import AnyOf, NoContactGain, RuleStoppedPolicy, StopRule, contact_reached, x_limit
 
 DRAG_M = 0.005
 """Drag along +x in one step; well inside the 3..10 mm that the scripted demonstrator uses."""
@@ -66,12 +66,12 @@ class DragPolicy(RuleStoppedPolicy):
 
 def stretch_right(robot: RobotSpec) -> DragPolicy:
     """Drag along +x to the end of the view, without regard to the cloth: the thesis's comparator of chapter 3."""
-    return DragPolicy(robot, name="stretch-right", stop=XLimit())
+    return DragPolicy(robot, name="stretch-right", stop=x_limit())
 
 
 def drag_rule(robot: RobotSpec) -> DragPolicy:
     """Drag along +x while the contact portion grows: three lines that repair about as well as a GP in the plane."""
-    stop = AnyOf(ContactReached(FLAT_CONTACT), NoContactGain(n_steps=6), XLimit())
+    stop = AnyOf(contact_reached(FLAT_CONTACT), NoContactGain(n_steps=6), x_limit())
     return DragPolicy(robot, name="drag-rule", stop=stop)
 
 

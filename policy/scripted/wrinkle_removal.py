@@ -13,7 +13,7 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import Observation
 from layflat.policy.base import Decision, Policy, PolicyError
 from layflat.policy.scripted.baselines import DragPolicy, RandomPolicy, checked_step
-from layflat.policy.stopping import AnyOf, ContactReached, RuleStoppedPolicy, StopRule, XLimit
+from layflat.policy.stopping import AnyOf, RuleStoppedPolicy, StopRule, contact_reached, x_limit
 
 STEP_M = 0.010
 """Displacement of a picker in one step."""
@@ -54,7 +54,7 @@ class WordFlatten(RuleStoppedPolicy):
 
 
 def _flat_or_out_of_view() -> StopRule:
-    return AnyOf(ContactReached(FLAT_CONTACT, n_steps=FLAT_STEPS), XLimit())
+    return AnyOf(contact_reached(FLAT_CONTACT, n_steps=FLAT_STEPS), x_limit())
 
 
 def _stretch_right(robot: RobotSpec) -> Policy:
