@@ -9,6 +9,7 @@ from layflat.data.types import Observation
 from layflat.policy.base import PolicyError
 from layflat.policy.features import INPUT_SETS, FeatureLayout, columns_of, input_set
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
+from layflat.tests.policy.factories import episode_of, observe
 
 finite = st.floats(-1, 1)
 
@@ -17,13 +18,13 @@ finite = st.floats(-1, 1)
     ("robot", "inputs", "size"),
     [(HANGER, "position", 2), (HANGER, "all", 5), (PICKERS, "position", 6), (PICKERS, "all", 9)],
 )
-def test_sizes_are_those_of_the_thesis(robot, inputs, size, observe):
+def test_sizes_are_those_of_the_thesis(robot, inputs, size):
     layout = input_set(robot, inputs)
     assert layout.size == size
     assert layout.vector(observe()).shape == layout.scales().shape == (size,)
 
 
-def test_hanger_layout_is_x_z_word_contact(observe):
+def test_hanger_layout_is_x_z_word_contact():
     vector = input_set(HANGER, "all").vector(observe(0.1, 0.2, contact=0.7, word=(0.8, -0.6)))
     np.testing.assert_array_equal(vector, [0.1, 0.2, 0.8, -0.6, 0.7])
 
@@ -44,7 +45,7 @@ def test_pickers_layout_begins_with_the_corners():
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
 @given(contact=st.floats(0, 1), angle=st.floats(-1.5, 1.5))
-def test_cloth_state_reaches_exactly_the_sets_that_name_it(robot, observe, contact, angle):
+def test_cloth_state_reaches_exactly_the_sets_that_name_it(robot, contact, angle):
     word = (np.cos(angle), np.sin(angle))
     calm, stirred = observe(0.1, 0.1, contact=0.5), observe(0.1, 0.1, contact=contact, word=word)
     for name in INPUT_SETS:
@@ -57,7 +58,7 @@ def test_cloth_state_reaches_exactly_the_sets_that_name_it(robot, observe, conta
         assert changed == expected & set(layout.names)
 
 
-def test_matrix_is_the_vectors_in_order(observe, episode_of):
+def test_matrix_is_the_vectors_in_order():
     observations = [observe(0.1 * k, 0.3, contact=0.2 * k) for k in range(4)]
     layout = input_set(HANGER, "all")
     matrix = layout.matrix(episode_of(observations, np.zeros((4, 2))).steps)

@@ -13,6 +13,7 @@ from layflat.policy.features import input_set
 from layflat.policy.stopping import AnyOf
 from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
+from layflat.tests.policy.factories import episode_of, observe
 
 STEPS = 80
 
@@ -56,7 +57,7 @@ def test_basis_functions_share_the_phase(u):
     assert values.sum() == pytest.approx(s)
 
 
-def demonstration(observe, episode_of, *, x0: float = 0.0, x1: float = 0.45, n_steps: int = STEPS, seed: int = 0):
+def demonstration(*, x0: float = 0.0, x1: float = 0.45, n_steps: int = STEPS, seed: int = 0):
     """Down, then forward: a way with a bend, as the placing of a cloth has."""
     share = np.linspace(0, 1, n_steps + 1)
     smooth = share * share * (3 - 2 * share)
@@ -67,7 +68,7 @@ def demonstration(observe, episode_of, *, x0: float = 0.0, x1: float = 0.45, n_s
     return replace(episode, final_observation=seen[-1]), np.column_stack([x, z])
 
 
-def rolled_out(model: DmpModel, observe, start, n_steps: int) -> np.ndarray:
+def rolled_out(model: DmpModel, start, n_steps: int) -> np.ndarray:
     """(T + 1, 2) m: a holder that does what it is told."""
     policy = DmpPolicy(model, guard=AnyOf())
     policy.reset(0)
@@ -80,43 +81,43 @@ def rolled_out(model: DmpModel, observe, start, n_steps: int) -> np.ndarray:
     return np.array(places)
 
 
-def test_reproduces_its_demonstration(observe, episode_of):
-    episode, way = demonstration(observe, episode_of)
+def test_reproduces_its_demonstration():
+    episode, way = demonstration()
     model = dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
     assert model.duration_s == pytest.approx(0.1 * STEPS)
-    got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, way[0], STEPS)
+    got = rolled_out(replace(model, stop_threshold_m=1e-9), way[0], STEPS)
     assert len(got) == len(way)
     assert np.abs(got - way).max() < 0.004
 
 
-def test_from_another_start_it_ends_at_the_mean_of_the_ends(observe, episode_of):
-    taught = [demonstration(observe, episode_of, x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
+def test_from_another_start_it_ends_at_the_mean_of_the_ends():
+    taught = [demonstration(x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
     model = dmp.fit(build_training_set(taught, input_set(HANGER, "position")), policy="dmp")
     np.testing.assert_allclose(model.goal, [0.42, 0.0], atol=1e-9)
-    got = rolled_out(replace(model, stop_threshold_m=1e-9), observe, (-0.1, 0.45), 3 * STEPS)
+    got = rolled_out(replace(model, stop_threshold_m=1e-9), (-0.1, 0.45), 3 * STEPS)
     np.testing.assert_allclose(got[-1], [0.42, 0.0], atol=1e-4)
     assert model.heldout_rmse_m is not None
     assert max(model.heldout_rmse_m) < 0.004
 
 
-def test_demonstrations_of_different_length_are_one_way(observe, episode_of):
-    slow, fast = (demonstration(observe, episode_of, n_steps=n)[0] for n in (100, 60))
+def test_demonstrations_of_different_length_are_one_way():
+    slow, fast = (demonstration(n_steps=n)[0] for n in (100, 60))
     model = dmp.fit(build_training_set([slow, fast], input_set(HANGER, "position")), policy="dmp")
     assert model.duration_s == pytest.approx(8.0)
 
 
-def test_what_the_limit_cuts_off_is_made_up_for(observe, episode_of):
-    episode, way = demonstration(observe, episode_of)
+def test_what_the_limit_cuts_off_is_made_up_for():
+    episode, way = demonstration()
     model = dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
     slow = replace(model, action_limit_m=0.006, stop_threshold_m=1e-9)
-    got = rolled_out(slow, observe, way[0], 2 * STEPS)
+    got = rolled_out(slow, way[0], 2 * STEPS)
     assert np.abs(np.diff(got, axis=0)).max() <= 0.006 + 1e-12
     np.testing.assert_allclose(got[-1], way[-1], atol=2e-3)
 
 
-def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of):
+def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it():
     """A trajectory knows nothing of the cloth: after a disturbance it stays where it is."""
-    episode, way = demonstration(observe, episode_of)
+    episode, way = demonstration()
     policy = DmpPolicy(
         dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp"), guard=AnyOf()
     )
@@ -138,15 +139,13 @@ def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it(observe, episode_of
         ({"layout": input_set(HANGER, "all")}, "sees the position only"),
     ],
 )
-def test_a_primitive_that_makes_no_sense_is_refused(observe, episode_of, changes, message):
-    model = dmp.fit(
-        build_training_set([demonstration(observe, episode_of)[0]], input_set(HANGER, "position")), policy="dmp"
-    )
+def test_a_primitive_that_makes_no_sense_is_refused(changes, message):
+    model = dmp.fit(build_training_set([demonstration()[0]], input_set(HANGER, "position")), policy="dmp")
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)
 
 
-def test_a_demonstration_without_placing_is_refused(observe, episode_of):
+def test_a_demonstration_without_placing_is_refused():
     seen = [observe() for _ in range(12)]
     episode = episode_of(seen, np.zeros((12, 2)), phases=["place"] + ["repair"] * 11)
     with pytest.raises(PolicyError, match="seed 0 holds 1 steps of placing"):

@@ -12,6 +12,7 @@ from layflat.policy.gmr import fit
 from layflat.policy.gmr.model import GmrModel
 from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
+from layflat.tests.policy.factories import episode_of, observe
 
 SCALE_M = 0.01
 
@@ -119,7 +120,7 @@ def test_the_mixture_finds_clusters_that_are_known():
         np.testing.assert_allclose(mixture.covariances_[component], want, atol=1e-6)
 
 
-def test_two_ways_of_acting_need_two_components(observe, episode_of):
+def test_two_ways_of_acting_need_two_components():
     """Forward while high, down while low: one plane cannot be both, and the criterion sees it."""
     rng = np.random.default_rng(5)
     heights = np.concatenate([rng.uniform(0.3, 0.4, 60), rng.uniform(0.0, 0.1, 60)])
@@ -132,7 +133,7 @@ def test_two_ways_of_acting_need_two_components(observe, episode_of):
     assert model.heldout_rmse_m is None
 
 
-def test_same_seed_same_model(observe, episode_of):
+def test_same_seed_same_model():
     rng = np.random.default_rng(6)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
     episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))

@@ -15,6 +15,7 @@ from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
 from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
+from layflat.tests.policy.factories import episode_of, gp_model, observe
 
 GOAL = np.array([0.4, 0.02])
 STARTS = 20
@@ -31,7 +32,7 @@ def towards(place: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def model(observe, episode_of):
+def model():
     episodes = []
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -59,7 +60,7 @@ def starts(model, distance: float) -> np.ndarray:
     return np.array(found)
 
 
-def share(policy: Policy, begins: np.ndarray, observe, n_steps: int = 400) -> float:
+def share(policy: Policy, begins: np.ndarray, n_steps: int = 400) -> float:
     """Of starts from which the goal is reached."""
     reached = 0
     for begin in begins:
@@ -76,19 +77,19 @@ def share(policy: Policy, begins: np.ndarray, observe, n_steps: int = 400) -> fl
     return reached / len(begins)
 
 
-def test_the_mean_alone_fades_and_this_does_not(model, observe):
+def test_the_mean_alone_fades_and_this_does_not(model):
     """In the order of the table in docs/explanation/policies.md: the mean fails the more the farther it begins."""
     thesis = ModelPolicy(replace(model, stop_threshold_m=1e-9), guard=AnyOf())
     mine = FinishingPolicy(model, stop=AnyOf())
-    alone = [share(thesis, starts(model, d), observe) for d in DISTANCES]
-    ours = [share(mine, starts(model, d), observe) for d in DISTANCES]
+    alone = [share(thesis, starts(model, d)) for d in DISTANCES]
+    ours = [share(mine, starts(model, d)) for d in DISTANCES]
     assert ours == [1.0] * len(DISTANCES)
     assert alone[0] == 1.0
     assert alone[-1] < 0.3
     assert list(alone) == sorted(alone, reverse=True)
 
 
-def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
+def test_where_it_was_taught_it_does_what_the_processes_say(model):
     policy = FinishingPolicy(model, stop=AnyOf())
     useful = np.linalg.norm(HANGER.pack([finishing_policy.USEFUL_M, 0.0, 0.0]))
     places = model.inputs + 0.003
@@ -103,7 +104,7 @@ def test_where_it_was_taught_it_does_what_the_processes_say(model, observe):
 
 
 @pytest.mark.parametrize("away_m", [0.2, 1.0, 20.0])
-def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, observe, away_m):
+def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, away_m):
     policy = FinishingPolicy(model, stop=AnyOf())
     place = model.inputs[0] + np.array([-away_m, away_m])
     near = policy.nearest(place)
@@ -116,23 +117,23 @@ def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, observe
     assert "scales from the demonstrations" in decision.reason
 
 
-def test_on_the_table_nothing_is_pushed_back(model, observe):
+def test_on_the_table_nothing_is_pushed_back(model):
     """The way back to the demonstrations leads over cloth that lies there."""
     policy = FinishingPolicy(model, stop=AnyOf())
     assert policy.act(observe(0.7, 0.02, contact=0.85)).action[0] >= 0
     assert policy.act(observe(0.7, 0.02, contact=0.1)).action[0] < 0
 
 
-def test_it_makes_a_useful_move_until_the_cloth_is_flat(model, observe):
+def test_it_makes_a_useful_move_until_the_cloth_is_flat(model):
     still = FinishingPolicy(replace(model, alpha=1e-6 * model.alpha), stop=AnyOf())
     wrinkled = still.act(observe(*GOAL, contact=0.9))
     np.testing.assert_allclose(wrinkled.action, HANGER.pack([finishing_policy.USEFUL_M, 0.0, 0.0]), atol=1e-9)
     assert not still.act(observe(*GOAL, contact=0.995)).action.any()
 
 
-def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of):
+def test_a_held_edge_that_hovers_over_the_table_is_drawn_down():
     """To the height at which the cloth was flat when it was taught; never up, slowly, and not while it is laid."""
-    model = model_of(HANGER, "all")
+    model = gp_model(HANGER, "all")
     n_steps = model.inputs.copy()
     n_steps[:, 1], n_steps[:, 4] = 0.3, 0.4
     n_steps[:5, 1], n_steps[:5, 4] = 0.008, 1.0
@@ -141,9 +142,9 @@ def test_a_held_edge_that_hovers_over_the_table_is_drawn_down(observe, model_of)
         assert policy.act(observe(0.2, z, contact=0.9)).action[1] == pytest.approx(want, abs=1e-9)
 
 
-def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
+def test_a_landing_is_as_fast_as_it_was_taught():
     """Nothing is added to what the processes say on the table, where they say something."""
-    model = model_of(HANGER, "all")
+    model = gp_model(HANGER, "all")
     n_steps = model.inputs.copy()
     n_steps[:5, 1], n_steps[:5, 4] = 0.008, 1.0
     model = replace(model, inputs=n_steps)
@@ -157,7 +158,7 @@ def test_a_landing_is_as_fast_as_it_was_taught(model_of, observe):
     np.testing.assert_allclose(policy.act(seen).action, np.clip(mean, -limit, limit), atol=1e-12)
 
 
-def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
+def test_it_says_whether_it_is_flat_or_nothing_helps(model):
     for contact, word in ((0.995, "has reached"), (0.9, "no gain")):
         policy = FinishingPolicy(model)
         policy.reset(0)
@@ -170,7 +171,7 @@ def test_it_says_whether_it_is_flat_or_nothing_helps(model, observe):
     assert all(hanging.act(observe(0.001 * k, 0.4)).stop is None for k in range(60))
 
 
-def test_it_gives_up_where_it_pulls_and_nothing_yields(model, observe):
+def test_it_gives_up_where_it_pulls_and_nothing_yields(model):
     """A heap of cloth that has less contact than any gain counts from, and holds the holder back."""
     policy = FinishingPolicy(model)
     policy.reset(0)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,28 +13,25 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from layflat.data.types import Episode
 from layflat.policy import registry
-from layflat.policy.base import PolicyError, continue_after_disturbance
+from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gp import fit
 from layflat.policy.gp.kernel import JITTER
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
-from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER, PICKERS
-
-GPS = ("gp-word", "gp-baseline", "gp-contact", "gp-direction")
-ROOT = Path(__file__).parents[2]
+from layflat.tests.policy.factories import episode_of, fit_with, observe
 
 
 class DragWorld:
     """One axis: the holder drags a cloth with some slack in it; contact is what the slack leaves.
 
     A demonstrator drags at 6 % of the missing contact, 3 to 10 mm a step, and holds once the cloth is flat. The slack
-    differs between demonstrations, so that the same x occurs with different contact: the lesson to be learned.
+    differs between demonstrations, so that the same x occurs with different contact: what there is to learn.
     """
 
-    def __init__(self, observe, slack_m: float, noise: float, seed: int) -> None:
-        self.observe, self.slack_m, self.x = observe, slack_m, 0.0
+    def __init__(self, slack_m: float, noise: float, seed: int) -> None:
+        self.slack_m, self.x = slack_m, 0.0
         self._noise, self._rng = noise, np.random.default_rng(seed)
 
     @property
@@ -43,7 +39,7 @@ class DragWorld:
         return 1.0 - 3.0 * max(self.slack_m, 0.0)
 
     def see(self):
-        return self.observe(self.x, 0.0, contact=self.contact + self._rng.normal(0, self._noise))
+        return observe(self.x, 0.0, contact=self.contact + self._rng.normal(0, self._noise))
 
     def move(self, dx: float) -> None:
         self.x += dx
@@ -52,12 +48,20 @@ class DragWorld:
     def demonstrate(self) -> float:
         return float(np.clip(0.06 * (1 - self.contact), 0.003, 0.01)) if self.contact < 0.985 else 0.0
 
+    def run(self, policy: ModelPolicy, n_steps: int = 80) -> str | None:
+        for _ in range(n_steps):
+            decision = policy.act(self.see())
+            if decision.stop is not None:
+                return decision.stop
+            self.move(float(decision.action[0]))
+        return None
+
 
 @pytest.fixture(scope="module")
-def drags(observe, episode_of) -> list[Episode]:
+def drags() -> list[Episode]:
     episodes = []
     for seed, slack in enumerate((0.02, 0.035, 0.05, 0.065, 0.08, 0.1)):
-        world = DragWorld(observe, slack, 0.003, seed)
+        world = DragWorld(slack, 0.003, seed)
         seen, done = [], []
         for _ in range(35):
             seen.append(world.see())
@@ -69,15 +73,18 @@ def drags(observe, episode_of) -> list[Episode]:
 
 @pytest.fixture(scope="module")
 def models(drags):
-    return {name: registry.train(name, drags) for name in GPS}
+    return {name: registry.train(name, drags) for name in ("gp-word", "gp-baseline")}
+
+
+def targets_of(episodes, scale_m: float = fit.OUTPUT_SCALE_M) -> np.ndarray:
+    return np.concatenate([[step.action for step in episode.steps] for episode in episodes]) / scale_m
 
 
 @pytest.mark.parametrize("ard", [False, True])
 def test_prediction_is_gpys_own_to_the_digit(drags, ard):
-    gpy, layout = fit.import_gpy(), input_set(HANGER, "all")
-    model = fit.fit(build_training_set(drags[:2], layout), policy="gp-word", options=fit.FitOptions(ard=ard))
-    scaled = model.inputs / model.input_scale
-    targets = np.concatenate([[step.action for step in e.steps] for e in drags[:2]]) / model.output_scale_m
+    gpy = fit.import_gpy()
+    model = fit_with(fit.fit, drags[:2], options=fit.FitOptions(ard=ard))
+    scaled, targets = model.inputs / model.input_scale, targets_of(drags[:2], model.output_scale_m)
     queries = np.random.default_rng(0).normal(size=(20, 5))
     mean, std = model.predict(queries * model.input_scale)
     for a in range(2):
@@ -123,24 +130,20 @@ def test_the_likeliest_of_the_starts_is_kept(monkeypatch):
     assert fit.fit_hyperparameters(np.zeros((4, 2)), np.zeros((4, 1)), starts=3).variance == 2.0
 
 
-def test_same_seed_same_model_whatever_numpys_global_state(drags):
-    layout = input_set(HANGER, "all")
-    np.random.seed(1)  # noqa: NPY002  GPy draws from the global state when asked to restart; a fit must not
-    first = fit.fit(build_training_set(drags[:2], layout), policy="gp-word", seed=3)
-    np.random.seed(2)  # noqa: NPY002
-    second = fit.fit(build_training_set(drags[:2], layout), policy="gp-word", seed=3)
-    np.testing.assert_array_equal(first.alpha, second.alpha)
-    np.testing.assert_array_equal(first.hyper.length_scales, second.hyper.length_scales)
+def test_same_seed_same_model_with_any_global_state_of_numpy(drags):
+    models = []
+    for state in (1, 2):
+        np.random.seed(state)  # noqa: NPY002  GPy draws from the global state when asked to restart; a fit must not
+        models.append(fit_with(fit.fit, drags[:2], seed=3))
+    np.testing.assert_array_equal(models[0].alpha, models[1].alpha)
+    np.testing.assert_array_equal(models[0].hyper.length_scales, models[1].hyper.length_scales)
 
 
-def test_prior_mean_is_zero_however_large_the_demonstrated_moves(observe, episode_of):
+def test_prior_mean_is_zero_for_demonstrated_moves_of_any_size():
     """Not centred: far away a model of moves of +8 mm says 0, not +8 mm."""
     rng = np.random.default_rng(0)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 30)]
-    model = fit.fit(
-        build_training_set([episode_of(seen, np.full((30, 2), 0.008))], input_set(HANGER, "position")),
-        policy="gp-baseline",
-    )
+    model = fit_with(fit.fit, [episode_of(seen, np.full((30, 2), 0.008))], "position")
     near, _ = model.predict([[0.15, 0.1]])
     far, _ = model.predict([[50.0, 50.0]])
     np.testing.assert_allclose(near, 0.008, atol=5e-4)
@@ -148,40 +151,34 @@ def test_prior_mean_is_zero_however_large_the_demonstrated_moves(observe, episod
     assert model.heldout_rmse_m is None
 
 
-def test_disturbed_steps_are_not_learned_from(drags, observe, episode_of):
-    wild = [observe(0.2, 0.2) for _ in range(12)]
+def test_disturbed_steps_are_not_learned_from(drags):
     phases = ["place"] * 4 + ["disturb"] * 6 + ["repair"] * 2
-    episode = episode_of(wild, np.zeros((12, 2)), phases=phases)
-    model = fit.fit(
-        build_training_set([drags[0], episode], input_set(HANGER, "all")), policy="gp-word", options=fit.FitOptions()
-    )
+    episode = episode_of(12 * [observe(0.2, 0.2)], np.zeros((12, 2)), phases=phases)
+    model = fit_with(fit.fit, [drags[0], episode])
     assert model.n_points == model.points_available == len(drags[0].steps) + 6
 
 
 def test_more_points_than_allowed_make_a_sparse_process(drags):
-    options = fit.FitOptions(max_points=50, inducing_points=30)
-    model = fit.fit(build_training_set(drags, input_set(HANGER, "all")), policy="gp-word", options=options)
+    model = fit_with(fit.fit, drags, options=fit.FitOptions(max_points=50, inducing_points=30))
     assert (model.n_points, model.points_available, model.demonstrations) == (30, 210, 6)
 
 
-@pytest.mark.parametrize("name", ["starts", "max_points", "inducing_points"])
+@pytest.mark.parametrize("name", ["starts", "max_points", "inducing_points", "intervention_weight"])
 def test_options_that_make_no_sense_are_refused(name):
     with pytest.raises(PolicyError, match=f"{name} is 0"):
         fit.FitOptions(**{name: 0})
 
 
-def test_the_shared_start_ends_where_the_best_of_many_ends(drags):
-    """One run from it is as likely as the likeliest of six."""
+def test_one_run_from_the_shared_start_ends_where_the_best_of_six_ends(drags):
     layout = input_set(HANGER, "all")
     inputs = np.concatenate([layout.matrix(e.steps) for e in drags]) / layout.scales()
-    targets = np.concatenate([[step.action for step in e.steps] for e in drags]) / 0.01
-    one, many = (fit.fit_hyperparameters(inputs, targets, starts=n) for n in (1, 6))
+    one, many = (fit.fit_hyperparameters(inputs, targets_of(drags), starts=n) for n in (1, 6))
     np.testing.assert_allclose(one.length_scales[0], many.length_scales[0], rtol=1e-2)
     np.testing.assert_allclose(one.noise[0], many.noise[0], rtol=1e-2)
 
 
 @given(count=st.integers(1, 5000), most=st.integers(10, 1200))
-def test_thinning_is_even_and_keeps_the_ends(count, most):
+def test_a_subsample_is_even_and_keeps_the_ends(count, most):
     rows = fit.subsample(count, most)
     gaps = np.diff(rows)
     assert len(rows) == min(count, most)
@@ -190,79 +187,63 @@ def test_thinning_is_even_and_keeps_the_ends(count, most):
 
 
 def test_progress_names_each_output(drags):
-    said: list[tuple[int, int, str]] = []
-    options = fit.FitOptions()
-    fit.fit(
-        build_training_set(drags, input_set(HANGER, "all")),
-        policy="gp-word",
-        options=options,
-        progress=lambda *told: said.append(told),
-    )
-    assert [(done, total) for done, total, _ in said] == [(1, 2), (2, 2)]
-    assert [text.split(":")[0] for _, _, text in said] == ["dx", "dz"]
+    calls: list[tuple[int, int, str]] = []
+    fit_with(fit.fit, drags, progress=lambda *call: calls.append(call))
+    assert [(done, total, text.split(":")[0]) for done, total, text in calls] == [(1, 2, "dx"), (2, 2, "dz")]
 
 
-def test_gp_word_repairs_what_the_baseline_does_not_see(models, observe):
-    """Chapter 4-3-3 on one axis: place, stop, wrinkle the cloth, go on; beside the same without the wrinkle."""
+def test_gp_word_repairs_what_the_baseline_does_not_see(models):
+    """Chapter 4-3-3 on one axis: place, stop, wrinkle the cloth, continue; beside the same without the wrinkle."""
     travel, left = {}, {}
     for name, model in models.items():
         for added_m in (0.0, 0.045):
             # This demonstrator's slowest move is 3 mm; the threshold stays well below it.
             policy = ModelPolicy(replace(model, stop_threshold_m=0.001), guard=AnyOf())
             policy.reset(0)
-            world = DragWorld(observe, 0.06, 0.0, 1)
-            assert _run(policy, world) == "threshold"
+            world = DragWorld(0.06, 0.0, 1)
+            assert world.run(policy) == "threshold"
             placed_x = world.x
             world.slack_m += added_m
-            continue_after_disturbance(policy)
-            assert _run(policy, world) == "threshold"
+            policy.continue_after_disturbance()
+            assert world.run(policy) == "threshold"
             travel[name, added_m], left[name, added_m] = world.x - placed_x, world.slack_m
     assert travel["gp-baseline", 0.045] == travel["gp-baseline", 0.0]
     assert travel["gp-word", 0.045] > travel["gp-word", 0.0] + 0.02
     assert left["gp-word", 0.045] < 0.2 * 0.045 < left["gp-baseline", 0.045]
 
 
-def _run(policy: ModelPolicy, world: DragWorld, n_steps: int = 80) -> str | None:
-    for _ in range(n_steps):
-        decision = policy.act(world.see())
-        if decision.stop is not None:
-            return decision.stop
-        world.move(float(decision.action[0]))
-    return None
-
-
 def test_knowing_the_contact_lowers_the_held_out_error(models):
-    word, baseline = models["gp-word"].heldout_rmse_m, models["gp-baseline"].heldout_rmse_m
-    assert word is not None
-    assert baseline is not None
-    assert word[0] < 0.8 * baseline[0]
+    assert models["gp-word"].heldout_rmse_m[0] < 0.8 * models["gp-baseline"].heldout_rmse_m[0]
 
 
-def test_each_ablation_sees_the_position_and_what_it_is_named_after(models):
-    extra = {name: set(model.layout.names) - {"x", "z"} for name, model in models.items()}
-    assert extra["gp-baseline"] == set()
-    assert extra["gp-contact"] == {"contact"}
-    assert extra["gp-direction"] == {"word_x", "word_y"}
-    assert extra["gp-word"] == extra["gp-contact"] | extra["gp-direction"]
-
-
-def test_provenance_names_what_trained_it(models):
+def test_provenance_names_the_libraries_of_the_training(models):
     assert {"GPy", "numpy", "python"} <= set(models["gp-word"].provenance.versions)
 
 
-def test_mixed_or_missing_demonstrations_are_refused(drags, observe, episode_of):
-    layout = input_set(HANGER, "all")
-    seen = [observe() for _ in range(4)]
-    for episodes, message in (
-        ([], "no demonstrations"),
-        ([episode_of(seen, np.zeros((4, 2)))], "hold 4 steps"),
-        ([drags[0], episode_of(seen, np.zeros((4, 2)), cloth="silk")], "mix the cloths towel and silk"),
-        ([drags[0], episode_of(seen, np.zeros((4, 2)), step_s=0.05)], "mix steps"),
-        ([drags[0], replace(drags[1], descriptor="hog")], "mix the descriptors word and hog"),
-        ([drags[0], episode_of(seen, np.zeros((4, 6)), robot=PICKERS)], "is of robot pickers"),
-    ):
-        with pytest.raises(PolicyError, match=message):
-            fit.fit(build_training_set(episodes, layout), policy="gp-word")
+def test_the_model_takes_task_and_descriptor_from_its_demonstrations(drags):
+    episodes = [replace(episode, descriptor="how", task="smooth") for episode in drags]
+    model = fit_with(fit.fit, episodes, "position")
+    assert (model.descriptor, model.task) == ("how", "smooth")
+
+
+@pytest.mark.parametrize(
+    ("episodes", "message"),
+    [
+        (lambda drags: [], "no demonstrations"),
+        (lambda drags: [episode_of(4 * [observe()], np.zeros((4, 2)))], "hold 4 steps"),
+        (lambda drags: [drags[0], replace(drags[1], cloth="silk")], "mix the cloths towel and silk"),
+        (lambda drags: [drags[0], replace(drags[1], task="smooth")], "mix the tasks place and smooth"),
+        (lambda drags: [drags[0], replace(drags[1], step_s=0.05)], "mix steps"),
+        (lambda drags: [drags[0], replace(drags[1], descriptor="hog")], "mix the descriptors word and hog"),
+        (
+            lambda drags: [drags[0], episode_of(4 * [observe()], np.zeros((4, 6)), robot=PICKERS)],
+            "is of robot pickers",
+        ),
+    ],
+)
+def test_mixed_or_missing_demonstrations_are_refused(drags, episodes, message):
+    with pytest.raises(PolicyError, match=message):
+        fit_with(fit.fit, episodes(drags))
 
 
 def test_a_gpy_that_cannot_be_imported_is_one_sentence(monkeypatch):
@@ -274,9 +255,4 @@ def test_a_gpy_that_cannot_be_imported_is_one_sentence(monkeypatch):
 def test_rolling_out_does_not_import_gpy():
     modules = "layflat.policy.registry, layflat.policy.model_io, layflat.policy.gp.fit"
     code = f"import sys, {modules}; sys.exit('GPy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
-
-
-def test_the_model_sees_by_the_descriptor_of_its_demonstrations(drags):
-    taught = [replace(episode, descriptor="how") for episode in drags]
-    assert fit.fit(build_training_set(taught, input_set(HANGER, "position")), policy="gp-word").descriptor == "how"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

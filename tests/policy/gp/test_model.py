@@ -14,6 +14,7 @@ from layflat.policy.gp.model import GpModel
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
 from layflat.tests.factories import HANGER, ROBOT_SPECS
+from layflat.tests.policy.factories import gp_model, observe
 
 
 def random_problem(seed: int, points: int, dims: int, ard: bool) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
@@ -45,8 +46,8 @@ def targets_of(model: GpModel, output: int) -> np.ndarray:
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
 @pytest.mark.parametrize("inputs", ["position", "all"])
-def test_posterior_is_that_of_scikit_learn(robot, inputs, model_of):
-    model = model_of(robot, inputs, points=40)
+def test_posterior_is_that_of_scikit_learn(robot, inputs):
+    model = gp_model(robot, inputs, points=40)
     queries = np.random.default_rng(9).uniform(-0.5, 0.8, (30, model.layout.size))
     mean, std = model.predict(queries)
     for a in range(len(model.outputs)):
@@ -74,8 +75,8 @@ def test_nothing_is_known_without_the_only_demonstration():
 
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
-def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(robot, model_of):
-    model = model_of(robot)
+def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(robot):
+    model = gp_model(robot)
     start = model.inputs[0]
     away = np.ones(model.layout.size) / np.sqrt(model.layout.size) * model.input_scale
     mean, std = model.predict([start + d * away for d in (0, 5, 8, 30)])
@@ -87,8 +88,8 @@ def test_far_from_the_data_the_mean_fades_and_the_deviation_is_the_priors(robot,
     assert (std[0] < 0.5 * model.prior_std).all()
 
 
-def test_deviation_never_falls_below_the_noise(model_of):
-    model = model_of(points=60)
+def test_deviation_never_falls_below_the_noise():
+    model = gp_model(points=60)
     _, std = model.predict(model.inputs)
     assert (std >= model.output_scale_m * np.sqrt(model.hyper.noise)).all()
 
@@ -102,25 +103,25 @@ def test_small_noise_goes_through_the_points():
         np.testing.assert_allclose(oracle(sure, a).kernel(inputs) @ alpha[a], targets[:, a], atol=1e-4)
 
 
-def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not(model_of, observe):
+def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not():
     flat = observe(0.1, 0.1, contact=1.0)
     stirred = observe(0.1, 0.1, contact=0.5, word=(0.6, 0.8))
     for inputs, blind in (("position", True), ("all", False)):
-        model = model_of(HANGER, inputs)
+        model = gp_model(HANGER, inputs)
         outputs = [model.predict(model.layout.vector(o)[np.newaxis])[0] for o in (flat, stirred)]
         assert np.array_equal(*outputs) is blind
 
 
-def test_an_output_below_the_threshold_moves_nothing(model_of, observe):
+def test_an_output_below_the_threshold_moves_nothing():
     """Chapter 4-3-3: the robot stands still, so what is regained after a stop was commanded, not crept."""
-    policy = ModelPolicy(replace(model_of(HANGER, "all"), stop_threshold_m=1.0, stop_steps=50))
+    policy = ModelPolicy(replace(gp_model(HANGER, "all"), stop_threshold_m=1.0, stop_steps=50))
     assert all(not policy.act(observe(0.1, 0.1, contact=c)).action.any() for c in (0.2, 0.6, 1.0))
-    keen = ModelPolicy(replace(model_of(HANGER, "all"), stop_threshold_m=1e-9))
+    keen = ModelPolicy(replace(gp_model(HANGER, "all"), stop_threshold_m=1e-9))
     assert keen.act(observe(0.1, 0.1, contact=0.5)).action.any()
 
 
-def test_output_is_clipped_to_the_action_limit(model_of, observe):
-    model = model_of()
+def test_output_is_clipped_to_the_action_limit():
+    model = gp_model()
     wild = replace(model, alpha=1e4 * model.alpha)
     policy = ModelPolicy(wild, guard=AnyOf())
     raw, _ = wild.predict([wild.layout.vector(observe())])
@@ -128,8 +129,8 @@ def test_output_is_clipped_to_the_action_limit(model_of, observe):
     np.testing.assert_allclose(policy.act(observe()).action, np.clip(raw[0], -wild.action_limit_m, wild.action_limit_m))
 
 
-def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, observe):
-    model = model_of()
+def test_stops_by_threshold_far_from_the_data_and_again_after_resume():
+    model = gp_model()
     policy = ModelPolicy(model, guard=AnyOf())
     policy.reset(0)
     lost = observe(-30.0, 30.0)
@@ -139,8 +140,8 @@ def test_stops_by_threshold_far_from_the_data_and_again_after_resume(model_of, o
         continue_after_disturbance(policy)
 
 
-def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):
-    model = model_of(inputs="position")
+def test_guard_ends_a_drag_that_gains_nothing():
+    model = gp_model(inputs="position")
     eager = replace(model, stop_threshold_m=1e-12)
     stops = [ModelPolicy(eager).act(observe(0.8, contact=0.9)).stop]
     assert stops == ["step_limit"]
@@ -148,9 +149,9 @@ def test_guard_ends_a_drag_that_gains_nothing(model_of, observe):
     assert "converged" in [policy.act(observe(0.3, contact=0.9)).stop for _ in range(15)]
 
 
-def test_arrays_cannot_be_changed(model_of):
+def test_arrays_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
-        model_of().alpha[0, 0] = 1.0
+        gp_model().alpha[0, 0] = 1.0
 
 
 @pytest.mark.parametrize(
@@ -165,9 +166,9 @@ def test_arrays_cannot_be_changed(model_of):
         ({"cloth": ""}, "must name"),
     ],
 )
-def test_a_model_that_makes_no_sense_is_refused(model_of, changes, message):
+def test_a_model_that_makes_no_sense_is_refused(changes, message):
     with pytest.raises(PolicyError, match=message):
-        replace(model_of(), **changes)
+        replace(gp_model(), **changes)
 
 
 @pytest.mark.parametrize(
@@ -184,6 +185,6 @@ def test_hyperparameters_that_make_no_sense_are_refused(changes, message):
         Hyperparameters(**{**good, **changes})
 
 
-def test_queries_of_the_wrong_width_are_refused(model_of):
+def test_queries_of_the_wrong_width_are_refused():
     with pytest.raises(PolicyError, match="must be"):
-        model_of().predict(np.zeros((3, 2)))
+        gp_model().predict(np.zeros((3, 2)))

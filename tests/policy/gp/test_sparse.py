@@ -13,6 +13,7 @@ from layflat.policy.gp.kernel import Hyperparameters, weights
 from layflat.policy.gp.model import GpModel
 from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
+from layflat.tests.policy.factories import episode_of, observe
 
 NOISE_STD = 0.05
 
@@ -113,7 +114,7 @@ def test_held_out_errors_are_those_of_models_trained_without_the_group():
 
 
 @pytest.fixture(scope="module")
-def long_lesson(observe, episode_of):
+def long_lesson():
     """More than 2,000 steps: drags whose speed depends on x and on contact."""
     rng, episodes = np.random.default_rng(0), []
     for seed in range(3):

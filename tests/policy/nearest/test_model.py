@@ -11,10 +11,11 @@ from layflat.policy.features import input_set
 from layflat.policy.nearest import model as nearest_model
 from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
+from layflat.tests.policy.factories import episode_of, observe
 
 
 @pytest.fixture
-def taught(observe, episode_of):
+def taught():
     rng = np.random.default_rng(0)
 
     def episode(seed: int):

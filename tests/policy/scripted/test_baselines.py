@@ -6,16 +6,18 @@ import pytest
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
-from layflat.policy.scripted.baselines import RandomPolicy, drag_rule, stretch_right
+from layflat.policy.scripted.baselines import DragPolicy, RandomPolicy, drag_rule, stretch_right
+from layflat.policy.stopping import AnyOf
 from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.policy.factories import observe
 
 
-def test_hold_never_moves(observe):
+def test_hold_never_moves():
     policy = registry.make("hold", PICKERS)
     assert not any(policy.act(observe(contact=c)).action.any() for c in (0.0, 0.5, 1.0))
 
 
-def test_stretch_right_ignores_the_cloth_and_ends_with_the_view(observe):
+def test_stretch_right_ignores_the_cloth_and_ends_with_the_view():
     policy = stretch_right(HANGER)
     policy.reset(0)
     actions = [policy.act(observe(0.3, contact=c)).action for c in (0.0, 1.0, 0.4)]
@@ -23,16 +25,15 @@ def test_stretch_right_ignores_the_cloth_and_ends_with_the_view(observe):
     assert policy.act(observe(5.0)).stop is not None
 
 
-def test_drag_rule_goes_on_while_contact_grows_and_stops_when_it_does_not(observe):
+def test_drag_rule_continues_while_contact_grows_and_stops_when_it_does_not():
     policy = drag_rule(HANGER)
     policy.reset(0)
     growing = [policy.act(observe(0.3, contact=0.5 + 0.01 * k)) for k in range(40)]
     assert all(decision.stop is None for decision in growing)
-    stuck = [policy.act(observe(0.3, contact=0.9)) for _ in range(10)]
-    assert stuck[-1].stop == "converged"
+    assert [policy.act(observe(0.3, contact=0.9)) for _ in range(10)][-1].stop == "converged"
 
 
-def test_drag_rule_leaves_a_flat_cloth_alone(observe):
+def test_drag_rule_leaves_a_flat_cloth_alone():
     policy = drag_rule(HANGER)
     policy.reset(0)
     decision = policy.act(observe(0.3, contact=1.0))
@@ -40,7 +41,7 @@ def test_drag_rule_leaves_a_flat_cloth_alone(observe):
     assert not decision.action.any()
 
 
-def test_random_moves_fill_their_range_and_differ_by_seed(observe):
+def test_random_moves_fill_their_range_and_differ_by_seed():
     policy = RandomPolicy(PICKERS, limit_m=0.01)
     draws = []
     for seed in (1, 2):
@@ -52,26 +53,9 @@ def test_random_moves_fill_their_range_and_differ_by_seed(observe):
     assert np.std(draws) == pytest.approx(0.01 / np.sqrt(3), rel=0.05)
 
 
-@pytest.mark.parametrize("limit_m", [0.0, -1.0, 2 * ACTION_LIMIT_M, float("nan")])
-def test_random_moves_beyond_the_action_limit_are_refused(limit_m):
-    with pytest.raises(PolicyError, match="limit_m"):
-        RandomPolicy(HANGER, limit_m=limit_m)
-
-
-@pytest.mark.parametrize("name", ["GP-WORD", "gp", ""])
-def test_unknown_trainable_policies_list_the_known(name):
-    with pytest.raises(PolicyError, match="gp-word, gp-baseline"):
-        registry.train(name, [])
-
-
-def test_unknown_and_untrained_policies_are_told_apart():
-    with pytest.raises(PolicyError, match="drag-rule"):
-        registry.make("magic", HANGER)
-    with pytest.raises(PolicyError, match="is learned"):
-        registry.make("gp-word", HANGER)
-
-
-def test_model_makes_the_policy_that_it_names(model_of):
-    assert registry.from_model(model_of()).name == "gp-word"
-    with pytest.raises(PolicyError, match="'magic' is unknown"):
-        registry.from_model(model_of(policy="magic"))
+@pytest.mark.parametrize("step_m", [0.0, -1.0, 2 * ACTION_LIMIT_M, float("nan")])
+def test_moves_beyond_the_action_limit_are_refused(step_m):
+    with pytest.raises(PolicyError, match="limit_m is"):
+        RandomPolicy(HANGER, limit_m=step_m)
+    with pytest.raises(PolicyError, match="speed_m is"):
+        DragPolicy(HANGER, name="drag", stop=AnyOf(), speed_m=step_m)

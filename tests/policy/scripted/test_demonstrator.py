@@ -25,7 +25,7 @@ COLUMNS = 3
 
 
 class RodCloth:
-    """The free edge hangs below the holder; once it touches it stays, and slides only when it is pulled taut."""
+    """A cloth whose free edge hangs below the holder, stays where it touches, and slides only when it is pulled taut."""
 
     def __init__(self, robot, start=(0.0, 0.47)):
         self.robot = robot
@@ -51,17 +51,16 @@ class RodCloth:
         return float(np.clip(1.0 - 2.0 * (LENGTH_M + self.edge_x - x + self.wrinkle_m) / LENGTH_M, 0.0, 1.0))
 
     def move(self, action):
-        step = np.array([action[0], 0.0, action[1]]) if self.robot == HANGER else action.reshape(2, 3)
-        self.corners = self.corners + step
+        self.corners = self.corners + self.robot.unpack(action)
         self.corners[:, 2] = np.maximum(self.corners[:, 2], 0.004)
         x, _, z = self.holder
         if z > LENGTH_M + 0.01:
             self.edge_x = x
         self.edge_x = max(self.edge_x, x - LENGTH_M - self.wrinkle_m - 1e-9)
 
-    def see(self, step_index):
+    def see(self, k):
         return Observation(
-            time_s=0.1 * step_index,
+            time_s=0.1 * k,
             corner_positions=self.corners,
             holder_position=self.holder,
             word=np.zeros(2),
@@ -70,16 +69,18 @@ class RodCloth:
         )
 
 
-def expert_for(cloth):
-    return ScriptedDemonstrator(
+def demonstrator_for(cloth, seed=0):
+    policy = ScriptedDemonstrator(
         cloth.robot, length_m=LENGTH_M, columns=COLUMNS, held_width_m=WIDTH_M, ground_truth=cloth.ground_truth
     )
+    policy.reset(seed)
+    return policy
 
 
-def demonstrate(cloth, expert, limit=200):
+def demonstrate(cloth, demonstrator, limit=200):
     decisions = []
-    for step_index in range(limit):
-        decisions.append(expert.act(cloth.see(step_index)))
+    for k in range(limit):
+        decisions.append(demonstrator.act(cloth.see(k)))
         if decisions[-1].stop:
             return decisions
         cloth.move(decisions[-1].action)
@@ -90,9 +91,8 @@ def demonstrate(cloth, expert, limit=200):
 @pytest.mark.parametrize("seed", range(6))
 def test_lays_the_cloth_and_stops_flat_within_the_limits(robot, seed):
     cloth = RodCloth(robot)
-    expert = expert_for(cloth)
-    expert.reset(seed)
-    decisions = demonstrate(cloth, expert)
+    demonstrator = demonstrator_for(cloth, seed)
+    decisions = demonstrate(cloth, demonstrator)
     assert decisions[-1].stop == "converged"
     assert cloth.contact() >= FLAT_CONTACT
     assert max(np.abs(d.action).max() for d in decisions) <= ACTION_LIMIT_M
@@ -102,10 +102,9 @@ def test_lays_the_cloth_and_stops_flat_within_the_limits(robot, seed):
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_the_free_edge_trails_before_anything_is_laid_on_it(robot):
     cloth = RodCloth(robot)
-    expert = expert_for(cloth)
-    expert.reset(3)
-    for step_index in range(100):
-        decision = expert.act(cloth.see(step_index))
+    demonstrator = demonstrator_for(cloth, 3)
+    for k in range(100):
+        decision = demonstrator.act(cloth.see(k))
         if decision.reason == "laying":
             break
         cloth.move(decision.action)
@@ -117,12 +116,11 @@ def test_the_free_edge_trails_before_anything_is_laid_on_it(robot):
 def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(robot):
     def drag_speed(wrinkle_m):
         cloth = RodCloth(robot)
-        expert = expert_for(cloth)
-        expert.reset(1)
-        demonstrate(cloth, expert)
+        demonstrator = demonstrator_for(cloth, 1)
+        demonstrate(cloth, demonstrator)
         cloth.wrinkle_m = wrinkle_m
-        continue_after_disturbance(expert)
-        return expert.act(cloth.see(0)).action[0]
+        continue_after_disturbance(demonstrator)
+        return demonstrator.act(cloth.see(0)).action[0]
 
     speeds = [drag_speed(w) for w in (0.013, 0.019, 0.025)]
     assert speeds == sorted(speeds)
@@ -132,13 +130,12 @@ def test_the_drag_is_faster_the_less_contact_there_is_at_the_same_place(robot):
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_repairs_after_a_disturbance(robot):
     cloth = RodCloth(robot)
-    expert = expert_for(cloth)
-    expert.reset(2)
-    demonstrate(cloth, expert)
+    demonstrator = demonstrator_for(cloth, 2)
+    demonstrate(cloth, demonstrator)
     cloth.wrinkle_m = 0.03
     assert cloth.contact() < 0.9
-    continue_after_disturbance(expert)
-    demonstrate(cloth, expert)
+    continue_after_disturbance(demonstrator)
+    demonstrate(cloth, demonstrator)
     assert cloth.contact() >= FLAT_CONTACT
 
 
@@ -148,9 +145,8 @@ def test_gives_up_where_dragging_gains_nothing():
             return min(super().contact(), 0.8)
 
     cloth = Stuck(HANGER)
-    expert = expert_for(cloth)
-    expert.reset(0)
-    decisions = demonstrate(cloth, expert)
+    demonstrator = demonstrator_for(cloth, 0)
+    decisions = demonstrate(cloth, demonstrator)
     assert decisions[-1].stop == "converged"
     assert cloth.holder[0] < LENGTH_M + 0.3
 
@@ -160,9 +156,8 @@ def test_demonstrations_begin_their_descent_at_different_places():
     ends = []
     for seed in range(8):
         cloth = RodCloth(HANGER)
-        expert = expert_for(cloth)
-        expert.reset(seed)
-        demonstrate(cloth, expert)
+        demonstrator = demonstrator_for(cloth, seed)
+        demonstrate(cloth, demonstrator)
         ends.append(cloth.holder[0])
     assert np.ptp(ends) > 0.05
 
@@ -170,9 +165,8 @@ def test_demonstrations_begin_their_descent_at_different_places():
 def test_two_pickers_come_back_to_their_lines():
     cloth = RodCloth(PICKERS)
     cloth.corners = cloth.corners + np.array([[0.03, -0.02, 0.02], [-0.02, 0.03, -0.02]])
-    expert = expert_for(cloth)
-    expert.reset(0)
-    decisions = demonstrate(cloth, expert)
+    demonstrator = demonstrator_for(cloth, 0)
+    decisions = demonstrate(cloth, demonstrator)
     assert decisions[0].action.shape == (PICKERS.size,)
     np.testing.assert_allclose(cloth.corners[:, 1], [WIDTH_M / 2, -WIDTH_M / 2], atol=0.002)
     np.testing.assert_allclose(cloth.corners[0, [0, 2]], cloth.corners[1, [0, 2]], atol=0.002)

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from layflat.policy.scripted.replay import ReplayPolicy
+from layflat.tests.policy.factories import episode_of, observe
 
 
-def test_actions_come_in_order_without_those_of_the_disturbance(make_episode):
+def test_actions_come_in_order_without_those_of_the_disturbance():
+    actions = np.random.default_rng(0).uniform(-0.01, 0.01, (5, 2))
     phases = ["place", "place", "disturb", "disturb", "repair"]
-    episode = make_episode(n_steps=5)
-    steps = tuple(replace(step, phase=phase) for step, phase in zip(episode.steps, phases, strict=True))
-    policy = ReplayPolicy(replace(episode, steps=steps))
+    policy = ReplayPolicy(episode_of(5 * [observe()], actions, phases=phases))
     for _ in range(2):
         policy.reset(0)
-        for step_index in (0, 1, 4):
-            decision = policy.act(episode.final_observation)
-            np.testing.assert_array_equal(decision.action, steps[step_index].action)
-            assert decision.stop is None
-        assert policy.act(episode.final_observation).stop is not None
-        assert not policy.act(episode.final_observation).action.any()
+        decisions = [policy.act(observe()) for _ in range(5)]
+        assert [decision.stop is None for decision in decisions] == [True, True, True, False, False]
+        np.testing.assert_array_equal([decision.action for decision in decisions[:3]], actions[[0, 1, 4]])
+        assert not decisions[3].action.any()

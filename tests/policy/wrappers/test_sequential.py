@@ -9,26 +9,17 @@ from layflat.policy import registry
 from layflat.policy.base import PolicyError, continue_after_disturbance
 from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.policy.factories import observe
 
 
-@pytest.fixture
-def handover():
+def test_the_second_acts_only_after_the_disturbance_and_a_reset_returns_to_the_first():
     first, then = registry.make("hold", HANGER), registry.make("stretch-right", HANGER)
     policy = SequentialPolicy(first, then, name="hold+stretch-right")
-    policy.reset(0)
-    return policy
-
-
-def test_the_second_acts_only_after_resume(handover, observe):
-    assert not handover.act(observe(0.3, 0.01)).action.any()
-    continue_after_disturbance(handover)
-    assert handover.act(observe(0.3, 0.01)).action[0] > 0
-
-
-def test_reset_hands_back_to_the_first(handover, observe):
-    continue_after_disturbance(handover)
-    handover.reset(1)
-    np.testing.assert_array_equal(handover.act(observe(0.3, 0.01)).action, np.zeros(2))
+    for seed in (0, 1):
+        policy.reset(seed)
+        np.testing.assert_array_equal(policy.act(observe(0.3, 0.01)).action, np.zeros(2))
+        continue_after_disturbance(policy)
+        assert policy.act(observe(0.3, 0.01)).action[0] > 0
 
 
 def test_policies_of_different_robots_are_refused():

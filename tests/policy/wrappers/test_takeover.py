@@ -1,4 +1,4 @@
-"""The policy acts until a person wants the lead, and again when it is handed back; only the person's are marked."""
+"""The policy acts until a person takes control, and again after the release; only the person's steps are marked."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from layflat.policy import registry
 from layflat.policy.base import Decision, PolicyError, continue_after_disturbance
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, TakeoverPolicy
 from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.policy.factories import observe
 
 
-class Counts:
-    """Moves by the number of steps that it has decided since it last began or went on; stops at ``most``."""
+class Counter:
+    """Moves by the number of steps that it has decided since it started or continued; stops after ``most``."""
 
     robot = HANGER
 
@@ -30,46 +31,44 @@ class Counts:
         return Decision(action=[self._step_m * self.count, 0.0], stop="threshold" if self.count > self._most else None)
 
 
-def _run(wishes, observe, most=100):
-    """What is decided while the person wants this; x in mm, and whether a person decided."""
-    wanted = iter(wishes)
-    policy = TakeoverPolicy(Counts("gp-word", 0.001, most), Counts("gamepad", -0.001), lambda: next(wanted))
+def run(requests, most=100) -> tuple[TakeoverPolicy, list[Decision]]:
+    """Return the policy and its decisions while the person makes these requests."""
+    wanted = iter([*requests, None, None])
+    policy = TakeoverPolicy(Counter("gp-word", 0.001, most), Counter("gamepad", -0.001), lambda: next(wanted))
     policy.reset(0)
-    decided = [policy.act(observe(0.3, 0.01)) for _ in wishes]
-    return policy, [round(1000 * float(d.action[0])) for d in decided], [d.intervention for d in decided], decided
+    return policy, [policy.act(observe(0.3, 0.01)) for _ in requests]
 
 
-def test_the_person_leads_from_their_wish_until_they_hand_back(observe):
-    policy, moved, marked, _ = _run([None, None, "take", None, "take", "release", None], observe)
-    assert moved == [1, 2, -1, -2, -3, 1, 2]
-    assert marked == [False, False, True, True, True, False, False]
+def test_the_person_is_in_control_from_the_request_until_the_release():
+    policy, decisions = run([None, None, "take", None, "take", "release", None])
+    assert [round(1000 * float(d.action[0])) for d in decisions] == [1, 2, -1, -2, -3, 1, 2]
+    assert [d.intervention for d in decisions] == [False, False, True, True, True, False, False]
     assert policy.name == "gp-word+gamepad"
 
 
-def test_handing_back_what_one_does_not_have_changes_nothing(observe):
-    _, moved, marked, _ = _run([None, "release", None], observe)
-    assert moved == [1, 2, 3]
-    assert not any(marked)
+def test_a_release_without_control_changes_nothing():
+    _, decisions = run([None, "release", None])
+    assert [round(1000 * float(d.action[0])) for d in decisions] == [1, 2, 3]
+    assert not any(d.intervention for d in decisions)
 
 
-def test_the_policy_counts_anew_after_a_correction(observe):
-    """It would stop in its third step."""
-    _, _, _, alone = _run([None] * 3, observe, most=2)
-    assert [d.stop for d in alone] == [None, None, "threshold"]
-    _, _, _, helped = _run([None, None, "take", "release", None, None], observe, most=2)
-    assert [d.stop for d in helped] == [None, None, None, None, None, "threshold"]
+def test_the_policys_stop_rules_restart_after_a_correction():
+    """Without help it would stop in its third step."""
+    assert [d.stop for d in run([None] * 3, most=2)[1]] == [None, None, "threshold"]
+    assert [d.stop for d in run([None, None, "take", "release", None, None], most=2)[1]] == [None] * 5 + ["threshold"]
 
 
-def test_reset_takes_the_lead_away_and_resume_leaves_it(observe):
-    policy, *_ = _run(["take"], observe)
-    policy._request = lambda: None
+def test_reset_ends_the_control_and_a_disturbance_does_not():
+    policy, _ = run(["take"])
     continue_after_disturbance(policy)
     assert policy.human_in_control
+    assert policy.act(observe(0.3, 0.01)).intervention
     policy.reset(1)
+    assert not policy.human_in_control
     assert not policy.act(observe(0.3, 0.01)).intervention
 
 
-def test_what_the_person_decides_is_theirs_but_for_the_mark(observe):
+def test_the_persons_decision_changes_only_by_its_mark():
     person = registry.make("random", PICKERS)
     policy = TakeoverPolicy(registry.make("hold", PICKERS), person, lambda: "take")
     policy.reset(5)
@@ -78,13 +77,20 @@ def test_what_the_person_decides_is_theirs_but_for_the_mark(observe):
     np.testing.assert_array_equal(mine.action, person.act(observe(0.3, 0.01)).action)
 
 
-def test_a_grip_leads_while_the_hands_move_and_a_little_longer():
+def test_motion_keeps_control_until_the_hands_have_rested():
     moving = iter([False, True, False, False, True, False, False, False, False])
-    grip = MotionTakeoverTrigger(lambda: next(moving), rest_steps=3)
-    told = [grip() for _ in range(9)]
-    assert told == [None, "take", None, None, "take", None, None, "release", "release"]
+    trigger = MotionTakeoverTrigger(lambda: next(moving), rest_steps=3)
+    requests = [trigger() for _ in range(9)]
+    assert requests == [None, "take", None, None, "take", None, None, "release", "release"]
     with pytest.raises(PolicyError, match="rest_steps is 0"):
         MotionTakeoverTrigger(lambda: True, rest_steps=0)
+
+
+def test_a_release_by_hand_does_not_wait():
+    trigger = MotionTakeoverTrigger(iter([True, False, True]).__next__, rest_steps=3)
+    assert trigger() == "take"
+    trigger.release()
+    assert [trigger(), trigger()] == ["release", "take"]
 
 
 def test_policies_of_different_robots_are_refused():
