@@ -25,7 +25,7 @@ COLUMNS = 3
 
 
 class RodCloth:
-    """A cloth whose free edge hangs below the holder, stays where it touches, and slides only when it is pulled taut."""
+    """A cloth whose free edge hangs below the holder, stays where it touches, and slides only when it is taut."""
 
     def __init__(self, robot, start=(0.0, 0.47)):
         self.robot = robot
