@@ -13,22 +13,18 @@ from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.errors import PerceptionError
+from layflat.tests.perception.factories import axis_error
 from layflat.tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
 
 BLUE = HsvRange()
 
 
-def see(shot: Shot, **options: object) -> FrameResult:
-    return analyze_frame(shot.rgb, shot.depth, shot.lens, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
+def see(shot: Shot, **options) -> FrameResult:
+    return analyze_frame(shot.rgb, shot.depth, shot.lens, rng=np.random.default_rng(0), **options)
 
 
-def degrees_between(one: np.ndarray, two: np.ndarray) -> float:
-    angle = math.degrees(math.atan2(one[1], one[0]) - math.atan2(two[1], two[0])) % 180
-    return min(angle, 180 - angle)
-
-
-def shot_of(scene: Scene, seed: int = 0, missing: float = 0.02, **place: object) -> Shot:
-    camera, lens = stand(**({"width": 320, "height": 240} | place))  # type: ignore[arg-type]
+def shot_of(scene: Scene, seed=0, missing=0.02, **place) -> Shot:
+    camera, lens = stand(**({"width": 320, "height": 240} | place))
     return shoot(scene, camera, lens, seed=seed, missing=missing)
 
 
@@ -50,7 +46,7 @@ def test_as_with_the_true_pose(place, scene):
     expected = PerceptionPipeline(truth.camera(shot.lens), seen.config).perceive(shot.rgb, shot.depth)
     flat = scene.side**2 / 0.0025**2
     assert seen.cloth_state.contact_pixels / flat == pytest.approx(expected.contact_pixels / flat, abs=0.02)
-    assert degrees_between(seen.cloth_state.word, expected.word) < 2.0
+    assert axis_error(seen.cloth_state.word, expected.word) < 2.0
     assert seen.cloth_state.cloth_pixels == pytest.approx(expected.cloth_pixels, rel=0.01)
     assert seen.color_source == "suggested"
 
@@ -61,7 +57,7 @@ def test_directions_turn_with_the_image(roll):
     shot = shot_of(Scene(normal=35.0, amplitude=0.003), tilt=0.0, roll=roll)
     axis = math.radians(35.0 + roll)
     seen = see(shot)
-    assert degrees_between(seen.cloth_state.word, np.array([math.cos(axis), math.sin(axis)])) < 4.0
+    assert axis_error(seen.cloth_state.word, axis) < 4.0
     assert seen.cloth_state.word[0] >= 0
 
 
@@ -117,21 +113,22 @@ def test_a_cloth_in_the_air_has_no_contact_and_no_direction():
     assert seen.cloth_state.strength == 0.0
 
 
-def test_what_cannot_be_seen_is_refused():
-    shot = shot_of(Scene())
-    with pytest.raises(PerceptionError, match="no cloth: no piece of the image has a hue of 0 to 20"):
-        see(shot, color=HsvRange(hue_min=0, hue_max=20))
-    with pytest.raises(PerceptionError, match="cut by the image's border"):
-        see(shot_of(Scene(centre=(0.4, 0.0))))
-    with pytest.raises(PerceptionError, match="no value at all"):
-        see(replace(shot, depth=0 * shot.depth))
-    for factor in (25.0, 0.001):
-        with pytest.raises(PerceptionError, match="depth's unit"):
-            see(replace(shot, depth=shot.depth * np.float32(factor)))
-    with pytest.raises(PerceptionError, match="this camera gives"):
-        see(replace(shot, depth=shot.depth[:-1]))
-    with pytest.raises(PerceptionError, match="of the cloth has a depth, at least 20 %"):
-        see(replace(shot, depth=np.where(shot.cloth, np.float32(0), shot.depth)))
-    sunken = np.where(shot.cloth, shot.depth + np.float32(0.1), shot.depth)
-    with pytest.raises(PerceptionError, match="mm below the table"):
-        see(replace(shot, depth=sunken), color=BLUE)
+SHOT = shot_of(Scene())
+
+
+@pytest.mark.parametrize(
+    ("shot", "options", "message"),
+    [
+        (SHOT, {"color": HsvRange(hue_min=0, hue_max=20)}, "no cloth: no piece of the image has a hue of 0 to 20"),
+        (shot_of(Scene(centre=(0.4, 0.0))), {}, "cut by the image's border"),
+        (replace(SHOT, depth=0 * SHOT.depth), {}, "no value at all"),
+        (replace(SHOT, depth=SHOT.depth * np.float32(25)), {}, "depth's unit"),
+        (replace(SHOT, depth=SHOT.depth * np.float32(0.001)), {}, "depth's unit"),
+        (replace(SHOT, depth=SHOT.depth[:-1]), {}, "this camera gives"),
+        (replace(SHOT, depth=np.where(SHOT.cloth, np.float32(0), SHOT.depth)), {}, "has a depth, at least 20 %"),
+        (replace(SHOT, depth=SHOT.depth + np.float32(0.1) * SHOT.cloth), {"color": BLUE}, "mm below the table"),
+    ],
+)
+def test_what_cannot_be_seen_is_refused(shot, options, message):
+    with pytest.raises(PerceptionError, match=message):
+        see(shot, **options)

@@ -72,15 +72,10 @@ def test_one_wild_value_does_not_lift_its_neighbours():
     assert MIN_HEIGHT_M < 0 < MAX_HEIGHT_M
 
 
-def test_a_dead_depth_camera_is_an_error_not_a_lifted_cloth():
-    cloth = np.ones((5, 5), dtype=bool)
-    with pytest.raises(PerceptionError, match="no cloth pixel has a depth"):
-        smooth_height(np.full((5, 5), np.nan, dtype=np.float32), cloth)
-
-
-def test_a_cloth_under_the_table_is_an_error_not_contact():
-    with pytest.raises(PerceptionError, match="below the table"):
-        smooth_height(np.full((5, 5), -0.3, dtype=np.float32), np.ones((5, 5), dtype=bool))
+@pytest.mark.parametrize(("height_m", "message"), [(np.nan, "no cloth pixel has a depth"), (-0.3, "below the table")])
+def test_a_dead_camera_and_a_cloth_under_the_table_are_errors(height_m, message):
+    with pytest.raises(PerceptionError, match=message):
+        smooth_height(np.full((5, 5), height_m, dtype=np.float32), np.ones((5, 5), dtype=bool))
 
 
 @given(flat=st.integers(1, 10**6), seen=st.floats(0, 1), lying=st.floats(0, 1))
@@ -112,13 +107,7 @@ def test_a_raised_cloth_covers_what_it_would_on_the_table(height_m):
     drawn = round(side * (camera_m - level_m) / (camera_m - max(height_m, level_m)))
     cloth = np.zeros((120, 120), dtype=bool)
     cloth[:drawn, :drawn] = True
-    covered = covered_pixels(
-        cloth, np.full(cloth.shape, height_m, np.float32), contact_height_m=level_m, camera_height_m=camera_m
-    )
-    assert covered == pytest.approx(side**2, rel=0.01)
-    assert (
-        covered_pixels(
-            cloth & False, np.zeros(cloth.shape, np.float32), contact_height_m=level_m, camera_height_m=camera_m
-        )
-        == 0.0
-    )
+    height = np.full(cloth.shape, height_m, np.float32)
+    heights = {"contact_height_m": level_m, "camera_height_m": camera_m}
+    assert covered_pixels(cloth, height, **heights) == pytest.approx(side**2, rel=0.01)
+    assert covered_pixels(cloth & False, height, **heights) == 0.0
