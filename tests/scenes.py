@@ -1,7 +1,7 @@
-"""A cloth on a table in a room, ray-cast: RGB-D frames of a camera that stands anywhere, with the truth beside them.
+"""Ray-cast RGB-D frames of a cloth on a table in a room, from any camera pose, with the ground truth.
 
-Unlike the sheets that the perception tests draw, a scene has an edge of the table, a floor, a box, any colours and any
-picture size, and a D435's errors: noise that grows with the square of the depth, missing blots, whole millimetres.
+Unlike a synthetic sheet, a scene has a table edge, a floor, a box, any colours and any image size, and a D435's errors:
+noise that grows with the square of the depth, missing blots, whole millimetres.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ WOOD: Rgb = (165, 125, 85)
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Lengths in metres, angles in degrees; the table's top is z = 0."""
+    """Cloth, table and light; lengths in metres, angles in degrees, table top at z = 0."""
 
     cloth: Rgb = CLOTHS["blue"]
     table: Rgb = TABLES["white"]
@@ -51,14 +51,14 @@ class Scene:
     amplitude: float = 0.002
     wavelength: float = 0.058
     normal: float = 30.0
-    """Of the wrinkles, from +x."""
+    """Angle of the wrinkles' perpendicular from +x."""
     lift_from: float = math.inf
     """The cloth rises at 1:2 beyond this x."""
     table_half: tuple[float, float] = (0.8, 0.7)
     floor_z: float = -0.75
     floor: Rgb = (118, 112, 106)
     box: Rgb | None = None
-    """Of a box of 12 cm on the table, in the picture's upper left."""
+    """Colour of a 12 cm box on the table, in the image's upper left."""
     box_at: tuple[float, float] = (-0.36, 0.26)
     light: tuple[float, float, float] = (1.0, 1.0, 1.4)
     ambient: float = 0.4
@@ -78,35 +78,26 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """What a camera makes of a scene."""
+    """Frame of a scene, with the ground truth."""
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
     """m, 0 where missing."""
     cloth: NDArray[np.bool_]
-    """Where the cloth is."""
+    """Pixels of the cloth."""
     camera: PinholeCamera
-    """Truth."""
     lens: Intrinsics = field(repr=False)
 
     def save(self, folder: Path, name: str = "frame") -> tuple[Path, Path]:
-        """rgb and 16-bit depth in millimetres, as a RealSense user saves them."""
+        """Save rgb and 16-bit depth in millimetres, as a RealSense user does."""
         rgb, depth = folder / f"{name}-rgb.png", folder / f"{name}-depth.png"
         cv2.imwrite(str(rgb), self.rgb[..., ::-1])
         cv2.imwrite(str(depth), np.rint(self.depth * 1000).astype(np.uint16))
         return rgb, depth
 
 
-def stand(
-    *,
-    tilt: float = 40.0,
-    roll: float = 0.0,
-    distance: float = 0.8,
-    width: int = 640,
-    height: int = 480,
-    turn: float = 0.0,
-) -> tuple[PinholeCamera, Intrinsics]:
-    """A D435 ``distance`` from the origin, ``tilt`` from straight above, rolled; ``turn`` walks it round the table."""
+def stand(*, tilt=40.0, roll=0.0, distance=0.8, width=640, height=480, turn=0.0) -> tuple[PinholeCamera, Intrinsics]:
+    """Return a D435 ``distance`` from the origin, ``tilt`` degrees from above, rolled, turned round the table."""
     a, t, r = (math.radians(angle) for angle in (turn, tilt, roll))
     eye = distance * np.array([math.sin(t) * math.sin(a), -math.sin(t) * math.cos(a), math.cos(t)])
     forward = -eye / distance
@@ -131,7 +122,7 @@ def shoot(
     missing: float = 0.01,
     rgb_noise: float = 3.0,
 ) -> Shot:
-    """Draw the scene; with a seed as a sensor sees it. ``depth_noise`` is m rms at 1 m, ``missing`` a share."""
+    """Render the scene; with a seed, with sensor noise. ``depth_noise`` is m rms at 1 m, ``missing`` a share."""
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     slopes = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(columns.shape)])
     rays = np.tensordot(camera.cam_to_world[:3, :3], slopes, axes=1)
@@ -153,14 +144,9 @@ def shoot(
     if seed is not None:
         rng = np.random.default_rng(seed)
         rgb = cv2.GaussianBlur(rgb, (3, 3), 0.6) + rng.normal(0, rgb_noise, rgb.shape)
-        depth = _spoiled(depth, rng, depth_noise, missing)
-    return Shot(
-        rgb=np.clip(np.rint(rgb), 0, 255).astype(np.uint8),
-        depth=depth.astype(np.float32),
-        cloth=cloth,
-        camera=camera,
-        lens=lens,
-    )
+        depth = _add_depth_errors(depth, rng, depth_noise, missing)
+    rgb = np.clip(np.rint(rgb), 0, 255).astype(np.uint8)
+    return Shot(rgb=rgb, depth=depth.astype(np.float32), cloth=cloth, camera=camera, lens=lens)
 
 
 def _hit(camera: PinholeCamera, rays: NDArray, level: NDArray | float) -> tuple[NDArray, NDArray, NDArray]:
@@ -177,8 +163,8 @@ def _shade(scene: Scene, x: NDArray, y: NDArray) -> NDArray:
     return scene.ambient + (1 - scene.ambient) * np.clip(facing, 0, None)
 
 
-def _spoiled(depth: NDArray, rng: np.random.Generator, noise: float, missing: float) -> NDArray:
-    """Errors that neighbours share and that are constant in 1/z, blots without a value, whole millimetres."""
+def _add_depth_errors(depth: NDArray, rng: np.random.Generator, noise: float, missing: float) -> NDArray:
+    """Add errors that neighbours share and that are constant in 1/z, blots without a value, whole millimetres."""
     field = cv2.GaussianBlur(rng.normal(size=depth.shape), (0, 0), 1.0)
     measured = 1 / np.maximum(1 / np.where(depth > 0, depth, 9.0) + noise * field / field.std(), 0.05)
     blots = cv2.GaussianBlur(rng.normal(size=depth.shape), (0, 0), 3.0)

@@ -1,4 +1,4 @@
-"""`layflat word` on frames that were saved as a RealSense user saves them: drawn scenes, and the simulator's camera."""
+"""`layflat word` on frames saved as a RealSense user saves them: drawn scenes, and the simulator's camera."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -33,15 +32,14 @@ CONTRACT = {
     "contact_pixels",
     "contact_portion",
 }
-Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(capsys, monkeypatch, tmp_path) -> Run:
-    """Runs ``layflat word`` in an empty folder; returns status, stdout and stderr."""
+def run(capsys, monkeypatch, tmp_path):
+    """Return a function that runs ``layflat word`` in an empty folder and gives status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
 
-    def call(*arguments: object) -> tuple[int, str, str]:
+    def call(*arguments):
         with pytest.raises(SystemExit) as stop:
             main.main(["word", *map(str, arguments)])
         out, err = capsys.readouterr()
@@ -50,13 +48,25 @@ def run(capsys, monkeypatch, tmp_path) -> Run:
     return call
 
 
-def _sheet_frame(folder: Path, name: str, scene: Scene, **place: object) -> None:
-    camera, lens = stand(**({"width": 320, "height": 240, "tilt": 30.0} | place))  # type: ignore[arg-type]
+@pytest.fixture
+def analyze(run, frames):
+    """Return a function that runs the command on a frame by name and gives its JSON object."""
+
+    def call(name, *options):
+        depth = frames / f"{name}-depth.png"
+        assert run(frames / f"{name}-rgb.png", depth, *options, "--json", "out.json", "--force")[0] == 0
+        return json.loads(Path("out.json").read_text())
+
+    return call
+
+
+def _sheet_frame(folder: Path, name: str, scene: Scene, **place):
+    camera, lens = stand(**({"width": 320, "height": 240, "tilt": 30.0} | place))
     shoot(scene, camera, lens, seed=1, missing=0.05).save(folder, name)
 
 
 def _png(header: bytes, *data: bytes) -> bytes:
-    """A PNG with right checksums whatever is in it."""
+    """Return a PNG with right checksums and any content."""
     chunks = [(b"IHDR", header), *((b"IDAT", part) for part in data), (b"IEND", b"")]
     parts = [
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
@@ -65,8 +75,8 @@ def _png(header: bytes, *data: bytes) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with good and bad pictures."""
+def frames(tmp_path_factory) -> Path:
+    """Return a folder with good and bad pictures."""
     folder = tmp_path_factory.mktemp("frames")
     _sheet_frame(folder, "good", Scene(amplitude=0.003))
     _sheet_frame(folder, "red", Scene(cloth=CLOTHS["red"], lift_from=0.0), roll=12.0)
@@ -137,66 +147,55 @@ def test_nothing_is_written_unasked(frames, run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_flat_cloth_has_no_direction_and_counts_for_the_portion(frames, run):
-    assert run(frames / "flat-rgb.png", frames / "flat-depth.png", "--json", "flat.json")[0] == 0
-    flat = json.loads(Path("flat.json").read_text())
-    assert flat["word"] is None
-    assert flat["word_axial"] is None
+def test_flat_cloth_has_no_direction_and_counts_for_the_portion(analyze):
+    flat = analyze("flat")
+    assert flat["word"] is flat["word_axial"] is None
     assert flat["strength"] == flat["coherence"] == 0
     count = flat["cloth_pixels"]
-    run(frames / "flat-rgb.png", frames / "flat-depth.png", "--flat-pixels", count, "--json", "again.json")
-    assert json.loads(Path("again.json").read_text())["contact_portion"] == pytest.approx(1.0, abs=0.02)
-    run(frames / "red-rgb.png", frames / "red-depth.png", "--flat-pixels", count, "--json", "red.json")
-    lifted = json.loads(Path("red.json").read_text())
+    assert analyze("flat", "--flat-pixels", count)["contact_portion"] == pytest.approx(1.0, abs=0.02)
+    lifted = analyze("red", "--flat-pixels", count)
     assert 0.3 < lifted["contact_portion"] < 0.6  # half of it rises
     assert lifted["hsv"]["hue_min"] > lifted["hsv"]["hue_max"]
 
 
-def test_the_colour_given_learned_and_suggested_see_the_same_cloth(frames, run):
-    pair = (frames / "red-rgb.png", frames / "red-depth.png")
-    counts = []
-    for index, option in enumerate([(), ("--cloth-at", "160,120"), ("--hsv", "340,20,0.4,0.1")]):
-        status, out, _ = run(*pair, *option, "--json", f"{index}.json")
-        assert status == 0
-        assert ("suggested", "learned", "given")[index] in out
-        counts.append(json.loads(Path(f"{index}.json").read_text())["cloth_pixels"])
+def test_the_color_given_learned_and_suggested_see_the_same_cloth(frames, run, analyze):
+    options = {"suggested": (), "learned": ("--cloth-at", "160,120"), "given": ("--hsv", "340,20,0.4,0.1")}
+    results = {source: analyze("red", *option) for source, option in options.items()}
+    counts = [result["cloth_pixels"] for result in results.values()]
     assert max(counts) / min(counts) < 1.02
+    pair = (frames / "red-rgb.png", frames / "red-depth.png")
+    for source, result in results.items():
+        assert result["hsv"]["source"] == source
+        out = run(*pair, *options[source])[1]
+        assert source in out
     again = next(line for line in out.splitlines() if "--hsv" in line).split("--hsv ")[1]
     assert run(*pair, "--hsv", again)[0] == 0
 
 
-def test_depth_scale_is_the_unit(frames, run):
+def test_depth_scale_is_the_unit(frames, run, analyze):
+    one = analyze("good")
     depth = cv2.imread(str(frames / "good-depth.png"), cv2.IMREAD_UNCHANGED)
     cv2.imwrite("quarter.png", depth * 4)
-    run(frames / "good-rgb.png", frames / "good-depth.png", "--json", "one.json")
-    run(frames / "good-rgb.png", "quarter.png", "--depth-scale", "0.25", "--json", "two.json")
-    one, two = (json.loads(Path(f"{name}.json").read_text()) for name in ("one", "two"))
+    assert run(frames / "good-rgb.png", "quarter.png", "--depth-scale", "0.25", "--json", "two.json")[0] == 0
+    two = json.loads(Path("two.json").read_text())
     assert two["plane"]["distance_mm"] == pytest.approx(one["plane"]["distance_mm"], abs=0.1)
     assert two["contact_pixels"] == pytest.approx(one["contact_pixels"], rel=1e-3)
 
 
-def test_the_seed_decides_and_hardly_matters(frames, run):
-    contents = []
-    for index, seed in enumerate((0, 0, 7)):
-        run(frames / "good-rgb.png", frames / "good-depth.png", "--seed", seed, "--json", f"{index}.json")
-        contents.append(json.loads(Path(f"{index}.json").read_text()))
-    assert contents[0] == contents[1]
-    assert contents[2]["contact_pixels"] == pytest.approx(contents[0]["contact_pixels"], rel=0.01)
+def test_the_seed_decides_and_hardly_matters(analyze):
+    one, again, other = (analyze("good", "--seed", seed) for seed in (0, 0, 7))
+    assert one == again
+    assert other["contact_pixels"] == pytest.approx(one["contact_pixels"], rel=0.01)
 
 
 def test_transparency_is_dropped(frames, run):
-    assert (
-        run(frames / "rgba.png", frames / "good-depth.png")[1]
-        == run(frames / "good-rgb.png", frames / "good-depth.png")[1]
-    )
+    outputs = [run(frames / name, frames / "good-depth.png")[1] for name in ("rgba.png", "good-rgb.png")]
+    assert outputs[0] == outputs[1]
 
 
 @pytest.mark.parametrize("name", DESCRIPTORS)
-def test_every_descriptor_gives_its_vector(name, frames, run):
-    pair = (frames / "good-rgb.png", frames / "good-depth.png")
-    status, _, _ = run(*pair, "--descriptor", name, "--json", "d.json", "--overlay", "d.png")
-    assert status == 0
-    found = json.loads(Path("d.json").read_text())["descriptor"]
+def test_every_descriptor_gives_its_vector(name, analyze):
+    found = analyze("good", "--descriptor", name, "--overlay", "d.png")["descriptor"]
     assert found["name"] == DESCRIPTORS[name]().name
     assert len(found["vector"]) == DESCRIPTORS[name]().size
     assert np.isfinite(found["vector"]).all()
@@ -204,7 +203,7 @@ def test_every_descriptor_gives_its_vector(name, frames, run):
 
 @pytest.mark.parametrize("width", [640, 1280])
 def test_the_simulators_camera_rolled_and_with_noise(width, run):
-    """Wrinkles of known direction in the simulator's own picture; the command is told nothing of the camera."""
+    """Wrinkles of known direction in the simulator's own picture; the command knows nothing of the camera."""
     height, roll = width * 9 // 16 if width > 1000 else width * 3 // 4, math.radians(-15)
     pinhole = PinholeCamera.look_at(
         (0.25, -0.55, 0.75),
