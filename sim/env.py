@@ -1,13 +1,13 @@
-"""The gymnasium protocol on top of ``ClothSimulation``: ``layflat/HangerPlace-v0`` and ``layflat/PickersPlace-v0``.
+"""ClothPlaceEnv: the Gymnasium protocol on top of ClothSimulation.
 
-What repeats: the same seed and actions give the same bits in every fresh process. In a process that goes on with
-another episode the start and the flight are still the same bits, but once cloth touches cloth the nodes may differ by
-millimetres, because Bullet shuffles self-collision impulses with a seed that it never resets.
+The same seed and actions give the same bits in every fresh process. In a process that simulates a further episode the
+start and the flight are still the same bits, but once cloth touches cloth the nodes may differ by millimetres, because
+Bullet shuffles self-collision impulses with a seed that it never resets.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,65 +17,77 @@ from numpy.typing import NDArray
 from layflat.data.arrays import FloatArray
 from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
+from layflat.sim.tasks.registry import DEFAULT_TASK
 
 RENDER_SIZE = (640, 480)
 SPACE_LIMIT_M = 2.0
-"""No corner gets this far from the origin: the holders keep to workspaces of less than 1 m."""
+"""Bound of all positions: robots keep to workspaces of less than 1 m."""
 STRENGTH_LIMIT = 10.0
-"""The image's Gabor responses stay below 1; word_strength is cut off here so that its space is finite."""
+"""Bound of ``word_strength``, so that its space is finite; Gabor responses stay below 1."""
+DEFAULT_ROBOT = "hanger"
 DISTURB_STEP = 100
 
 ObsDict = dict[str, NDArray[Any]]
 
 
 class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
-    """Lay the cloth flat on the table.
+    """Lay the cloth flat on the table, or smooth it.
 
-    Action: Box(-1, 1, (2,) or (6,)), displacement of this step / ACTION_LIMIT_M in the order of the robot's axes; cut
-    off
-    at the limits. SimError for a wrong shape or a value that is not finite.
+    Parameters
+    ----------
+    robot, cloth, task
+        Names; SimError lists the known ones.
+    images
+        Whether observations hold ``rgb`` and ``depth``.
+    disturbance
+        Name of a disturbance that starts at step ``disturb_step``.
+    render_mode
+        None or "rgb_array".
+    **settings
+        Further fields of `layflat.sim.config.SimConfig`, such as ``table_friction``, ``control`` and ``noise``.
 
-    Observation: what a policy may see (``layflat.data.types.Observation``), float64; with ``images`` also rgb and
-    depth.
+    Notes
+    -----
+    Action: Box(-1, 1, (A,)), displacement of this step / ACTION_LIMIT_M in the order of the robot's axes; cut off at
+    the limits. SimError for a wrong shape or a value that is not finite.
+
+    Observation: what a policy may see (`layflat.data.types.Observation`), float64.
 
     Reward: gain of the camera's contact portion in this step, so that an episode's rewards add up to the portion at its
-    end less that at its start. The flat area, which is what counts, is in ``info`` and not in the reward: it is the
+    end less that at its start. The flat area, which decides success, is in ``info`` and not in the reward: it is the
     simulator's knowledge.
 
-    Terminated: the cloth has diverged; ``info["unstable"]`` says why, the observation is the last sane one, and the
-    reward is 0. There is no other end: the one who places decides when it is flat (``info["is_success"]``).
+    Terminated: the cloth has diverged; ``info["unstable"]`` says why, the observation is the last valid one, and the
+    reward is 0. There is no other end: the policy decides when the cloth is flat (``info["is_success"]``).
 
-    Info: contact_portion_true, flat_area, is_success (flat area above 0.97), unstable ("" or why), seed (of the start).
+    Info: contact_portion_true, flat_area, is_success, unstable ("" or why), seed (of the start).
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # gymnasium's own form
 
     def __init__(
         self,
-        robot: str,
+        robot: str = DEFAULT_ROBOT,
         *,
-        cloth: str = "towel",
-        table_friction: float = 1.0,
-        control: Literal["impedance", "position"] = "impedance",
-        noise: bool = True,
+        cloth: str = DEFAULT_CLOTH,
+        task: str = DEFAULT_TASK,
         images: bool = False,
         disturbance: str | None = None,
         disturb_step: int = DISTURB_STEP,
         render_mode: str | None = None,
+        **settings: Any,
     ) -> None:
-        """``disturbance`` names what befalls the cloth at step ``disturb_step``; the rest is as in SimConfig."""
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SimError(f"render_mode is {render_mode!r}; it must be None or 'rgb_array'")
         if disturbance is not None:
             disturbance_spec(disturbance)
         self.render_mode = render_mode
-        self.simulation = ClothSimulation(
-            SimConfig(robot=robot, cloth=cloth, table_friction=table_friction, control=control, noise=noise)
-        )
+        self.simulation = ClothSimulation(SimConfig(robot=robot, cloth=cloth, task=task, **settings))
         self._images = images
         self._disturbance = disturbance
         self._disturb_step = disturb_step
@@ -103,66 +115,52 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[ObsDict, dict[str, Any]]:
-        """Hang up the cloth: the start of ``seed``, the same as the program's; without one, a start drawn at random."""
+        """Start the episode of ``seed``, the same as the program's; without one, of a random seed."""
         super().reset(seed=seed)
         self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
         self.simulation.reset(self._seed)
         self._step_index = 0
-        self._seen = self.simulation.observe(images=self._images)
-        return self._as_dict(self._seen), self._info(None)
+        self._observation = self.simulation.observe(images=self._images)
+        return self._as_dict(), self._info(None)
 
     def step(self, action: NDArray[np.float32]) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
-        displacement = self._checked(action)
+        """Move the robot in one control step."""
+        displacement = self._displacement(action)
         if self._step_index == self._disturb_step and self._disturbance is not None:
             self.simulation.disturb(self._disturbance)
         self._step_index += 1
         self.simulation.step(displacement)
-        unstable = self.simulation.divergence_reason()
-        if unstable is not None:
-            return self._as_dict(self._seen), 0.0, True, False, self._info(unstable)
-        before, self._seen = self._seen, self.simulation.observe(images=self._images)
-        reward = self._seen.contact_portion - before.contact_portion
-        return self._as_dict(self._seen), reward, False, False, self._info(None)
+        reason = self.simulation.divergence_reason()
+        if reason is not None:
+            return self._as_dict(), 0.0, True, False, self._info(reason)
+        before, self._observation = self._observation, self.simulation.observe(images=self._images)
+        reward = self._observation.contact_portion - before.contact_portion
+        return self._as_dict(), reward, False, False, self._info(None)
 
-    def _checked(self, action: NDArray[np.float32]) -> FloatArray:
+    def _displacement(self, action: NDArray[np.float32]) -> FloatArray:
         values = np.asarray(action, dtype=float)
         if values.shape != (self._size,) or not np.isfinite(values).all():
             raise SimError(f"the action is {values.tolist()}; it must be {self._size} finite numbers")
         return np.clip(values, -1.0, 1.0) * ACTION_LIMIT_M
 
-    def _as_dict(self, seen: Observation) -> ObsDict:
-        values = {
-            "corner_positions": seen.corner_positions,
-            "holder_position": seen.holder_position,
-            "word": seen.word,
-            "word_strength": [seen.word_strength],
-            "contact_portion": [seen.contact_portion],
-            "rgb": seen.rgb,
-            "depth": seen.depth,
-        }
-        return {name: np.clip(np.array(values[name], dtype=b.dtype), b.low, b.high) for name, b in self._spaces.items()}
+    def _as_dict(self) -> ObsDict:
+        last: Observation = self._observation
+        values = {name: np.atleast_1d(getattr(last, name)) for name in self._spaces}
+        return {name: np.clip(values[name].astype(b.dtype), b.low, b.high) for name, b in self._spaces.items()}
 
     def _info(self, unstable: str | None) -> dict[str, Any]:
-        """Of a diverged cloth the mesh says nothing any more: areas read 0."""
-        if unstable is not None:
-            portion, area, success = 0.0, 0.0, False
-        else:
-            ground_truth = self.simulation.ground_truth()
-            portion, area, success = (
-                ground_truth.contact_portion_true,
-                ground_truth.flat_area,
-                self.simulation.success(),
-            )
+        # The mesh of a diverged cloth means nothing: its areas read 0.
+        ground_truth = self.simulation.ground_truth() if unstable is None else None
         return {
-            "contact_portion_true": portion,
-            "flat_area": area,
-            "is_success": success,
+            "contact_portion_true": 0.0 if ground_truth is None else ground_truth.contact_portion_true,
+            "flat_area": 0.0 if ground_truth is None else ground_truth.flat_area,
+            "is_success": ground_truth is not None and self.simulation.success(),
             "unstable": unstable or "",
             "seed": self._seed,
         }
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """(480, 640, 3) picture for people, or None without a render mode."""
+        """Return an image for people, (480, 640, 3), or None without a render mode."""
         if self.render_mode is None:
             return None
         if self.simulation.world is None:
@@ -170,4 +168,5 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         return self.simulation.camera.render(*RENDER_SIZE)
 
     def close(self) -> None:
+        """Free the simulation."""
         self.simulation.close()

@@ -54,7 +54,7 @@ def test_drag_is_rate_times_velocity_and_horizontal() -> None:
     for _ in range(25):  # 25 substeps: about 0.5 m/s along x and -0.2 m/s along y
         world.step()
     world.set_gravity((0.0, 0.0, 0.0))
-    air = AirDrag(world, cloth)
+    air = AirDrag(cloth, world.set_gravity)
     while world.substeps_done < 31:
         air.update()
         world.step()

@@ -9,12 +9,9 @@ that Bullet gives to every node, so the drag of the mean motion is a sideways gr
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
-from layflat.sim.physics.base import GRAVITY_M_S2, Cloth
-
-if TYPE_CHECKING:
-    from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.sim.physics.base import GRAVITY_M_S2, Cloth, Vector
 
 DRAG_RATE_PER_S = 3.0
 UPDATE_S = 0.02
@@ -25,8 +22,9 @@ DRAG_LIMIT_M_S2 = 3.0
 class AirDrag:
     """Drag of the cloth's mean motion."""
 
-    def __init__(self, world: BulletWorld, cloth: Cloth) -> None:
-        self._world = world
+    def __init__(self, cloth: Cloth, set_gravity: Callable[[Vector], None]) -> None:
+        self._world = world = cloth.world
+        self._set_gravity = set_gravity
         self._cloth = cloth
         self._every = world.halves(UPDATE_S)
         self._last: tuple[int, float, float] | None = None
@@ -47,7 +45,7 @@ class AirDrag:
         duration_s = world.seconds(world.halves_done - last[0])
         # The descent is driven by the robot; only the swing needs damping.
         ax, ay = _drag((cx - last[1]) / duration_s), _drag((cy - last[2]) / duration_s)
-        world.set_gravity((ax, ay, -GRAVITY_M_S2))
+        self._set_gravity((ax, ay, -GRAVITY_M_S2))
 
 
 def _drag(velocity_m_s: float) -> float:

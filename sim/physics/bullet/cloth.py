@@ -7,27 +7,23 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import ClothSpec
-from layflat.sim.physics.base import Cloth
+from layflat.sim.physics.base import Cloth, World
 from layflat.sim.physics.bullet.solid_renderer import HIDDEN
-
-if TYPE_CHECKING:
-    from layflat.sim.physics.bullet.world import BulletWorld
 
 
 class BulletCloth(Cloth):
     """One soft body of a world."""
 
-    def __init__(self, world: BulletWorld, spec: ClothSpec, nodes: FloatArray) -> None:
+    def __init__(self, world: World, client: int, spec: ClothSpec, nodes: FloatArray) -> None:
         super().__init__(spec)
         self.world = world
-        self._client = world.client
+        self._client = client
         self._nodes: FloatArray | None = None
         self._nodes_at = 0
         self.body = self._load(nodes)

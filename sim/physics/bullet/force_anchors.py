@@ -9,7 +9,6 @@ nodes; in a short jab that error (10 to 40 ms times the force) is as large as th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pybullet as bullet
@@ -17,9 +16,6 @@ import pybullet as bullet
 from layflat.data.arrays import FloatArray
 from layflat.sim.physics.base import Cloth
 from layflat.sim.physics.bullet.cloth import bullet_cloth
-
-if TYPE_CHECKING:
-    from layflat.sim.physics.bullet.world import BulletWorld
 
 HAND_MASS_KG = 0.003
 """Nine hands of 1 g on a patch make the towel diverge, even without a force."""
@@ -32,9 +28,9 @@ HAND_DAMPING_1_S = 90.0
 class BulletForceAnchors:
     """One hand on each of some nodes, pulled to targets by springs of bounded force."""
 
-    def __init__(self, world: BulletWorld, cloth: Cloth, nodes: Sequence[int], force_limit_n: float) -> None:
-        self._world = world
-        self._client = client = world.client
+    def __init__(self, client: int, cloth: Cloth, nodes: Sequence[int], force_limit_n: float) -> None:
+        self._world = world = cloth.world
+        self._client = client
         self._cloth = bullet_cloth(cloth)
         self._force_limit_n = force_limit_n
         self.start: FloatArray = cloth.nodes()[list(nodes)]

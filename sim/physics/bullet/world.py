@@ -61,18 +61,18 @@ class BulletWorld(World):
         return int(body)
 
     def add_cloth(self, spec: ClothSpec, nodes: FloatArray | None = None) -> BulletCloth:
-        cloth = BulletCloth(self, spec, spec.flat_nodes(z_m=0.5) if nodes is None else nodes)
+        cloth = BulletCloth(self, self.client, spec, spec.flat_nodes(z_m=0.5) if nodes is None else nodes)
         self.drawn_elsewhere.add(cloth.body)
         return cloth
 
     def add_air(self, cloth: Cloth) -> None:
-        self._air = AirDrag(self, cloth)
+        self._air = AirDrag(cloth, self.set_gravity)
 
     def add_holders(self, positions_m: FloatArray) -> BulletHolders:
         return BulletHolders(self.client, positions_m)
 
     def add_force_anchors(self, cloth: Cloth, nodes: Sequence[int], force_limit_n: float) -> BulletForceAnchors:
-        return BulletForceAnchors(self, cloth, nodes, force_limit_n)
+        return BulletForceAnchors(self.client, cloth, nodes, force_limit_n)
 
     def add_arm(self, urdf: bytes, base_position_m: Vector, *, joints: int, tool_m: float) -> BulletArm:
         return BulletArm(self.client, urdf, base_position_m, joints, tool_m)

@@ -13,7 +13,7 @@ from layflat.app.workstation.window.layout import layout
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.spec import cloth_spec
-from layflat.sim.robots.arm_shape import arm_shape
+from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.panda import inverse_kinematics
 
 SIZE = (640, 480)
@@ -90,7 +90,7 @@ def test_the_cloth_is_drawn_where_it_is(name):
 def test_what_is_nearer_hides_what_is_behind():
     """The arm stands before a cloth that hangs behind it, and a cloth in front hides the arm."""
     spec = cloth_spec("towel")
-    view = View3d(spec, arm_shape(spec))
+    view = View3d(spec, PandaHanger.arm_shape(spec))
     joints = inverse_kinematics(np.array([0.2, 0.0, 0.3]))
     nodes = spec.flat_nodes() + np.array([0.1, 0.25, 0.4])
     shares = [
