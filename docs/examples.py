@@ -15,6 +15,10 @@ from layflat.docs import generated
 OTHER_PROGRAMS = {"--filter_key"}
 """Options that pages name in running text and that are not ours."""
 
+CHOOSING = ("--robot", "--task", "--cloth", "--source", "--descriptor", "--controller", "--policy", "--with", "--start")
+CHOOSING += ("--engine", "--format", "--mode", "--outcome")
+"""Options whose value is one of the names in their help."""
+
 _BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```$", re.M | re.S)
 _FENCED = re.compile(r"^ *```.*?^ *```$", re.M | re.S)
 _INLINE = re.compile(r"`([^`\n]+)`")
@@ -99,7 +103,7 @@ def _parse_faults(words: list[str], known: dict[str, Any]) -> list[str]:
         command.make_context(line, list(rest)).close()
     except Exception as error:  # usage errors of the parser, and those of the options' own checks
         return [f"{line}: {error}"]
-    return []
+    return _value_faults(line, command, rest)
 
 
 def _mention_faults(words: list[str], known: dict[str, Any]) -> list[str]:
@@ -112,13 +116,15 @@ def _mention_faults(words: list[str], known: dict[str, Any]) -> list[str]:
         return [] if fits or words == ["--help"] else [f"{line}: there is no such command"]
     options = _options(command)
     found = [f"{line}: no option {word}" for word in rest if word.startswith("--") and word not in options]
-    for option, value in pairwise(rest):
-        record = options[option].get_help_record(_context(command)) if option in options else None
-        choices = re.search(r"<([^>|]+\|[^>]+)>", record[0]) if record else None
-        if choices and not value.isupper() and not set(value.split("|")) <= set(choices[1].split("|")):
-            found.append(f"{line}: {value} is no value of {option}")
+    return found or _value_faults(line, command, rest)
+
+
+def _value_faults(line: str, command: Any, words: list[str]) -> list[str]:
+    """Return which values the help of their options does not name; only of options that choose by a name."""
+    context = command.make_context("layflat", [], resilient_parsing=True)
+    options, found = _options(command), []
+    for option, value in pairwise(words):
+        if option in CHOOSING and option in options and not (value.isupper() or value.isdigit()):
+            named = set(re.split(r"[^\w-]+", " ".join(options[option].get_help_record(context))))
+            found += [f"{line}: {option} does not name {word}" for word in value.split("|") if word not in named]
     return found
-
-
-def _context(command: Any) -> Any:
-    return command.make_context("layflat", [], resilient_parsing=True)
