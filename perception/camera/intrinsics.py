@@ -21,18 +21,17 @@ FOCAL_RANGE = (0.25, 10.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Intrinsics:
-    """Pinhole intrinsics without distortion, px. Pixel (0, 0) is the centre of the top left pixel."""
+    """Pinhole intrinsics without distortion, px: focal lengths and optical axis along columns (x) and rows (y).
+
+    Pixel (0, 0) is the centre of the top left pixel.
+    """
 
     width: int
     height: int
     fx: float
-    """Focal length along the columns."""
     fy: float
-    """Focal length along the rows."""
     cx: float
-    """Column of the optical axis."""
     cy: float
-    """Row of the optical axis."""
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in astuple(self)):

@@ -18,20 +18,16 @@ from layflat.perception.errors import PerceptionError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PinholeCamera:
-    """Ideal camera that looks at the table; lengths in px, the pose in m."""
+    """Ideal camera that looks at the table; the intrinsics are those of ``Intrinsics``, px."""
 
     width: int
     height: int
     fx: float
-    """Focal length along the columns."""
     fy: float
-    """Focal length along the rows."""
     cx: float
-    """Column of the optical axis."""
     cy: float
-    """Row of the optical axis."""
     cam_to_world: Float64Array
-    """(4, 4) rigid transform from camera axes to the world."""
+    """(4, 4) rigid transform from camera axes to the world, m."""
 
     def __post_init__(self) -> None:
         pose = np.array(self.cam_to_world, dtype=np.float64)

@@ -161,12 +161,12 @@ def _ransac(
     """Return the plane m (3,) and the share of the points within ``tolerance`` of it."""
     from sklearn.linear_model import LinearRegression, RANSACRegressor  # slow to import
 
-    few = slice(0, RANSAC_POINTS)
+    few, min_cosine = slice(0, RANSAC_POINTS), math.cos(math.radians(MAX_TILT_DEG))
     search = RANSACRegressor(
         LinearRegression(fit_intercept=False),
         min_samples=3,
         residual_threshold=tolerance,
-        is_model_valid=lambda model, _x, _y: _faces_camera(model.coef_),
+        is_model_valid=lambda model, _x, _y: bool(model.coef_[2] > min_cosine * np.linalg.norm(model.coef_)),
         max_trials=MAX_TRIALS,
         stop_probability=0.9999,
         random_state=int(rng.integers(2**31)),
@@ -178,10 +178,6 @@ def _ransac(
             f"no table: no plane in the depth image is seen at less than {MAX_TILT_DEG:.0f} degrees from straight above"
         ) from error
     return np.asarray(search.estimator_.coef_), float(np.mean(search.inlier_mask_))
-
-
-def _faces_camera(plane: Float64Array) -> bool:
-    return bool(plane[2] > math.cos(math.radians(MAX_TILT_DEG)) * np.linalg.norm(plane))
 
 
 def _refine(

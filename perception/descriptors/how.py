@@ -104,19 +104,14 @@ class HowDescriptor:
         preprocessed = preprocess(view, self.config.preprocess)
         if preprocessed is None or not preprocessed.valid.any():
             return WrinkleDirection.none()
-        energies = self._energies(preprocessed)
+        mask = preprocessed.valid.view(np.uint8)
+        sums = np.array([cv2.norm(r, cv2.NORM_L2SQR, mask) for r in self._responses(preprocessed)])
+        energies = (sums.reshape(-1, self.config.orientations) / np.count_nonzero(mask)).sum(axis=0)
         strength = math.sqrt(energies.max())
         if strength <= self.config.noise_floor:
             return WrinkleDirection.none()
         vector, coherence = axial_mean(energies, wrinkle_normals(self.config.orientations))
         return WrinkleDirection(vector=vector, coherence=coherence, strength=strength)
-
-    def _energies(self, preprocessed: PreprocessedImage) -> Float64Array:
-        """Return (n,) mean squared response of each orientation over the valid pixels, summed over wavelengths."""
-        mask = preprocessed.valid.view(np.uint8)
-        sums = [cv2.norm(r, cv2.NORM_L2SQR, mask) for r in self._responses(preprocessed)]
-        by_wavelength = np.array(sums).reshape(-1, self.config.orientations) / np.count_nonzero(mask)
-        return np.asarray(by_wavelength.sum(axis=0))
 
     def _responses(self, preprocessed: PreprocessedImage) -> list[Float32Array]:
         """Return (h, w) responses: wavelength by wavelength, orientation by orientation."""
