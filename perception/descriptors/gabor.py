@@ -82,7 +82,7 @@ def gabor_responses(
     """Yield for each kernel the ``window`` (h, w) of what ``filter2D`` with BORDER_REPLICATE gives.
 
     The image is transformed once and the kernels' spectra are cached, so that an orientation costs one multiplication
-    and one inverse transform whatever the kernel's size; only the pixels that the window depends on take part. All
+    and one inverse transform for a kernel of any size; only the pixels that the window depends on take part. All
     responses share one buffer: use or copy each before asking for the next.
     """
     half = params.size // 2

@@ -82,7 +82,7 @@ def _decimate(view: ClothView, factor: int) -> tuple[Float32Array, BoolArray, Bo
 def relative_brightness(rgb: RgbArray, cloth: BoolArray) -> Float32Array:
     """Return (h, w) each pixel's share along the cloth's mean colour; 1 on average over the cloth.
 
-    For a cloth of one colour this is the grey image with the least noise, whatever the colour.
+    For a cloth of one colour this is the grey image with the least noise, for any colour.
     """
     color = np.array(cv2.mean(rgb, cloth.view(np.uint8))[:3])
     power = float(color @ color)

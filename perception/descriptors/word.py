@@ -65,9 +65,9 @@ class WordConfig:
     max_height_m: float = math.inf
     """Responses of higher cloth do not count."""
     noise_ratio: float = 2.2
-    """Means up to this many times that of the weakest orientation are noise, which has no orientation, whatever the
-    sensor, its distance and the exposure: 40 flat sheets under 0.25 to 1.5 of the exposure and 0.5 to 3 times a D435's
-    noise had at most 2.0 (and 1.7 with the kernel of ``word-axial``)."""
+    """Means up to this many times that of the weakest orientation are noise, which has no orientation, for any sensor,
+    distance and exposure: 40 flat sheets under 0.25 to 1.5 of the exposure and 0.5 to 3 times a D435's noise had at
+    most 2.0 (and 1.7 with the kernel of ``word-axial``)."""
     min_response: float = 0.002
     """Smaller means are noise too, relative brightness or slope: rounding to grey levels makes 0.0005."""
     min_area_mm2: float = 2500.0

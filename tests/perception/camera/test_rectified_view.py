@@ -1,4 +1,4 @@
-"""The rectified view: a map in millimetres, whatever the camera's tilt."""
+"""The rectified view: a map in millimetres for any tilt of the camera."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def errors(plane: TablePlane, camera: PinholeCamera) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("tilt", "roll", "size"), [(0, 0, (320, 240)), (25, -20, (640, 360)), (55, 15, (424, 240))])
-def test_without_noise_the_plane_is_exact_whatever_the_pose(tilt, roll, size):
+def test_without_noise_the_plane_is_exact_for_any_pose(tilt, roll, size):
     camera, lens = stand(tilt=tilt, roll=roll, width=size[0], height=size[1])
     plane = fit(shoot(ROOM, camera, lens))
     angle, height = errors(plane, camera)

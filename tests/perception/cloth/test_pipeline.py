@@ -63,7 +63,7 @@ def test_a_lifted_part_is_not_contact():
 
 @pytest.mark.parametrize("stretch", [1.0, 1.01, 1.02])
 def test_stretch_is_not_taken_for_contact(stretch):
-    """Stretched along both sides, all of it lying or with one end lifted: the same share lies, whatever its size."""
+    """Stretched along both sides, all of it lying or with one end lifted: the same share lies at any size."""
     known = PIPELINE.with_flat_pixels(perceive({"seed": 0}).cloth_pixels)  # P_flat through the same noise
     side = 0.35 * stretch
     assert perceive({"seed": 1}, by=known, size=(side, side)).contact_portion == pytest.approx(1.0, abs=0.01)
