@@ -1,24 +1,28 @@
-"""What an episode is, and keeping it safe: numpy and h5py only. docs/how-to/sessions.md shows it in use."""
+"""Episodes, and recording them safely; numpy and h5py only. docs/how-to/sessions.md shows the package in use."""
 
+from layflat.data.environment_spec import EnvironmentSpec
 from layflat.data.errors import DataError
-from layflat.data.session.demo_info import DemoInfo
-from layflat.data.session.episode_writer import EpisodeWriter
+from layflat.data.format.demo_info import DemoInfo
+from layflat.data.format.structure_checks import Violation
+from layflat.data.robot import ActionAxis, RobotSpec
 from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.session.reader import EpisodeView, Session, open_session
-from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.recorder import EpisodeWriter, SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.tools.operations import filter_session, merge, split, trim
 from layflat.data.tools.repair import RepairReport, repair
 from layflat.data.tools.stats import ColumnStats, SessionStats, session_stats
-from layflat.data.tools.validate import Violation, validate
+from layflat.data.tools.validate import validate
 from layflat.data.types import DisturbanceRecord, DragTarget, Episode, GroundTruth, Observation, Provenance, Step
 
 __all__ = [
+    "ActionAxis",
     "ColumnStats",
     "DataError",
     "DemoInfo",
     "DisturbanceRecord",
     "DragTarget",
+    "EnvironmentSpec",
     "Episode",
     "EpisodeView",
     "EpisodeWriter",
@@ -28,6 +32,7 @@ __all__ = [
     "Observation",
     "Provenance",
     "RepairReport",
+    "RobotSpec",
     "SavedEpisode",
     "Session",
     "SessionRecorder",

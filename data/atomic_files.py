@@ -1,7 +1,7 @@
-"""Files that are whole or not there, whatever happens while they are written; and one writer at a time.
+"""Files that are complete or not there, even after a crash; and one writer at a time.
 
-A finished file's name only ever points at finished bytes: they are written aside, flushed to the disk, and renamed, and
-the folder is flushed too, without which a power cut could undo the renaming.
+A file's name only ever points at finished bytes: they are written aside, flushed to the disk, and renamed, and the
+folder is flushed too, without which a power cut could undo the renaming.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from types import TracebackType
 from layflat.data.errors import DataError
 
 PART_SUFFIX = ".part"
-"""Of a file that is being written; what a killed writer left behind under such a name holds nothing that was kept."""
+"""Suffix of a file that is being written; one that a killed writer left behind holds nothing that was saved."""
 LOCK_NAME = "lock"
 _ERRNO = re.compile(r"errno = (\d+)")
 
 
 def os_reason(error: Exception) -> str:
-    """The operating system's words for an error, also where HDF5 has wrapped it in its own."""
+    """Return the operating system's text for an error, also where HDF5 has wrapped it in its own."""
     number = getattr(error, "errno", None) or next((int(found) for found in _ERRNO.findall(str(error))), None)
     return os.strerror(number) if number else (str(error).splitlines() or ["unknown error"])[0]
 
@@ -38,8 +38,12 @@ def fsync_path(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def atomic_path(target: Path, aside: Path) -> Iterator[Path]:
-    """Yields ``aside`` to be written and closed; then makes it ``target`` durably, or on any failure removes it."""
+def atomic_path(target: Path, aside: Path | None = None) -> Iterator[Path]:
+    """Yield a path to write and close, which then durably becomes ``target``, or is removed after an error.
+
+    By default it is a hidden file beside ``target`` with the same suffix.
+    """
+    aside = aside or target.with_name(f".{target.stem}.{os.getpid()}{PART_SUFFIX}{target.suffix}")
     aside.unlink(missing_ok=True)
     try:
         yield aside
@@ -52,8 +56,19 @@ def atomic_path(target: Path, aside: Path) -> Iterator[Path]:
     fsync_path(target.parent)
 
 
+def write_bytes(target: Path, payload: bytes) -> None:
+    """Write a file durably, completely or not at all."""
+    with atomic_path(target) as aside:
+        aside.write_bytes(payload)
+
+
+def write_text(target: Path, text: str) -> None:
+    """Write UTF-8 text durably, completely or not at all."""
+    write_bytes(target, text.encode("utf-8"))
+
+
 def fsync_write(target: Path, payload: bytes) -> None:
-    """A new file; returns when a power cut could no longer lose it. On any failure there is none."""
+    """Write a new file and return when a power cut could no longer lose it; after any error there is none."""
     try:
         with atomic_path(target, target.with_name(target.name + PART_SUFFIX)) as aside:
             aside.write_bytes(payload)
@@ -63,39 +78,41 @@ def fsync_write(target: Path, payload: bytes) -> None:
         raise
 
 
-_HELD: set[int] = set()
+_LOCKED: set[int] = set()
 """Descriptors of this process's locks."""
 
 
 def lock_until_exit(descriptor: int) -> None:
-    """Lock an open file until ``unlock``, or until this process ends, however it ends; BlockingIOError where another
-    process has it locked. Children that are forked meanwhile do not share the lock."""
+    """Lock an open file until ``unlock`` or the end of this process; BlockingIOError where another one has locked it.
+
+    Children that are forked meanwhile do not share the lock.
+    """
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    _HELD.add(descriptor)
+    _LOCKED.add(descriptor)
 
 
 def unlock(descriptor: int) -> None:
-    """Close what lock_until_exit has locked; nothing in a child that was forked since."""
-    if descriptor in _HELD:
-        _HELD.discard(descriptor)
+    """Close a file that lock_until_exit has locked; does nothing in a child that was forked since."""
+    if descriptor in _LOCKED:
+        _LOCKED.discard(descriptor)
         os.close(descriptor)
 
 
-def _leave_to_parent() -> None:
-    """A forked child shares the lock's open file, and would keep it locked when the writer itself is killed."""
-    for descriptor in _HELD:
+def _forget_locks_in_child() -> None:
+    """Close the locks in a forked child, which would otherwise hold them when the writer itself is killed."""
+    for descriptor in _LOCKED:
         os.close(descriptor)
-    _HELD.clear()
+    _LOCKED.clear()
 
 
-os.register_at_fork(after_in_child=_leave_to_parent)
+os.register_at_fork(after_in_child=_forget_locks_in_child)
 
 
 class WriterLock:
-    """Held by the one writer of a session; the system frees it when the process ends, however it ends."""
+    """Lock of the one writer of a session; the system frees it when the process ends."""
 
     def __init__(self, folder: Path, subject: Path) -> None:
-        """Makes ``folder`` where need be; DataError, naming ``subject``, where another writer holds it."""
+        """Lock ``folder``, which is created; DataError, naming ``subject``, where another writer holds it."""
         self._folder = folder
         self._path = folder / LOCK_NAME
         self._descriptor: int | None = None
@@ -106,7 +123,7 @@ class WriterLock:
             except FileNotFoundError:
                 continue  # The last writer removed the folder between the two lines.
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_until_exit(descriptor)
             except BlockingIOError:
                 owner = os.pread(descriptor, 32, 0).decode("ascii", "replace").strip() or "unknown"
                 os.close(descriptor)
@@ -119,24 +136,22 @@ class WriterLock:
                 raise
             if self._still_named(descriptor):
                 self._descriptor = descriptor
-                _HELD.add(descriptor)
             else:
-                os.close(descriptor)
-        with contextlib.suppress(OSError):  # A full disk has no room even for this, which is only said to others.
+                unlock(descriptor)
+        with contextlib.suppress(OSError):  # A full disk has no room even for this, which only informs others.
             os.ftruncate(self._descriptor, 0)
             os.pwrite(self._descriptor, str(os.getpid()).encode("ascii"), 0)
 
     def release(self) -> None:
         """Give the lock back, and remove the folder if nothing else is in it."""
-        if self._descriptor is None or self._descriptor not in _HELD:
+        if self._descriptor is None or self._descriptor not in _LOCKED:
             return
-        # Removed while still held: whoever opened it meanwhile sees that the name is gone and starts again.
+        # Removed while still locked: a process that opened it meanwhile finds the name gone and starts again.
         with contextlib.suppress(OSError):
             self._path.unlink()
         with contextlib.suppress(OSError):
             self._folder.rmdir()
-        _HELD.discard(self._descriptor)
-        os.close(self._descriptor)
+        unlock(self._descriptor)
         self._descriptor = None
 
     def __enter__(self) -> WriterLock:

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,12 +14,21 @@ from numpy.typing import ArrayLike
 from layflat.data.arrays import FloatArray, frozen_array
 from layflat.data.errors import DataError
 
-if TYPE_CHECKING:
-    from layflat.data.types import Observation
-
 _NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _AXIS_NAME = re.compile(r"d[a-z][a-z0-9_]*")
 MAX_POINTS = 2
+
+
+class Positions(Protocol):
+    """The positions of an observation that a robot is described by."""
+
+    @property
+    def holder_position(self) -> FloatArray:
+        """(3,) m, world."""
+
+    @property
+    def corner_positions(self) -> FloatArray:
+        """(2, 3) m, world."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,11 +119,11 @@ class RobotSpec:
             rows[axis.point, axis.axis] = value
         return rows
 
-    def points(self, observation: Observation) -> FloatArray:
+    def points(self, observation: Positions) -> FloatArray:
         """Return where the points are, (P, 3) m, world."""
         return observation.holder_position[np.newaxis] if self.n_points == 1 else observation.corner_positions
 
-    def position(self, observation: Observation) -> FloatArray:
+    def position(self, observation: Positions) -> FloatArray:
         """Return the coordinates that an action displaces, (A,) m, world."""
         return self.pack(self.points(observation))
 

@@ -24,9 +24,8 @@ from layflat.app.benchmarks.measure import DRAG_STEP_M, SEED, lay_down, lengthen
 from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import fsync_path
 from layflat.data.format.encode import LIBVER, arrays_of, attributes_of
-from layflat.data.session.episode_writer import EpisodeWriter
 from layflat.data.session.reader import open_session
-from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.recorder import EpisodeWriter, SessionRecorder
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.types import ACTION_LIMIT_M, Episode, GroundTruth, Observation, Step
 from layflat.policy.rollout import run_until_stop

@@ -18,9 +18,9 @@ import pandas as pd
 import typer
 
 from layflat.app.support import validators
-from layflat.app.support.atomic_write import atomic_write, write_text
 from layflat.app.support.progress import Progress
 from layflat.data.arrays import FloatArray
+from layflat.data.atomic_files import atomic_path, write_text
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.base import Descriptor
@@ -188,7 +188,7 @@ def study(out: Path, *, phases: int = PHASES) -> pd.DataFrame:
     write_text(out / "word-tables.md", tables(ablation, frame))
     figures = {"word-bias.png": bias_figure(ablation, list(ABLATION)), "word-light.png": light_figure(frame)}
     for name, png in figures.items():
-        with atomic_write(out / name) as temporary:
+        with atomic_path(out / name) as temporary:
             temporary.write_bytes(png)
     return frame
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from layflat.app.media.rgbd_io import check_same_size, read_depth, read_rgb
 from layflat.app.support import validators
-from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.metrics import write_json
+from layflat.data.atomic_files import atomic_path
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import hue_name
@@ -72,7 +72,7 @@ def analyze_frame_files(
     result = result_json(frame, descriptor, assumed=intrinsics is None, flat_pixels=flat_pixels)
     result |= {"depth_scale_mm": depth_scale, "seed": seed}
     if overlay is not None:
-        with atomic_write(overlay) as temporary:
+        with atomic_path(overlay) as temporary:
             if not cv2.imwrite(str(temporary), _overlay(rgb, frame, descriptor)[..., ::-1]):
                 raise LayflatError(f"{overlay} could not be written; is the disc full?")
     if json is not None:

@@ -1,4 +1,4 @@
-"""`layflat data split|filter|merge|trim|repair`: sessions made of sessions, each whole or not there."""
+"""`layflat data split|filter|merge|trim|repair`: sessions made of sessions, each complete or not there."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def split(path: Path, out: Path, *, shares: Sequence[str], seed: int, force: boo
 
 
 def _share(text: str) -> tuple[str, float]:
-    """NAME=SHARE, or UsageError."""
+    """Parse NAME=SHARE; UsageError where it is none."""
     name, _, number = text.partition("=")
     try:
         share = float(number)
@@ -54,13 +54,13 @@ def filter_episodes(
     contact: tuple[float | None, float | None],
     force: bool,
 ) -> None:
-    """Keep the episodes that pass every test that is given."""
+    """Copy the episodes that meet every given condition."""
     validators.writable_file(out, force=force)
     with open_session(path) as session:
         total, names = len(session), session.select(outcome=outcome)
     if not names:
         raise UsageError(f"none of the {total} episodes of {path} is a {outcome}; choose another outcome")
-    kept = operations.filter_session(
+    names = operations.filter_session(
         path,
         out,
         source=source,
@@ -70,11 +70,11 @@ def filter_episodes(
         names=names,
         force=force,
     )
-    print(f"wrote {len(kept)} of {total} episodes {out}")
+    print(f"wrote {len(names)} of {total} episodes {out}")
 
 
 def _limits(what: str, limits: tuple[float | None, float | None]) -> tuple[float, float] | None:
-    """Least and greatest value, or None where neither is given."""
+    """Return smallest and largest value, or None where neither is given."""
     least, most = limits
     if least is None and most is None:
         return None
@@ -85,7 +85,7 @@ def _limits(what: str, limits: tuple[float | None, float | None]) -> tuple[float
 
 
 def merge(paths: Sequence[Path], out: Path, *, force: bool) -> None:
-    """Put sessions into one."""
+    """Merge sessions into one."""
     for path in paths:
         if out.exists() and path.exists() and out.samefile(path):
             raise UsageError(f"{out} is one of the files to merge; give another name")
@@ -105,15 +105,15 @@ def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, f
 
 
 def repair(path: Path, out: Path | None, *, force: bool) -> None:
-    """Save what a killed recording or a damaged file still holds, in place or into ``out``."""
+    """Save the intact episodes of a damaged file or a killed recording, in place or into ``out``."""
     if out is not None:
         validators.writable_file(out, force=force)
     report = repair_session(path, out, force=force)
     for violation in report.lost:
-        print(f"lost {violation.path}: {violation.sentence}")
+        print(f"lost {violation.path}: {violation.message}")
     for name in report.recovered:
-        print(f"recovered {name} from a recording that was cut off")
-    print(f"wrote {len(report.kept) + len(report.recovered)} episodes {report.target}")
+        print(f"recovered {name} from an interrupted recording")
+    print(f"wrote {len(report.intact) + len(report.recovered)} episodes {report.target}")
     if report.original is not None:
         print(f"the damaged file is {report.original}")
     if report.lost:

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from layflat.app.evaluation.plan import EvaluationPlan
-from layflat.app.support.atomic_write import write_text
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import JSON_SCHEMA
 from layflat.app.workers.work_item import DisturbanceCase
+from layflat.data.atomic_files import write_text
 from layflat.data.provenance import capture_provenance
 from layflat.policy.spec import PolicySpec
 

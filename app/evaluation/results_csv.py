@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from layflat.app.support.atomic_write import write_text
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
+from layflat.data.atomic_files import write_text
 
 EXTRA = ("run", "start", "attempts", "reason")
 """The episode's name and file, how it began, how often it was tried, and why it crashed if it did."""

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from layflat.app.media.plot_style import ALERT, BOXED_LEGEND, MUTED, png_bytes, styled_figure
-from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.phases import disturbed_spans
 from layflat.data.arrays import FloatArray
+from layflat.data.atomic_files import atomic_path
 from layflat.data.robot import RobotSpec
 from layflat.data.types import OUTCOMES, Episode, Outcome, actions_of
 
@@ -110,7 +110,7 @@ def plot_session(path: Path, title: str, episodes: Iterable[EpisodeCurves]) -> i
             panels[key].set_xlabel("time since the disturbance began (s)" if aligned else "time (s)")
             panels[key].grid(axis="y")
             _mark_events(panels[key], all_curves, named=key == "contact")
-        with atomic_write(path) as aside:
+        with atomic_path(path) as aside:
             aside.write_bytes(png_bytes(figure))
     return len(all_curves)
 

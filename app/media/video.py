@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
+from layflat.data.atomic_files import atomic_path
 from layflat.data.types import Episode
 
 FOURCC = "VP80"
@@ -29,7 +29,7 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
     """
     if path.suffix != ".webm":
         raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
-    with atomic_write(path) as aside:
+    with atomic_path(path) as aside:
         count = _encode(aside, frames, fps)
         readable = count_frames(aside)
         if readable != count:

@@ -8,7 +8,7 @@ from typing import Any
 
 from layflat.app.report.blocks import Block, Figure, FrameStrip, Page, Table, TableBlock, Text, VideoBlock
 from layflat.app.report.html_assets import frame_views, page_template, png_uri, video_uri
-from layflat.app.support.atomic_write import write_text
+from layflat.data.atomic_files import write_text
 
 OnProgress = Callable[[str], None]
 

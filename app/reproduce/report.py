@@ -12,7 +12,7 @@ from layflat.app.reproduce.experiment_output import ExperimentOutput
 from layflat.app.reproduce.experiment_results import ExperimentResults
 from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
 from layflat.app.reproduce.studies import DISTURBANCE, FIRST_SEED, ScaleConfig
-from layflat.app.support.atomic_write import write_text
+from layflat.data.atomic_files import write_text
 from layflat.data.provenance import capture_provenance
 from layflat.data.types import Provenance
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from layflat.app.support.atomic_write import write_text
 from layflat.app.support.phases import disturbed_step, placed_step
+from layflat.data.atomic_files import write_text
 from layflat.data.types import Episode
 from layflat.sim.config import SimConfig
 

@@ -72,7 +72,7 @@ def record_items(
                 if result.saved is None:
                     yield result, recorder.recover(handle)
                 else:
-                    recorder.register(handle, result.saved)
+                    recorder.register(result.saved)
                     yield result, result.saved
     except KeyboardInterrupt:
         for handle in open_handles.values():

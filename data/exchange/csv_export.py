@@ -1,129 +1,115 @@
-"""Episodes as two tables of comma-separated values, for spreadsheets and other languages."""
+"""Exports episodes as two tables of comma-separated values, for spreadsheets and other languages."""
 
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from layflat.data.arrays import FloatArray
-from layflat.data.atomic_files import PART_SUFFIX, atomic_path
+from layflat.data.atomic_files import atomic_path
 from layflat.data.errors import DataError
+from layflat.data.format.demo_info import DemoInfo
 from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
-from layflat.data.types import Episode, Observation, Step
+from layflat.data.types import Episode, GroundTruth, Observation, Step
 
 EPISODES_CSV, STEPS_CSV = "episodes.csv", "steps.csv"
-EPISODE_COLUMNS = (
-    "episode",
-    "robot",
-    "cloth",
-    "seed",
-    "source",
-    "outcome",
-    "stopped_by",
-    "disturbance",
-    "steps",
-    "step_s",
-    "contact_start",
-    "contact_end",
-    "contact_true_end",
-    "flat_area_end",
-)
+_INFO_COLUMNS = {
+    "robot": "robot",
+    "task": "task",
+    "physics": "physics",
+    "cloth": "cloth",
+    "seed": "seed",
+    "source": "source",
+    "outcome": "outcome",
+    "stopped_by": "stopped_by",
+    "disturbance": "disturbance",
+    "steps": "n_steps",
+    "step_s": "step_s",
+    "contact_start": "contact_start",
+    "contact_final": "contact_final",
+    "contact_final_true": "contact_true_final",
+    "flat_area_final": "flat_area_final",
+}
+"""Columns of episodes.csv after the name, and the attribute of DemoInfo in each."""
+EPISODE_COLUMNS = ("episode", *_INFO_COLUMNS)
 _CORNERS = tuple(f"corner{corner}_{axis}_m" for corner in (1, 2) for axis in "xyz")
 _HOLDER = tuple(f"holder_{axis}_m" for axis in "xyz")
-_SEEN = ("time_s", *_CORNERS, *_HOLDER, "word_x", "word_y", "word_strength", "contact_portion")
-_BEFELL = (*(f"force_{axis}_n" for axis in "xyz"), "pull_node", *(f"pull_{axis}_m" for axis in "xyz"), "intervention")
-_TRUE = ("contact_portion_true", "flat_area")
+_OBSERVATION = ("time_s", *_CORNERS, *_HOLDER, "word_x", "word_y", "word_strength", "contact_portion")
+_GROUND_TRUTH = ("contact_portion_true", "flat_area")
+_DISTURBANCE = (
+    *(f"force_{axis}_n" for axis in "xyz"),
+    "drag_node",
+    *(f"drag_{axis}_m" for axis in "xyz"),
+    "intervention",
+)
 
 
 def step_columns(robot: RobotSpec) -> tuple[str, ...]:
-    """Columns of steps.csv; the actions are displacements in metres."""
+    """Return the columns of steps.csv; the actions are displacements in metres."""
     actions = tuple(f"{name}_m" for name in robot.action_names)
     stds = tuple(f"std_{name}" for name in actions)
-    return ("episode", "step", "phase", *_SEEN, *_TRUE, *actions, *stds, *_BEFELL)
+    return ("episode", "step", "phase", *_OBSERVATION, *_GROUND_TRUTH, *actions, *stds, *_DISTURBANCE)
 
 
 def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None) -> int:
-    """Write ``episodes.csv`` and ``steps.csv`` into ``folder``, which is made; returns the number of steps.
+    """Write ``episodes.csv`` and ``steps.csv`` into ``folder``, which is created; return the number of steps.
 
-    Numbers have as many digits as it takes to read back the same bits. Each episode has one more row than steps: the
-    last, without phase and action, is what was seen after them. Images and cloth nodes are left out.
+    Numbers have as many digits as it takes to read back the same bits; unknown values are empty. Each episode has one
+    more row than steps: the last, without phase and action, is the final observation. Images and cloth nodes are left
+    out.
     """
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     folder.mkdir(parents=True, exist_ok=True)
-    targets = [folder / EPISODES_CSV, folder / STEPS_CSV]
-    asides = [target.with_name(f".{target.name}{PART_SUFFIX}") for target in targets]
-    count = 0
     with (
-        atomic_path(targets[0], asides[0]),
-        atomic_path(targets[1], asides[1]),
-        asides[0].open("x", newline="", encoding="utf-8") as about,
-        asides[1].open("x", newline="", encoding="utf-8") as steps,
+        atomic_path(folder / EPISODES_CSV) as episodes_path,
+        atomic_path(folder / STEPS_CSV) as steps_path,
+        episodes_path.open("x", newline="", encoding="utf-8") as episodes_file,
+        steps_path.open("x", newline="", encoding="utf-8") as steps_file,
     ):
-        about_rows, step_rows = csv.writer(about), csv.writer(steps)
-        about_rows.writerow(EPISODE_COLUMNS)
-        step_rows.writerow(step_columns(session.robot))
+        episodes, steps = csv.writer(episodes_file), csv.writer(steps_file)
+        episodes.writerow(EPISODE_COLUMNS)
+        steps.writerow(step_columns(session.robot))
         for name in chosen:
-            episode = session.episode(name, images=False)
-            about_rows.writerow(_episode_row(name, episode))
-            step_rows.writerows(_step_rows(name, episode))
-            count += len(episode.steps)
-    return count
+            episodes.writerow(_episode_row(name, session.info(name)))
+            steps.writerows(_step_rows(name, session.episode(name, images=False)))
+    return sum(session.info(name).n_steps for name in chosen)
 
 
-def _episode_row(name: str, episode: Episode) -> list[object]:
-    contact, end = episode.contact(), episode.final_ground_truth
-    return [
-        name,
-        episode.robot.name,
-        episode.cloth,
-        episode.seed,
-        episode.source,
-        episode.outcome,
-        episode.stopped_by,
-        episode.disturbance,
-        len(episode.steps),
-        float(episode.step_s),
-        float(contact[0]),
-        float(contact[-1]),
-        math.nan if end is None else float(end.contact_portion_true),
-        math.nan if end is None else float(end.flat_area),
-    ]
+def _episode_row(name: str, info: DemoInfo) -> list[object]:
+    # The csv module writes None as an empty cell, and floats by their repr.
+    return [name, *(getattr(info, attribute) for attribute in _INFO_COLUMNS.values())]
 
 
 def _step_rows(name: str, episode: Episode) -> Iterator[list[object]]:
     size = episode.robot.size
-    ground_truths = episode.ground_truths()
-    for step_index, seen in enumerate(episode.observations()):
-        true = [float(ground_truths[step_index].contact_portion_true), float(ground_truths[step_index].flat_area)]
-        phase: str = ""
-        done: list[object] = [""] * (2 * size + len(_BEFELL))
-        if step_index < len(episode.steps):
-            step = episode.steps[step_index]
-            phase = step.phase
-            done = [*step.action.tolist(), *_plain(step.action_std, size), *_befell(step)]
-        yield [name, step_index, phase, *_seen(seen), *true, *done]
+    for index, step in enumerate(episode.steps):
+        std = [""] * size if step.action_std is None else step.action_std.tolist()
+        before = [name, index, step.phase, *_observation(step.observation), *_ground_truth(step.ground_truth)]
+        yield [*before, *step.action.tolist(), *std, *_disturbance(step)]
+    final = [*_observation(episode.final_observation), *_ground_truth(episode.final_ground_truth)]
+    yield [name, len(episode.steps), "", *final, *[""] * (2 * size + len(_DISTURBANCE))]
 
 
-def _seen(seen: Observation) -> list[float]:
+def _observation(observation: Observation) -> list[float]:
     return [
-        float(seen.time_s),
-        *seen.corner_positions.ravel().tolist(),
-        *seen.holder_position.tolist(),
-        *seen.word.tolist(),
-        float(seen.word_strength),
-        float(seen.contact_portion),
+        float(observation.time_s),
+        *observation.corner_positions.ravel().tolist(),
+        *observation.holder_position.tolist(),
+        *observation.word.tolist(),
+        float(observation.word_strength),
+        float(observation.contact_portion),
     ]
 
 
-def _befell(step: Step) -> list[object]:
-    pull = [""] * 4 if step.drag is None else [step.drag.node, *step.drag.target_m.tolist()]
-    return [*step.force_n.tolist(), *pull, int(step.intervention)]
+def _ground_truth(ground_truth: GroundTruth | None) -> list[object]:
+    if ground_truth is None:
+        return [""] * len(_GROUND_TRUTH)
+    return [float(ground_truth.contact_portion_true), float(ground_truth.flat_area)]
 
 
-def _plain(std: FloatArray | None, size: int) -> list[object]:
-    return [""] * size if std is None else std.tolist()
+def _disturbance(step: Step) -> list[object]:
+    drag = [""] * 4 if step.drag is None else [step.drag.node, *step.drag.target_m.tolist()]
+    return [*step.force_n.tolist(), *drag, int(step.intervention)]

@@ -1,9 +1,9 @@
-"""To a LeRobot data set, version 3.0, with pyarrow alone: lerobot itself needs a Python that PyBullet does not run on.
+"""Exports to a LeRobot data set, version 3.0, with pyarrow alone: lerobot needs a Python that PyBullet does not run on.
 
-A frame holds what was seen before a step and the action that followed. What only the simulator knows (nodes, true
-contact, flat area) is left out: every ``observation.*`` column is something that a policy may see. The observation
-after the last step has no action and is left out, too. Numbers are float32, as LeRobot's policies expect them; images
-keep every bit (rgb as PNG, depth as TIFF of float32 metres).
+A frame holds the observation before a step and the action that followed. Ground truth (nodes, true contact, flat area)
+is left out: every ``observation.*`` column is something that a policy may see. The observation after the last step has
+no action and is left out, too. Numbers are float32, as LeRobot's policies expect them; images keep every bit (rgb as
+PNG, depth as TIFF of float32 metres).
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from layflat.data.errors import DataError
 from layflat.data.exchange.lerobot_features import Feature, encoded, features_of, frames_of
 from layflat.data.exchange.lerobot_stats import Stats
 from layflat.data.exchange.optional_imports import require
+from layflat.data.format.demo_info import DemoInfo
 from layflat.data.session.reader import Session
-from layflat.data.types import Episode
 
 CODEBASE_VERSION = "v3.0"
 CHUNKS_SIZE = 1000
-"""Files in a chunk's folder."""
+"""Largest number of files in a chunk's folder."""
 DATA_FILE_MB = 100
 VIDEO_FILE_MB = 200
-"""LeRobot's own limits; there are no videos here."""
+"""LeRobot's own limits; this export has no videos."""
 PATHS = {
     "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
     "episodes_path": "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
 }
 INFO = "meta/info.json"
 SIDECAR = "meta/layflat.json"
-"""Which episode is which: LeRobot has no place for seeds, outcomes and sources, and does not read this file."""
+"""Seeds, outcomes and sources, for which LeRobot has no place; LeRobot does not read this file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeRobotExport:
-    """What was written."""
+    """Result of an export."""
 
     episodes: int
     frames: int
@@ -59,17 +59,17 @@ def export_lerobot(
     images: bool = True,
     on_episode: Callable[[str], None] | None = None,
 ) -> LeRobotExport:
-    """Write a LeRobot data set into ``folder``, which takes the place of what was there, as a whole or not at all.
+    """Write a LeRobot data set to ``folder``, which replaces an earlier export completely or not at all.
 
-    ``images`` takes the camera's images where the session has them; all chosen episodes need them, or none.
-    ``on_episode`` is told the name of each episode that is done.
+    ``images`` includes the camera's images where the session has them; all chosen episodes need them, or none.
+    ``on_episode`` is called with the name of each finished episode.
     """
     require("pyarrow.parquet")
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / INFO).is_file():
-        raise DataError(f"{folder} holds something else than a LeRobot data set; choose another folder")
+        raise DataError(f"{folder} is not a LeRobot data set; choose another folder")
     fps = round(1.0 / session.step_s)
     if fps < 1 or abs(fps * session.step_s - 1.0) > 1e-9:
         raise DataError(f"a step is {session.step_s} s; LeRobot needs a whole number of frames per second")
@@ -77,14 +77,14 @@ def export_lerobot(
     shutil.rmtree(aside, ignore_errors=True)
     try:
         export = _write(session, aside, chosen, fps=fps, images=images, on_episode=on_episode)
-        _take_place(aside, folder)
+        _replace_folder(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
     return export
 
 
-def _take_place(aside: Path, folder: Path) -> None:
-    """A folder cannot replace a folder in one step: the old one is first moved out of the way."""
+def _replace_folder(aside: Path, folder: Path) -> None:
+    """Move the old folder out of the way first: a folder cannot replace a folder in one step."""
     old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
     if folder.exists():
         os.replace(folder, old)
@@ -117,7 +117,7 @@ def _write(
             own.add(columns)
             stats.merge(own)
             meta.add(index, len(episode.steps), place, own)
-            meta.tell(index, name, session.info(name).uid, episode)
+            meta.describe(index, name, session.info(name))
             if on_episode is not None:
                 on_episode(name)
     with_images = any(feature.dtype == "image" for feature in features)
@@ -137,7 +137,7 @@ def _indices(episode: int, first: int, count: int, fps: int) -> dict[str, NDArra
 
 
 class _DataFiles:
-    """data/chunk-*/file-*.parquet: one row group for each episode, a new file where one has become large."""
+    """Writes data/chunk-*/file-*.parquet: one row group for each episode, a new file where one has become large."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -146,7 +146,7 @@ class _DataFiles:
         self._path = root
 
     def write(self, features: tuple[Feature, ...], columns: Mapping[str, Any]) -> tuple[int, int]:
-        """Append an episode; returns the chunk's and the file's number."""
+        """Append an episode; return the chunk's and the file's number."""
         table = encoded(features, columns)
         if self._writer is not None and self._path.stat().st_size >= DATA_FILE_MB << 20:
             self.close()
@@ -173,12 +173,12 @@ class _DataFiles:
 
 @dataclass
 class _EpisodeTable:
-    """Rows of meta/episodes, and of the sidecar."""
+    """Rows of meta/episodes and of the sidecar."""
 
     task: str
     frames: int = 0
     rows: list[dict[str, Any]] = field(default_factory=list)
-    told: list[dict[str, Any]] = field(default_factory=list)
+    descriptions: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, index: int, length: int, place: tuple[int, int], stats: Stats) -> None:
         row: dict[str, Any] = {
@@ -197,11 +197,9 @@ class _EpisodeTable:
         self.rows.append(row)
         self.frames += length
 
-    def tell(self, index: int, name: str, uid: str, episode: Episode) -> None:
-        keys = ("seed", "source", "outcome", "stopped_by", "disturbance")
-        self.told.append(
-            {"episode_index": index, "name": name, "uid": uid, **{key: getattr(episode, key) for key in keys}}
-        )
+    def describe(self, index: int, name: str, info: DemoInfo) -> None:
+        keys = ("uid", "seed", "source", "outcome", "stopped_by", "disturbance")
+        self.descriptions.append({"episode_index": index, "name": name, **{key: getattr(info, key) for key in keys}})
 
 
 def _write_meta(
@@ -229,13 +227,11 @@ def _write_meta(
     }
     _write_json(root / INFO, info)
     _write_json(root / "meta/stats.json", stats.result())
-    _write_json(
-        root / SIDECAR, {"schema": 1, "cloth": session.cloth, "robot": session.robot.name, "episodes": meta.told}
-    )
+    _write_json(root / SIDECAR, {"schema": 1, **session.shared, "episodes": meta.descriptions})
 
 
 def _tasks_table(task: str) -> Any:
-    """One column and an index named "task", which pandas finds by the metadata that it would have written itself."""
+    """Return one column and an index named "task", with the metadata by which pandas finds the index."""
     pa = require("pyarrow")
     text = {"field_name": "task", "name": "task", "numpy_type": "object", "pandas_type": "unicode", "metadata": None}
     number = {"field_name": "task_index", "name": "task_index", "numpy_type": "int64", "pandas_type": "int64"}

@@ -1,4 +1,4 @@
-"""Which columns a LeRobot data set of ours has, and how an episode fills them."""
+"""Columns of a LeRobot data set, and their values for an episode."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from layflat.data.types import Episode
 RGB_KEY = "observation.images.camera"
 DEPTH_KEY = "observation.images.depth"
 FEATURES_KEY = "huggingface"
-"""Key of the parquet files' metadata from which Hugging Face's ``datasets`` knows that a column holds images."""
+"""Key of the parquet files' metadata in which Hugging Face's ``datasets`` looks for the types of columns."""
 
 STATE_NAMES = (
     *(f"corner{corner}_{axis}" for corner in (1, 2) for axis in "xyz"),
     *(f"holder_{axis}" for axis in "xyz"),
 )
-"""Of the robot: m, world frame; corner 1 is the one at +y."""
+"""Columns of the robot: m, world frame; corner 1 is the one at +y."""
 CLOTH_NAMES = ("word_x", "word_y", "word_strength", "contact_portion")
-"""Of the cloth, as seen by the camera."""
+"""Columns of the cloth, as seen by the camera."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,13 +35,13 @@ class Feature:
 
     key: str
     dtype: str
-    """A number's type, or "image"."""
+    """Type of a number, or "image"."""
     shape: tuple[int, ...]
     names: Sequence[str] | None = None
     depth: bool = False
 
     def described(self) -> dict[str, Any]:
-        """As in info.json."""
+        """Return the column as info.json describes it."""
         names = None if self.names is None else list(self.names)
         described: dict[str, Any] = {"dtype": self.dtype, "shape": list(self.shape), "names": names}
         if self.depth:
@@ -49,6 +49,7 @@ class Feature:
         return described
 
     def arrow_type(self) -> Any:
+        """Return the column's type for arrow."""
         pa = require("pyarrow")
         if self.dtype == "image":
             return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
@@ -56,7 +57,7 @@ class Feature:
         return value if self.shape == (1,) else pa.list_(value, self.shape[0])
 
     def hugging_face(self) -> dict[str, Any]:
-        """The column's type in the words of Hugging Face's ``datasets``."""
+        """Return the column's type for Hugging Face's ``datasets``."""
         if self.dtype == "image":
             return {"_type": "Image"}
         value = {"dtype": self.dtype, "_type": "Value"}
@@ -64,7 +65,7 @@ class Feature:
 
 
 def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
-    """The columns that an episode like this one has."""
+    """Return the columns of episodes like this one."""
     first = episode.steps[0].observation
     actions = episode.robot.action_names
     kept: list[Feature] = [
@@ -87,7 +88,7 @@ def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
 
 
 def frames_of(episode: Episode, features: tuple[Feature, ...], *, name: str) -> dict[str, NDArray[Any]]:
-    """Columns by key, one row for each step; without those that count."""
+    """Return columns by key, one row for each step; without times and indices."""
     seen = [step.observation for step in episode.steps]
     count = len(seen)
     columns: dict[str, NDArray[Any]] = {
@@ -108,7 +109,7 @@ def frames_of(episode: Episode, features: tuple[Feature, ...], *, name: str) -> 
 
 
 def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
-    """The columns as an arrow table whose metadata tells ``datasets`` what they are."""
+    """Return the columns as an arrow table with the metadata for ``datasets``."""
     pa = require("pyarrow")
     arrays = []
     for feature in features:
@@ -129,7 +130,7 @@ def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
 
 
 def image_file(image: NDArray[Any], *, depth: bool) -> bytes:
-    """rgb (H, W, 3) as PNG, depth (H, W, 1) float32 as TIFF: both give every bit back."""
+    """Return rgb (H, W, 3) as PNG, depth (H, W, 1) float32 as TIFF; both are lossless."""
     pillow = require("PIL.Image")
     buffer = io.BytesIO()
     if depth:

@@ -1,4 +1,4 @@
-"""The statistics that LeRobot normalises by: minimum, maximum, mean, standard deviation, quantiles and count."""
+"""Statistics that LeRobot normalises by: minimum, maximum, mean, standard deviation, quantiles and count."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BYTE_BINS, _DEPTH_BINS = 256, 1 << 16
 
 
 class Stats:
-    """Of everything that was added: exact for numbers and rgb, and to a millimetre for depth."""
+    """Statistics of all rows that were added: exact for numbers and rgb, to a millimetre for depth."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[NDArray[np.float64]]] = {}
@@ -22,7 +22,7 @@ class Stats:
         self._images: dict[str, int] = {}
 
     def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Columns by key: numbers (T,) or (T, D), images (T, H, W, C) uint8 or float32 metres."""
+        """Add columns by key: numbers (T,) or (T, D), images (T, H, W, C) uint8 or float32 metres."""
         for key, rows in columns.items():
             if rows.ndim == 4:
                 self._images[key] = self._images.get(key, 0) + len(rows)
@@ -33,7 +33,7 @@ class Stats:
                 self._rows.setdefault(key, []).append(values)
 
     def merge(self, other: Stats) -> None:
-        """Take over what another one has been given."""
+        """Add the rows of other statistics."""
         for key, rows in other._rows.items():
             self._rows.setdefault(key, []).extend(rows)
         for key, bins in other._bins.items():
@@ -41,7 +41,7 @@ class Stats:
             self._images[key] = self._images.get(key, 0) + other._images[key]
 
     def result(self) -> dict[str, dict[str, Any]]:
-        """Feature -> statistic -> value as JSON holds it: lists of one number for each component or channel."""
+        """Return feature -> statistic -> value as in JSON: lists of one number for each component or channel."""
         numbers = {key: _of_numbers(np.concatenate(rows)) for key, rows in self._rows.items()}
         return numbers | {key: _of_bins(bins, self._images[key]) for key, bins in self._bins.items()}
 
@@ -65,7 +65,7 @@ def _histogram(channel: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _of_bins(bins: NDArray[np.int64], images: int) -> dict[str, Any]:
-    """Per channel, as (C, 1, 1): LeRobot broadcasts them over an image. rgb is scaled to 0..1, depth is in metres."""
+    """Return values per channel as (C, 1, 1), which LeRobot broadcasts over an image; rgb in 0..1, depth in metres."""
     scale = 1.0 / 255.0 if bins.shape[1] == _BYTE_BINS else DEPTH_BIN_M
     values = scale * np.arange(bins.shape[1])
     found: dict[str, list[Any]] = {name: [] for name in ("min", "max", "mean", "std", *QUANTILES)}

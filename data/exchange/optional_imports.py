@@ -1,4 +1,4 @@
-"""Packages that only the exports need."""
+"""Imports of packages that only the exports need."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from layflat.data.errors import DataError
 
 
 def require(name: str) -> ModuleType:
-    """The module, or a DataError that says how to get it."""
+    """Return the module, or raise a DataError that says how to install it."""
     try:
         return importlib.import_module(name)
     except ImportError:

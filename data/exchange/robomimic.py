@@ -1,7 +1,7 @@
-"""To robomimic's form and back.
+"""Exports to robomimic, and imports from it.
 
-A session already is a robomimic data set; what an export adds is a file of its own, whole and closed, with the filter
-keys ``train`` and ``valid`` that robomimic trains by. Nothing is converted, so nothing is lost.
+A session already is a robomimic data set; an export adds the filter keys ``train`` and ``valid`` that robomimic trains
+by. Nothing is converted, so nothing is lost.
 """
 
 from __future__ import annotations
@@ -16,21 +16,22 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from layflat.data.atomic_files import PART_SUFFIX, atomic_path
+from layflat.data.atomic_files import atomic_path
 from layflat.data.errors import DataError
-from layflat.data.exchange.robomimic_import import imported_episode
+from layflat.data.exchange.robomimic_import import import_episode
 from layflat.data.format import schema
-from layflat.data.format.encode import AGREED, LIBVER
+from layflat.data.format.encode import LIBVER, shared_attributes
 from layflat.data.format.masks import write_masks
-from layflat.data.format.opening import attribute_error_to, open_file
+from layflat.data.format.opening import demo_names, errors_name, open_file
 from layflat.data.format.structure_checks import check_hard_links
+from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.tools.operations import filter_session, new_session
-from layflat.data.tools.sandbox import CallOutcome, isolated
+from layflat.data.tools.sandbox import CallError, call_in_sandbox
 
 TRAIN, VALID = "train", "valid"
-"""What robomimic calls the two filter keys."""
+"""robomimic's names of the two filter keys."""
 VALID_SHARE = 0.1
 """robomimic's own default."""
 PROBE_S = 60.0
@@ -38,10 +39,10 @@ PROBE_BYTES = 1 << 30
 
 
 def train_and_valid(names: Sequence[str], *, valid_share: float, seed: int) -> dict[str, tuple[str, ...]]:
-    """Names for training and for validation, drawn at random, each in its old order.
+    """Draw names for training and for validation at random, each in the old order.
 
-    Two episodes or more give at least one to each side; where ``valid_share`` is 0 or there is only one episode, there
-    is nothing under ``valid``.
+    Two episodes or more give at least one to each side; with a ``valid_share`` of 0 or only one episode ``valid`` is
+    empty.
     """
     if not 0 <= valid_share < 1:
         raise DataError(f"the share for validation is {valid_share}; it must be at least 0 and below 1")
@@ -59,14 +60,14 @@ def export_robomimic(
 ) -> dict[str, tuple[str, ...]]:
     """Copy episodes, bit by bit, into a robomimic data set at ``target``, and return its training and validation names.
 
-    ``names`` None takes all. The file replaces ``target`` as a whole, or is not there.
+    ``names`` None takes all. The file replaces ``target`` completely, or not at all.
     """
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     split = train_and_valid(chosen, valid_share=valid_share, seed=seed)
     with (
-        atomic_path(target, target.with_name(f".{target.name}{PART_SUFFIX}")) as aside,
+        atomic_path(target) as aside,
         h5py.File(aside, "x", libver=LIBVER) as file,
     ):
         copied = SessionFile(file)
@@ -78,31 +79,50 @@ def export_robomimic(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imported:
-    """What was made of a foreign file."""
+class ImportReport:
+    """Result of an import."""
 
     episodes: int
     exact: bool
-    """The file was an intact session, and every demo was copied bit by bit with its identity."""
+    """Whether the file was an intact session, so that every demo was copied bit by bit with its identity."""
 
 
 def import_robomimic(
-    path: str | Path, target: str | Path, *, cloth: str | None = None, force: bool = False
-) -> Imported:
-    """Make the session ``target`` of a robomimic data set in our layout, as a whole or not at all.
+    path: str | Path,
+    target: str | Path,
+    *,
+    cloth: str | None = None,
+    robots: Sequence[RobotSpec] = (),
+    force: bool = False,
+) -> ImportReport:
+    """Write the session ``target`` from a robomimic data set in our layout, completely or not at all.
 
     An intact session, such as an export of ours, is copied. Anything else is read demo by demo (see
-    layflat.data.exchange.robomimic_import);
-    its demos are numbered anew and get identities of their own. ``cloth`` is taken where the file names none.
+    layflat.data.exchange.robomimic_import); its demos are renumbered and get new identities. ``cloth`` is used where
+    the file names none, ``robots`` where it does not describe its robot.
     """
     source = Path(path)
-    if not _intact(source):
-        return Imported(episodes=_convert(source, target, cloth, force=force), exact=False)
-    return Imported(episodes=len(filter_session(source, target, force=force)), exact=True)
+    if _is_intact(source):
+        return ImportReport(episodes=len(filter_session(source, target, force=force)), exact=True)
+    _probe(source)
+    shared: dict[str, object] = {}
+    with ExitStack() as stack:
+        file = stack.enter_context(open_file(source))
+        with errors_name(source):
+            demos = _demos(file)
+        written = stack.enter_context(new_session(target, force=force))
+        for number, group in enumerate(demos):
+            with errors_name(source):
+                episode = import_episode(group, file=source, cloth=cloth, robots=robots)
+                for key, value in shared_attributes(episode).items():
+                    if shared.setdefault(key, value) != value:
+                        raise DataError(f"{group.name} has {key} {value}; others have {shared[key]}")
+            written.add(schema.demo_name(number), episode, uuid.uuid4().hex)
+    return ImportReport(episodes=len(demos), exact=False)
 
 
-def _intact(path: Path) -> bool:
-    """Whether every episode reads as one of ours."""
+def _is_intact(path: Path) -> bool:
+    """Return whether every episode reads as one of ours."""
     try:
         with open_session(path) as session:
             return sum(1 for _ in session.episodes()) > 0
@@ -110,34 +130,12 @@ def _intact(path: Path) -> bool:
         return False
 
 
-def _convert(path: Path, target: str | Path, cloth: str | None, *, force: bool) -> int:
-    """Number of episodes that were read and written anew."""
-    agreed: dict[str, object] = {}
-    count = 0
-    _probe(path)
-    with ExitStack() as stack:
-        file = stack.enter_context(open_file(path))
-        with attribute_error_to(path):
-            demos = _demos(file)
-        written = stack.enter_context(new_session(target, force=force))
-        for group in demos:
-            with attribute_error_to(path):
-                episode = imported_episode(group, file=path, cloth=cloth)
-                for key in AGREED:
-                    if agreed.setdefault(key, getattr(episode, key)) != getattr(episode, key):
-                        raise DataError(f"{group.name} has {key} {getattr(episode, key)}; others have {agreed[key]}")
-            written.add(schema.demo_name(count), episode, uuid.uuid4().hex)
-            count += 1
-    return count
-
-
 def _probe(path: Path) -> None:
-    """Other programs' text lies where damage may keep HDF5 in a loop for ever (layflat.data.format.attributes): not
-    here, then."""
+    """Read all attributes in a sandbox: damage in other programs' text may keep HDF5 in an endless loop."""
     open_file(path).close()
     try:
-        isolated(partial(_read_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
-    except CallOutcome as error:
+        call_in_sandbox(partial(_read_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
+    except CallError as error:
         raise DataError(f"{path} cannot be used: reading its attributes {error}") from None
 
 
@@ -154,7 +152,8 @@ def _demos(file: h5py.File) -> list[h5py.Group]:
     if not isinstance(data, h5py.Group) or len(data) == 0:
         raise DataError("has no group /data with demos in it")
     check_hard_links(data)
-    for name in data:
-        if not schema.DEMO_NAME.fullmatch(name) or not isinstance(data[name], h5py.Group):
-            raise DataError(f"/data/{name} is no demo; all members of /data must be demo_<number>")
-    return [data[name] for name in sorted(data, key=schema.demo_number)]
+    groups = [data[name] for name in demo_names(data)]
+    for group in groups:
+        if not isinstance(group, h5py.Group):
+            raise DataError(f"{group.name} is a data set; it must be a group")
+    return groups

@@ -1,7 +1,7 @@
 """Attributes of HDF5 groups as plain Python values, checked, with a checksum over them.
 
-Text is stored at its length. What h5py does by default, text of variable length, lies in HDF5's global heap, which has
-no checksum: a few wrong bytes there keep the library in a loop for ever.
+Text is stored at its length. Text of variable length, h5py's default, lies in HDF5's global heap, which has no
+checksum: a few wrong bytes there keep the library in an endless loop.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Attribute: TypeAlias = str | int | float | bool
 
 
 def set_attribute(attributes: h5py.AttributeManager, key: str, value: Attribute) -> None:
-    """Numbers as they are, text at its length."""
+    """Store a number as it is, text at its length."""
     if isinstance(value, str):
         text = value.encode("utf-8")
         attributes.create(key, text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
@@ -30,11 +30,8 @@ def set_attribute(attributes: h5py.AttributeManager, key: str, value: Attribute)
         attributes[key] = value
 
 
-def typed_attributes(group: h5py.Group, types: Mapping[str, type], *, variable: bool = False) -> dict[str, Attribute]:
-    """The named attributes as plain Python values, or a DataError that says which one is wrong.
-
-    ``variable``: text of variable length is read, too.
-    """
+def typed_attributes(group: h5py.Group, types: Mapping[str, type]) -> dict[str, Attribute]:
+    """Return the named attributes as plain Python values, or raise a DataError that says which one is wrong."""
     found: dict[str, Attribute] = {}
     attributes = group.attrs
     for key, wanted in types.items():
@@ -47,7 +44,7 @@ def typed_attributes(group: h5py.Group, types: Mapping[str, type], *, variable: 
             raise DataError(
                 f"attribute {key} of {group.name} has shape {stored.shape}; it must be one {wanted.__name__}"
             )
-        if not variable and _in_global_heap(stored.get_type()):
+        if _in_global_heap(stored.get_type()):
             raise DataError(f"attribute {key} of {group.name} is of variable length; it must be stored at its length")
         value = attributes[key]
         if isinstance(value, bytes):
@@ -66,13 +63,13 @@ def _in_global_heap(stored: h5py.h5t.TypeID) -> bool:
 
 
 def digest(attributes: Mapping[str, Attribute]) -> str:
-    """SHA-256 of the attributes' canonical JSON."""
+    """Return the SHA-256 of the attributes' canonical JSON."""
     text = json.dumps(dict(attributes), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
 def json_object(attributes: Mapping[str, Attribute], key: str) -> dict[str, Any]:
-    """An attribute that holds a JSON object; DataError where it holds anything else."""
+    """Return an attribute that holds a JSON object; DataError where it holds anything else."""
     value = _json(attributes, key)
     if not isinstance(value, dict):
         raise DataError(f"attribute {key} is {str(value)[:40]!r}; it must be a JSON object")
@@ -80,7 +77,7 @@ def json_object(attributes: Mapping[str, Attribute], key: str) -> dict[str, Any]
 
 
 def json_objects(attributes: Mapping[str, Attribute], key: str) -> list[dict[str, Any]]:
-    """As json_object, of a list of objects."""
+    """Return an attribute that holds a JSON list of objects; DataError where it holds anything else."""
     value = _json(attributes, key)
     if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
         raise DataError(f"attribute {key} is {str(value)[:40]!r}; it must be a JSON list of objects")

@@ -1,21 +1,19 @@
-"""Makes an episode of a demo that has been checked."""
+"""Decodes rows and attributes to an episode: those of a checked demo, of a journal, of a foreign file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, cast
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object, json_objects, robot_of
-from layflat.data.format.migrate import upgraded_demo
+from layflat.data.format.rows import demo_rows
 from layflat.data.format.structure_checks import stored_attributes
-from layflat.data.session.row_arrays import read_rows
 from layflat.data.types import (
     ACTION_LIMIT_M,
     DisturbanceRecord,
@@ -30,32 +28,47 @@ from layflat.data.types import (
     StoppedBy,
 )
 
-TOLD_BY_FEW = (schema.FORCE, schema.PULL_NODE, schema.PULL_TARGET, schema.INTERVENTION, schema.HAND)
-"""Data sets of which most episodes have none."""
-
 
 def read_demo(group: h5py.Group, *, images: bool) -> Episode:
-    """The episode of a group that check_demo has passed."""
-    attributes = upgraded_demo(stored_attributes(group), group)
-    observations = _observations(group, images=images)
-    ground_truths = _truths(group)
-    _check_copies(attributes, observations, ground_truths)
-    beginning = without_steps(attributes, observations[-1], ground_truths[-1])
-    joints = group[schema.JOINTS][()] if schema.JOINTS in group else np.zeros(0)
-    return replace(beginning, steps=_steps(group, observations, ground_truths), initial_joints=joints)
+    """Return the episode of a group that check_demo has passed."""
+    attributes, rows = stored_attributes(group), demo_rows(group, images=images)
+    if not np.array_equal(rows[schema.ACTION_M] / ACTION_LIMIT_M, group[schema.ACTIONS][()]):
+        raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
+    for key, value in copied_attributes(rows).items():
+        if attributes.get(key) != value:
+            raise DataError(f"attribute {key} is {attributes.get(key)}; the arrays say {value}")
+    return decode_episode(attributes, rows, group[schema.JOINTS][()] if schema.JOINTS in group else ())
 
 
-def without_steps(attributes: Mapping[str, Attribute], observation: Observation, ground_truth: GroundTruth) -> Episode:
-    """Everything of an episode that the attributes of its demo hold."""
-    provenance = json_object(attributes, schema.PROVENANCE)
+def copied_attributes(rows: Mapping[str, NDArray[Any]]) -> dict[str, Attribute]:
+    """Return the attributes that are copies from the arrays."""
+    contact = rows["contact_portion"]
+    copies = {schema.CONTACT_START: float(contact[0, 0]), schema.CONTACT_FINAL: float(contact[-1, 0])}
+    if schema.STATES in rows:
+        copies[schema.CONTACT_TRUE_FINAL] = float(rows[schema.CONTACT_TRUE][-1, 0])
+        copies[schema.FLAT_AREA_FINAL] = float(rows[schema.FLAT_AREA][-1, 0])
+    return dict(copies)
+
+
+def decode_episode(
+    attributes: Mapping[str, Attribute], rows: Mapping[str, NDArray[Any]], joints: ArrayLike = ()
+) -> Episode:
+    """Return the episode of a demo's attributes and of its rows by key, as demo_rows returns them.
+
+    Data sets with a row per step may have one more, which is ignored: a journal has one record for each moment.
+    """
+    robot = robot_of(attributes)
+    n_steps = len(rows["time_s"]) - 1
+    observations = [_observation(rows, index) for index in range(n_steps + 1)]
+    ground_truths = [_ground_truth(rows, index) for index in range(n_steps + 1)]
     return Episode(
-        robot=robot_of(attributes),
+        robot=robot,
         cloth=str(attributes[schema.CLOTH]),
         seed=int(attributes[schema.SEED]),
         source=str(attributes[schema.SOURCE]),
-        steps=(),
-        final_observation=observation,
-        final_ground_truth=ground_truth,
+        steps=tuple(_step(rows, index, observations[index], ground_truths[index]) for index in range(n_steps)),
+        final_observation=observations[-1],
+        final_ground_truth=ground_truths[-1],
         stopped_by=cast(StoppedBy, attributes[schema.STOPPED_BY]),
         outcome=cast(Outcome, attributes[schema.OUTCOME]),
         task=str(attributes[schema.TASK]),
@@ -64,120 +77,70 @@ def without_steps(attributes: Mapping[str, Attribute], observation: Observation,
         disturbance=str(attributes[schema.DISTURBANCE]),
         wall_s=float(attributes[schema.WALL_S]),
         start={key: float(value) for key, value in json_object(attributes, schema.START).items()},
-        provenance=_provenance(provenance),
+        provenance=_provenance(json_object(attributes, schema.PROVENANCE)),
         descriptor=str(attributes[schema.DESCRIPTOR]),
         sim_config=json_object(attributes, schema.SIM_CONFIG),
+        initial_joints=np.array(joints, dtype=np.float64),
         disturbances=disturbances_of(attributes),
         first_step=int(attributes[schema.FIRST_STEP]),
     )
 
 
 def disturbances_of(attributes: Mapping[str, Attribute]) -> tuple[DisturbanceRecord, ...]:
-    """What befell the cloth."""
-    return tuple(_disturbance(told) for told in json_objects(attributes, schema.DISTURBANCES))
+    """Return the disturbances of an episode."""
+    return tuple(_disturbance(record) for record in json_objects(attributes, schema.DISTURBANCES))
 
 
-def _disturbance(told: Mapping[str, Any]) -> DisturbanceRecord:
-    name, first, last, plan = (told.get(key) for key in ("name", "first_step", "last_step", "plan"))
-    known = type(name) is str and type(first) is int and type(last) in (int, type(None)) and type(plan) is dict
-    if not known or len(told) != 4:
+def _disturbance(record: Mapping[str, Any]) -> DisturbanceRecord:
+    name, first, last, plan = (record.get(key) for key in ("name", "first_step", "last_step", "plan"))
+    typed = type(name) is str and type(first) is int and type(last) in (int, type(None)) and type(plan) is dict
+    if not typed or len(record) != 4:
         raise DataError(
-            f"attribute {schema.DISTURBANCES} holds {str(dict(told))[:80]!r}; each must have"
+            f"attribute {schema.DISTURBANCES} holds {str(dict(record))[:80]!r}; each must have"
             " name, first_step, last_step and plan"
         )
-    return DisturbanceRecord(**told)
+    return DisturbanceRecord(**record)
 
 
-def observations_of(rows: Mapping[str, NDArray[Any]]) -> list[Observation]:
-    """From rows (N, ...) by observation key, as the data sets have them."""
+def _observation(rows: Mapping[str, NDArray[Any]], index: int) -> Observation:
     rgb, depth = rows.get(schema.RGB), rows.get(schema.DEPTH)
-    return [
-        Observation(
-            time_s=float(rows["time_s"][i, 0]),
-            corner_positions=rows["corner_positions"][i].reshape(2, 3),
-            holder_position=rows["holder_position"][i],
-            word=rows["word"][i],
-            word_strength=float(rows["word_strength"][i, 0]),
-            contact_portion=float(rows["contact_portion"][i, 0]),
-            rgb=None if rgb is None else rgb[i],
-            depth=None if depth is None else depth[i, ..., 0],
-        )
-        for i in range(len(rows["time_s"]))
-    ]
-
-
-def _observations(group: h5py.Group, *, images: bool) -> list[Observation]:
-    """All N + 1: those before each step, and the last of next_obs."""
-    rows: dict[str, NDArray[Any]] = {}
-    for field in schema.OBSERVATION_FIELDS:
-        key = f"{schema.OBS}/{field.key}"
-        if field.optional and (not images or key not in group):
-            continue
-        last = group[f"{schema.NEXT_OBS}/{field.key}"][-1:]
-        rows[field.key] = np.concatenate([_array(group, key), last])
-    return observations_of(rows)
-
-
-def _truths(group: h5py.Group) -> list[GroundTruth]:
-    states = np.concatenate([_array(group, schema.STATES), _array(group, schema.FINAL_STATE)[np.newaxis]])
-    contact, area = _array(group, schema.CONTACT_TRUE), _array(group, schema.FLAT_AREA)
-    return [
-        GroundTruth(nodes=row.reshape(-1, 3), contact_portion_true=float(contact[i, 0]), flat_area=float(area[i, 0]))
-        for i, row in enumerate(states)
-    ]
-
-
-def _steps(group: h5py.Group, observations: list[Observation], ground_truths: list[GroundTruth]) -> tuple[Step, ...]:
-    action_m, std = _array(group, schema.ACTION_M), _array(group, schema.ACTION_STD)
-    if not np.array_equal(action_m / ACTION_LIMIT_M, _array(group, schema.ACTIONS)):
-        raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
-    phases = [bytes(phase).decode("ascii") for phase in _array(group, schema.PHASE)]
-    forces, nodes, targets, taken, hands = (read_rows(group, key, slice(None)) for key in TOLD_BY_FEW)
-    return tuple(
-        Step(
-            observation=observations[i],
-            ground_truth=ground_truths[i],
-            action=action_m[i],
-            action_std=None if np.isnan(std[i]).all() else std[i],
-            phase=cast(Phase, phase),
-            drag=drag_of(nodes[i], targets[i]),
-            force_n=forces[i],
-            intervention=bool(taken[i]),
-            hand_m=hand_of(hands[i]),
-        )
-        for i, phase in enumerate(phases)
+    return Observation(
+        time_s=float(rows["time_s"][index, 0]),
+        corner_positions=rows["corner_positions"][index].reshape(2, 3),
+        holder_position=rows["holder_position"][index],
+        word=rows["word"][index],
+        word_strength=float(rows["word_strength"][index, 0]),
+        contact_portion=float(rows["contact_portion"][index, 0]),
+        rgb=None if rgb is None else rgb[index],
+        depth=None if depth is None else depth[index, ..., 0],
     )
 
 
-def drag_of(node: int, target_m: NDArray[np.float64]) -> DragTarget | None:
-    """As the data sets have it: node -1 where nothing was pulled at."""
-    return None if node == -1 else DragTarget(node=int(node), target_m=target_m)
-
-
-def hand_of(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """As the data sets have it: NaN for the hands that were not there."""
-    if np.isnan(row).all():
+def _ground_truth(rows: Mapping[str, NDArray[Any]], index: int) -> GroundTruth | None:
+    if schema.STATES not in rows:
         return None
-    return row[:3] if np.isnan(row[3:]).all() else row.reshape(2, 3)
+    return GroundTruth(
+        nodes=rows[schema.STATES][index].reshape(-1, 3),
+        contact_portion_true=float(rows[schema.CONTACT_TRUE][index, 0]),
+        flat_area=float(rows[schema.FLAT_AREA][index, 0]),
+    )
 
 
-def _check_copies(
-    attributes: Mapping[str, Attribute], observations: list[Observation], ground_truths: list[GroundTruth]
-) -> None:
-    """What a table of episodes shows must be what the episodes hold."""
-    for key, value in (
-        (schema.CONTACT_START, observations[0].contact_portion),
-        (schema.CONTACT_FINAL, observations[-1].contact_portion),
-        (schema.CONTACT_TRUE_FINAL, ground_truths[-1].contact_portion_true),
-        (schema.FLAT_AREA_FINAL, ground_truths[-1].flat_area),
-    ):
-        if attributes[key] != value:
-            raise DataError(f"attribute {key} is {attributes[key]}; the arrays say {value}")
-
-
-def _array(group: h5py.Group, key: str) -> NDArray[Any]:
-    array: NDArray[Any] = group[key][()]
-    return array
+def _step(
+    rows: Mapping[str, NDArray[Any]], index: int, observation: Observation, ground_truth: GroundTruth | None
+) -> Step:
+    std, node, hand = rows[schema.ACTION_STD][index], rows[schema.DRAG_NODE][index], rows[schema.HAND][index]
+    return Step(
+        observation=observation,
+        ground_truth=ground_truth,
+        action=rows[schema.ACTION_M][index],
+        action_std=None if np.isnan(std).all() else std,
+        phase=cast(Phase, bytes(rows[schema.PHASE][index]).decode("ascii", "replace")),
+        drag=None if node == -1 else DragTarget(node=int(node), target_m=rows[schema.DRAG_TARGET][index]),
+        force_n=rows[schema.FORCE][index],
+        intervention=bool(rows[schema.INTERVENTION][index]),
+        hand_m=None if np.isnan(hand).all() else hand,
+    )
 
 
 def _provenance(value: Mapping[str, Any]) -> Provenance:
@@ -189,5 +152,5 @@ def _provenance(value: Mapping[str, Any]) -> Provenance:
         platform=str(value["platform"]),
         created_utc=str(value["created_utc"]),
         command=str(value["command"]),
-        operator=str(value.get("operator", "")),
+        operator=str(value["operator"]),
     )

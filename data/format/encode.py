@@ -1,4 +1,4 @@
-"""An episode as the attributes and data sets of one robomimic demo."""
+"""Encodes an episode as the attributes and data sets of one robomimic demo."""
 
 from __future__ import annotations
 
@@ -11,30 +11,24 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.arrays import FloatArray
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest, robot_of, set_attribute
-from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, Episode, Observation, Step
+from layflat.data.format.rows import default_rows
+from layflat.data.robot import RobotSpec
+from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, Episode, GroundTruth, Observation, Step
 
 CHUNK_BYTES = 1 << 20
 PACKING = {"compression": "gzip", "compression_opts": 1}
-"""Of real frames, half the size of lzf for half as much time again, and every HDF5 tool reads it: lzf is h5py's own."""
+"""Half the size of lzf on real frames for half as much time again, and every HDF5 tool reads it: lzf is h5py's own."""
 LIBVER = ("v110", "v110")
 """The oldest format of HDF5 that carries checksums in its own structures, so that damage is noticed; h5py reads it."""
 INT64_MAX = 2**63 - 1
-AGREED = (schema.ROBOT, schema.ACTION_AXES, schema.TASK, schema.PHYSICS, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
-"""Attributes in which all episodes of a session agree."""
 
 
-def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
-    """All attributes of the demo except the digest."""
-    start = {str(key): float(value) for key, value in episode.start.items()}
-    observations, ground_truth = episode.observations(), episode.final_ground_truth
-    attributes: dict[str, Attribute] = {
-        schema.UID: uid,
-        schema.VERSION: schema.SCHEMA_VERSION,
-        schema.NUM_SAMPLES: len(episode.steps),
+def shared_attributes(episode: Episode) -> dict[str, Attribute]:
+    """Return the attributes that all episodes of a session share, SESSION_KEYS."""
+    return {
         schema.ROBOT: episode.robot.name,
         schema.ACTION_AXES: episode.robot.axes_json(),
         schema.TASK: episode.task,
@@ -42,90 +36,149 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
         schema.CLOTH: episode.cloth,
         schema.STEP_S: float(episode.step_s),
         schema.DESCRIPTOR: episode.descriptor,
+    }
+
+
+def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
+    """Return all attributes of the demo except the digest; DataError where one cannot be stored."""
+    start = {str(key): float(value) for key, value in episode.start.items()}
+    contact_start = (episode.steps[0].observation if episode.steps else episode.final_observation).contact_portion
+    attributes: dict[str, Attribute] = {
+        schema.UID: uid,
+        schema.VERSION: schema.SCHEMA_VERSION,
+        schema.NUM_SAMPLES: len(episode.steps),
+        **shared_attributes(episode),
         schema.ACTION_LIMIT: ACTION_LIMIT_M,
         schema.SEED: int(episode.seed),
         schema.SOURCE: episode.source,
         schema.DISTURBANCE: episode.disturbance,
-        schema.DISTURBANCES: disturbances_text(episode.disturbances),
+        schema.DISTURBANCES: disturbances_json(episode.disturbances),
         schema.OUTCOME: episode.outcome,
         schema.SUCCESS: episode.outcome == "success",
         schema.STOPPED_BY: episode.stopped_by,
         schema.WALL_S: float(episode.wall_s),
         schema.START: _json(start, schema.START),
-        schema.SIM_CONFIG: _json(episode.sim_config, schema.SIM_CONFIG),
+        schema.SIM_CONFIG: _json(dict(episode.sim_config), schema.SIM_CONFIG),
         schema.FIRST_STEP: int(episode.first_step),
-        schema.CONTACT_START: float(observations[0].contact_portion),
-        schema.CONTACT_FINAL: float(observations[-1].contact_portion),
-        schema.CONTACT_TRUE_FINAL: math.nan if ground_truth is None else float(ground_truth.contact_portion_true),
-        schema.FLAT_AREA_FINAL: math.nan if ground_truth is None else float(ground_truth.flat_area),
+        schema.CONTACT_START: float(contact_start),
+        schema.CONTACT_FINAL: float(episode.final_observation.contact_portion),
         schema.PROVENANCE: _json(
             {**vars(episode.provenance), "versions": dict(episode.provenance.versions)}, schema.PROVENANCE
         ),
     }
+    if episode.final_ground_truth is not None:
+        attributes[schema.CONTACT_TRUE_FINAL] = float(episode.final_ground_truth.contact_portion_true)
+        attributes[schema.FLAT_AREA_FINAL] = float(episode.final_ground_truth.flat_area)
     for key, value in attributes.items():
         _check_storable(key, value)
     return attributes
 
 
-def arrays_of(episode: Episode, *, save_images: bool) -> dict[str, NDArray[Any]]:
-    """Every data set of the demo by its key; images only where asked for and there."""
-    steps = episode.steps
-    if not steps:
-        raise DataError("the episode has no steps; there is nothing to keep")
-    action_m = np.array([step.action for step in steps])
-    _check_actions(action_m)
-    unknown_std = np.full(action_m.shape[1], np.nan)
-    ground_truths = episode.ground_truths()
-    sizes = {ground_truth.nodes.shape[0] for ground_truth in ground_truths}
-    if len(sizes) != 1:
-        raise DataError(
-            f"the number of cloth nodes changes within the episode ({sorted(sizes)}); it must stay the same"
-        )
-    nodes = np.array([ground_truth.nodes.reshape(-1) for ground_truth in ground_truths])
-    observed = _observed(episode.observations(), save_images=save_images)
+def disturbances_json(records: Iterable[DisturbanceRecord]) -> str:
+    """Return disturbances as JSON."""
+    return _json([vars(record) | {"plan": dict(record.plan)} for record in records], schema.DISTURBANCES)
+
+
+# Rows: what happens at one moment and in one step, by key of the schema; for files and journals alike.
+
+
+def moment_values(
+    observation: Observation, ground_truth: GroundTruth | None, *, save_images: bool
+) -> dict[str, NDArray[Any]]:
+    """Return the row of each observation and ground truth field at one moment; images where asked for and there."""
+    values = {
+        field.key: np.ravel(getattr(observation, field.key))
+        for field in schema.OBSERVATION_FIELDS
+        if not field.optional
+    }
+    if save_images and observation.rgb is not None:
+        values[schema.RGB] = observation.rgb
+    if save_images and observation.depth is not None:
+        values[schema.DEPTH] = observation.depth[..., np.newaxis]
+    if ground_truth is not None:
+        values[schema.STATES] = ground_truth.nodes.ravel()
+        values[schema.CONTACT_TRUE] = np.array([ground_truth.contact_portion_true])
+        values[schema.FLAT_AREA] = np.array([ground_truth.flat_area])
+    return values
+
+
+def step_values(step: Step, robot: RobotSpec) -> dict[str, Any]:
+    """Return the row of each of STEP_FIELDS."""
     return {
-        schema.ACTIONS: action_m / ACTION_LIMIT_M,
-        schema.ACTION_M: action_m,
-        schema.ACTION_STD: np.array([unknown_std if s.action_std is None else s.action_std for s in steps]),
-        schema.PHASE: np.array([step.phase.encode("ascii") for step in steps], dtype="S8"),
-        schema.REWARDS: np.diff(episode.contact()),
-        schema.DONES: np.arange(1, len(steps) + 1) == len(steps),
-        schema.STATES: nodes[:-1],
-        schema.FINAL_STATE: nodes[-1],
-        schema.CONTACT_TRUE: np.array([[ground_truth.contact_portion_true] for ground_truth in ground_truths]),
-        schema.FLAT_AREA: np.array([[ground_truth.flat_area] for ground_truth in ground_truths]),
-        **({schema.JOINTS: episode.initial_joints} if episode.initial_joints.size else {}),
-        **_told_by_few(steps),
-        **{f"{schema.OBS}/{key}": rows[:-1] for key, rows in observed.items()},
-        **{f"{schema.NEXT_OBS}/{key}": rows[1:] for key, rows in observed.items()},
+        schema.ACTION_M: step.action,
+        schema.ACTION_STD: np.full(robot.size, np.nan) if step.action_std is None else step.action_std,
+        schema.PHASE: step.phase.encode("ascii"),
+        schema.FORCE: step.force_n,
+        schema.DRAG_NODE: -1 if step.drag is None else step.drag.node,
+        schema.DRAG_TARGET: np.full(3, np.nan) if step.drag is None else step.drag.target_m,
+        schema.HAND: np.full(robot.hand_shape, np.nan) if step.hand_m is None else step.hand_m,
+        schema.INTERVENTION: step.intervention,
     }
 
 
-def _told_by_few(steps: Sequence[Step]) -> dict[str, NDArray[Any]]:
-    """Forces, pulls and interventions: those that any step has."""
-    forces = np.array([step.force_n for step in steps])
-    nodes = np.array([-1 if step.drag is None else step.drag.node for step in steps])
-    nowhere = np.full(3, np.nan)
-    taken = np.array([step.intervention for step in steps])
-    found: dict[str, NDArray[Any]] = {}
-    if forces.view(np.uint64).any():  # Not by value: -0.0 is kept, too.
-        found[schema.FORCE] = forces
-    if (nodes >= 0).any():
-        found[schema.PULL_NODE] = nodes
-        found[schema.PULL_TARGET] = np.array([nowhere if s.drag is None else s.drag.target_m for s in steps])
-    if taken.any():
-        found[schema.INTERVENTION] = taken
-    if any(step.hand_m is not None for step in steps):
-        found[schema.HAND] = np.array([hand_row(step.hand_m) for step in steps])
-    return found
+def check_step(step: Step, robot: RobotSpec) -> None:
+    """Raise a DataError where a step is not of this robot or its action is beyond the limit.
+
+    Clipping here would record something that was not done.
+    """
+    if step.action.shape != (robot.size,) or np.abs(step.action).max() > ACTION_LIMIT_M:
+        raise DataError(
+            f"action is {step.action} m; it must be {robot.size} numbers for robot {robot},"
+            f" each within +-{ACTION_LIMIT_M} m"
+        )
+    if step.hand_m is not None and step.hand_m.shape != robot.hand_shape:
+        raise DataError(f"hand_m has shape {step.hand_m.shape}; robot {robot} needs {robot.hand_shape}")
 
 
-def hand_row(hand_m: FloatArray | None) -> FloatArray:
-    """(6,) with NaN for the hands that are not there."""
-    row = np.full(6, np.nan)
-    if hand_m is not None:
-        row[: hand_m.size] = hand_m.ravel()
-    return row
+def arrays_of(episode: Episode, *, save_images: bool) -> dict[str, NDArray[Any]]:
+    """Return every data set of the demo by its key; images only where asked for and there."""
+    steps = episode.steps
+    if not steps:
+        raise DataError("the episode has no steps; there is nothing to save")
+    for index, step in enumerate(steps):
+        try:
+            check_step(step, episode.robot)
+        except DataError as error:
+            raise DataError(f"step {index}: {error}") from None
+    ground_truths = (*(step.ground_truth for step in steps), episode.final_ground_truth)
+    moments = _stacked(
+        [
+            moment_values(observation, ground_truth, save_images=save_images)
+            for observation, ground_truth in zip(episode.observations(), ground_truths, strict=True)
+        ]
+    )
+    arrays = _stacked([step_values(step, episode.robot) for step in steps])
+    for field in (field for field in schema.STEP_FIELDS if field.optional):
+        rows = arrays[field.key].astype(field.dtype)
+        # Compared by their bits, so that -0.0 is saved.
+        if rows.tobytes() == default_rows(field, rows.shape).tobytes():
+            del arrays[field.key]
+    arrays[schema.ACTIONS] = arrays[schema.ACTION_M] / ACTION_LIMIT_M
+    arrays[schema.REWARDS] = np.diff(moments["contact_portion"][:, 0])
+    arrays[schema.DONES] = np.arange(1, len(steps) + 1) == len(steps)
+    if schema.STATES in moments:
+        nodes = moments.pop(schema.STATES)
+        arrays[schema.STATES], arrays[schema.FINAL_STATE] = nodes[:-1], nodes[-1]
+        arrays |= {key: moments.pop(key) for key in (schema.CONTACT_TRUE, schema.FLAT_AREA)}
+    if episode.initial_joints.size:
+        arrays[schema.JOINTS] = episode.initial_joints
+    for key, rows in moments.items():
+        arrays[f"{schema.OBS}/{key}"], arrays[f"{schema.NEXT_OBS}/{key}"] = rows[:-1], rows[1:]
+    return arrays
+
+
+def _stacked(values: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
+    """Return the rows of each key; DataError where some lack it, or are of another shape."""
+    stacked = {}
+    for key in dict.fromkeys(key for row in values for key in row):
+        missing = [index for index, row in enumerate(values) if key not in row]
+        if missing:
+            raise DataError(f"{key} is missing at step {missing[0]} but not at others; all steps need it, or none")
+        shapes = {np.shape(row[key]) for row in values}
+        if len(shapes) > 1:
+            raise DataError(f"{key} changes its shape within the episode ({sorted(shapes)}); it must stay the same")
+        stacked[key] = np.array([row[key] for row in values])
+    return stacked
 
 
 def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -133,7 +186,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
     for key, value in {**attributes, schema.DIGEST: digest(attributes)}.items():
         set_attribute(group.attrs, key, value)
     robot = robot_of(attributes)
-    for field in schema.FIELDS:
+    for field in schema.FIELDS.values():
         if field.key not in arrays:
             continue
         rows = np.ascontiguousarray(arrays[field.key], dtype=field.dtype)
@@ -149,20 +202,20 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
 
 
 def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None) -> None:
-    """Write all rows; where ``before`` has them one step later, its packed bytes are taken: half the work."""
+    """Write all rows; where ``before`` has them one step later, copy its packed bytes, which is half the work."""
     ready = 0
     if before is not None:
         ready, rest = len(rows) - 1, (0,) * (rows.ndim - 1)
-        for step_index in range(ready):
-            mask, chunk = before.id.read_direct_chunk((step_index + 1, *rest))
-            dataset.id.write_direct_chunk((step_index, *rest), chunk, mask)
+        for index in range(ready):
+            mask, chunk = before.id.read_direct_chunk((index + 1, *rest))
+            dataset.id.write_direct_chunk((index, *rest), chunk, mask)
     if rows.size:
         dataset[ready:] = rows[ready:]
 
 
 def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *, total: int) -> None:
     """Describe the session after the attributes of its first demo."""
-    for key in (*AGREED, schema.ACTION_LIMIT, schema.VERSION):
+    for key in (*schema.SESSION_KEYS, schema.ACTION_LIMIT, schema.VERSION):
         set_attribute(data.attrs, key, first[key])
     set_attribute(data.attrs, schema.SCHEMA_NAME, schema.SCHEMA)
     set_attribute(data.attrs, schema.FRAMES, json.dumps(dict(schema.FRAME_TEXTS)))
@@ -176,43 +229,8 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
         "env_version": versions.get("layflat", "unknown"),
         "env_kwargs": {key: first[key] for key in (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)},
     }
-    # As others expect it, of variable length; we ourselves never read it.
+    # As others expect it, of variable length; never read here.
     data.attrs[schema.ENV_ARGS] = json.dumps(env_args)
-
-
-def _observed(observations: tuple[Observation, ...], *, save_images: bool) -> dict[str, NDArray[Any]]:
-    """(N + 1, ...) rows by observation key."""
-    columns = {}
-    for field in schema.OBSERVATION_FIELDS:
-        values = [getattr(observation, field.key) for observation in observations]
-        if field.optional:
-            if not save_images or all(value is None for value in values):
-                continue
-            _check_images(field.key, values)
-        rows = np.array(values, dtype=field.dtype)
-        if field.key == schema.DEPTH:
-            rows = rows[..., np.newaxis]
-        columns[field.key] = rows if field.optional else rows.reshape(len(values), -1)
-    return columns
-
-
-def _check_images(key: str, images: list[NDArray[Any] | None]) -> None:
-    missing = [step_index for step_index, image in enumerate(images) if image is None]
-    if missing:
-        raise DataError(f"{key} is missing at step {missing[0]} but not at others; all steps need it, or none")
-    shapes = {image.shape for image in images if image is not None}
-    if len(shapes) != 1:
-        raise DataError(f"{key} changes its shape within the episode ({sorted(shapes)}); it must stay the same")
-
-
-def _check_actions(action_m: NDArray[np.float64]) -> None:
-    """Clipping here would record something that was not done."""
-    step_index, axis = np.unravel_index(np.abs(action_m).argmax(), action_m.shape)
-    if abs(action_m[step_index, axis]) > ACTION_LIMIT_M:
-        raise DataError(
-            f"step {step_index}: action component {axis} is {action_m[step_index, axis]:.6g} m;"
-            f" it must be within +-{ACTION_LIMIT_M} m"
-        )
 
 
 def _check_storable(key: str, value: Attribute) -> None:
@@ -229,14 +247,9 @@ def _check_storable(key: str, value: Attribute) -> None:
         raise DataError(f"{key} is {value}; it must fit into 64 bits")
 
 
-def disturbances_text(records: Iterable[DisturbanceRecord]) -> str:
-    """What befell the cloth as JSON."""
-    return _json([vars(record) | {"plan": dict(record.plan)} for record in records], schema.DISTURBANCES)
-
-
-def _json(value: Mapping[str, object] | list[dict[str, object]], key: str) -> str:
+def _json(value: object, key: str) -> str:
     try:
-        return json.dumps(value if isinstance(value, list) else dict(value), allow_nan=False)
+        return json.dumps(value, allow_nan=False)
     except ValueError:
         raise DataError(f"{key} is {value!r}; all its numbers must be finite") from None
     except TypeError:
@@ -244,8 +257,8 @@ def _json(value: Mapping[str, object] | list[dict[str, object]], key: str) -> st
 
 
 def _chunks(rows: NDArray[Any]) -> tuple[int, ...]:
-    """One image per chunk; otherwise as many rows as make about CHUNK_BYTES."""
+    """Return one image per chunk; otherwise as many rows as make about CHUNK_BYTES."""
     if rows.ndim == 4:
         return (1, *rows.shape[1:])
     per_row = rows[0].nbytes
-    return (max(1, min(len(rows), CHUNK_BYTES // per_row)), *rows.shape[1:])
+    return (max(1, min(len(rows), CHUNK_BYTES // max(1, per_row))), *rows.shape[1:])

@@ -12,12 +12,12 @@ from layflat.data.format import schema
 from layflat.data.format.structure_checks import check_claim, check_stored_here
 from layflat.data.types import OUTCOMES
 
-OURS = ("all", *OUTCOMES)
-"""Made from the outcomes whenever a file is written; all other keys belong to users."""
+OWN_MASKS = ("all", *OUTCOMES)
+"""Filter keys made from the outcomes whenever a file is written; all others belong to users."""
 
 
 def masks_of(outcomes: Mapping[str, str]) -> dict[str, list[str]]:
-    """Filter keys from outcomes by demo name: ``all``, and one for each outcome that occurs."""
+    """Return filter keys from outcomes by demo name: ``all``, and one for each outcome that occurs."""
     masks = {"all": list(outcomes)}
     for name, outcome in outcomes.items():
         masks.setdefault(outcome, []).append(name)
@@ -34,7 +34,7 @@ def write_masks(file: h5py.File, masks: Mapping[str, Iterable[str]]) -> None:
 
 
 def read_masks(file: h5py.File, *, file_bytes: int) -> dict[str, tuple[str, ...]]:
-    """All filter keys; DataError where one is not what robomimic reads."""
+    """Return all filter keys; DataError where one is not what robomimic reads."""
     masks = {}
     for key in file.get(schema.MASK, ()):
         path = f"/{schema.MASK}/{key}"
@@ -42,7 +42,9 @@ def read_masks(file: h5py.File, *, file_bytes: int) -> dict[str, tuple[str, ...]
             raise DataError(f"{path} is a link to elsewhere; a session holds its data itself")
         mask = file[path]
         if not isinstance(mask, h5py.Dataset) or mask.dtype.kind != "S" or len(mask.shape or ()) != 1:
-            raise DataError(f"{path} is no list of names of fixed length (numpy's dtype S), as robomimic writes them")
+            raise DataError(
+                f"{path} must be a list of names of fixed length (numpy's dtype S), as robomimic writes them"
+            )
         check_stored_here(mask, path)
         check_claim(mask, path, file_bytes)
         masks[str(key)] = tuple(bytes(name).decode("utf-8", "replace") for name in mask[()])

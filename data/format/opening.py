@@ -1,10 +1,9 @@
-"""Opens files of sessions that cannot be trusted; every error is one sentence that names the file."""
+"""Opens session files that cannot be trusted; every error is one sentence that names the file."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from functools import partial
 from math import isclose
 from pathlib import Path
 
@@ -14,45 +13,29 @@ from layflat.data.atomic_files import os_reason
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, robot_of, typed_attributes
-from layflat.data.format.migrate import SESSION_TYPES, VERSIONS, upgraded_session
 from layflat.data.format.structure_checks import check_hard_links
-from layflat.data.tools.sandbox import CallOutcome, isolated
 from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, MemoryError)
 """What h5py and numpy raise on bytes that make no sense."""
-PROBE_S, PROBE_BYTES = 60.0, 1 << 30
-
-
-def parts_folder(path: Path) -> Path:
-    """Where the episodes of the session at ``path`` lie until they are moved into it."""
-    return path.with_name(path.name + ".parts")
-
-
-def part_files(path: Path) -> list[Path]:
-    """Finished single-episode files of the session at ``path``, in their numbers' order."""
-    folder = parts_folder(path)
-    if not folder.is_dir():
-        return []
-    files = [file for file in folder.glob("demo_*.h5") if schema.DEMO_NAME.fullmatch(file.stem)]
-    return sorted(files, key=lambda file: schema.demo_number(file.stem))
+FOREIGN = "is an HDF5 file of another program; name a session that was recorded by layflat"
 
 
 class FileError(DataError):
-    """Already names the file."""
+    """An error whose message already names the file."""
 
 
 class FileGone(FileError):
-    """A file was there a moment ago."""
+    """A file that does not exist, or does not exist any more."""
 
 
 def open_file(path: Path) -> h5py.File:
-    """An HDF5 file for reading; DataError in one sentence where it is none."""
+    """Open an HDF5 file for reading; DataError in one sentence where it is none."""
     if not path.is_file():
         if path.exists():
             raise DataError(f"{path} is not a file; name the session's .h5 file")
         raise FileGone(f"{path} does not exist")
-    with attribute_error_to(path):
+    with errors_name(path):
         with path.open("rb") as file:
             head = file.read(8)
         if head != b"\x89HDF\r\n\x1a\n":
@@ -61,22 +44,22 @@ def open_file(path: Path) -> h5py.File:
 
 
 def check_session(file: h5py.File) -> dict[str, Attribute]:
-    """Attributes of /data in the present schema, once they say that the file is one of ours."""
+    """Return the attributes of /data; DataError where they are not those of a session of this version."""
     check_hard_links(file)
     data = file.get(schema.DATA)
     if not isinstance(data, h5py.Group) or schema.SCHEMA_NAME not in data.attrs or schema.VERSION not in data.attrs:
-        raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
+        raise DataError(FOREIGN)
+    name = _schema_name(data)
+    if name == schema.UNRELEASED_SCHEMA:
+        raise DataError("is a session of an unreleased version of layflat, which cannot be read; record it again")
+    if name != schema.SCHEMA:
+        raise DataError(FOREIGN)
     version = int(typed_attributes(data, {schema.VERSION: int})[schema.VERSION])
-    if version not in VERSIONS:
+    if version != schema.SCHEMA_VERSION:
         raise DataError(
-            f"is written in version {version} of the format;"
-            f" this layflat reads versions {VERSIONS[0]} to {VERSIONS[-1]}"
+            f"is written in version {version} of the format; this layflat reads version {schema.SCHEMA_VERSION}"
         )
-    if version == 1:
-        _probe(Path(file.filename))
-    attributes = upgraded_session(typed_attributes(data, SESSION_TYPES[version], variable=version == 1))
-    if attributes[schema.SCHEMA_NAME] != schema.SCHEMA:
-        raise DataError("is an HDF5 file of another program; name a session that was recorded by layflat")
+    attributes = typed_attributes(data, schema.SESSION_ATTRIBUTES)
     robot_of(attributes)
     if attributes[schema.DESCRIPTOR] not in DESCRIPTORS:
         raise DataError(
@@ -89,25 +72,25 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
     return attributes
 
 
-def _probe(path: Path) -> None:
-    """Version 1 has its text in HDF5's global heap, where damage may keep the library in a loop: not here, then."""
-    try:
-        isolated(partial(_read_all_attributes, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
-    except CallOutcome as error:
-        raise DataError(f"is damaged (reading its attributes {error}); use a copy or record again") from None
+def _schema_name(data: h5py.Group) -> str:
+    stored = data.attrs.get_id(schema.SCHEMA_NAME)
+    if isinstance(stored.get_type(), h5py.h5t.TypeStringID) and stored.get_type().is_variable_str():
+        # The first unreleased version stored all text so; reading it is avoided, see layflat.data.format.attributes.
+        return schema.UNRELEASED_SCHEMA
+    return str(typed_attributes(data, {schema.SCHEMA_NAME: str})[schema.SCHEMA_NAME])
 
 
-def _read_all_attributes(path: Path) -> None:
-    with h5py.File(path, "r") as file:
-        data = file[schema.DATA]
-        for group in (data, *(data[name] for name in data if isinstance(data.get(name, getlink=True), h5py.HardLink))):
-            for key in group.attrs:
-                group.attrs[key]
+def demo_names(data: h5py.Group) -> list[str]:
+    """Return the names of all members of /data by number; DataError where one is no demo."""
+    for name in data:
+        if not schema.DEMO_NAME.fullmatch(name):
+            raise DataError(f"{data.name}/{name} is no demo; all members of {data.name} must be demo_<number>")
+    return sorted(data, key=schema.demo_number)
 
 
 @contextlib.contextmanager
-def attribute_error_to(path: Path) -> Iterator[None]:
-    """Every error of reading as one sentence that names the file."""
+def errors_name(path: Path) -> Iterator[None]:
+    """Raise every error of reading as one sentence that names the file."""
     try:
         yield
     except FileError:
@@ -119,11 +102,15 @@ def attribute_error_to(path: Path) -> Iterator[None]:
     except DAMAGE as error:
         if isinstance(error, OSError) and error.errno:
             raise FileError(f"{path} cannot be read: {os_reason(error)}") from error
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise FileError(f"{path} is damaged or cut short ({reason}); use a copy or record again") from error
+        raise FileError(f"{path} is damaged or cut short ({first_line(error)}); use a copy or record again") from error
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an error's message, or the error's type where it has none."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _joined(error: DataError) -> str:
-    """'FILE is ...' reads on; any other sentence stands after a colon."""
+    """Return a sentence that continues after the file's name: "is ..." as it is, any other after a colon."""
     text = str(error)
     return text if text.startswith(("is ", "belongs ")) else f"cannot be used: {text}"

@@ -1,15 +1,16 @@
-"""Every key, type, unit and frame of a session file, spelled once.
+"""Every key, type, unit and frame of a session file.
 
-A session file is a robomimic data set. ``N`` is the number of steps of an episode, ``A`` the size of an action,
-``D`` three times the number of cloth nodes, ``J`` the number of joints, ``H`` and ``W`` an image's height and width::
+A session file is a robomimic data set. ``N`` is the number of steps of an episode, ``A`` the size of an action, ``D``
+three times the number of cloth nodes, ``J`` the number of joints, ``H`` and ``W`` an image's height and width::
 
     /data                 attributes: SESSION_ATTRIBUTES
     /data/demo_<int>      attributes: DEMO_ATTRIBUTES; data sets: FIELDS
     /mask/<key>           names of demos as bytes: all, success, failure, partial
-    /index                what is known of each demo without opening it (layflat.data.session.index); may be missing
+    /index                summary of each demo (layflat.data.session.index); optional
 
-Whatever a policy may see lies under ``obs`` and ``next_obs``; what only the simulator knows is ``states`` and
-``truth/``. The observation after the last step is the last row of ``next_obs``.
+What a policy may see is under ``obs`` and ``next_obs``. What only a simulator knows is ``states`` and
+``ground_truth/``, which an episode of a real robot does not have. The observation after the last step is the last row
+of ``next_obs``.
 """
 
 from __future__ import annotations
@@ -21,17 +22,13 @@ from dataclasses import dataclass, replace
 
 from layflat.data.robot import RobotSpec
 
-SCHEMA = "layflat-session"
-SCHEMA_VERSION = 3
-"""Raised by one whenever a reader of the old form would misread the new one; layflat.data.format.migrate reads the
-older ones."""
+SCHEMA = "layflat-episodes"
+SCHEMA_VERSION = 1
+"""Raised by one whenever a reader of the previous form would misread the new one."""
+UNRELEASED_SCHEMA = "layflat-session"
+"""Name of the schema before the first release; such files are refused."""
 
-DATA = "data"
-MASK = "mask"
-INDEX = "index"
-OBS = "obs"
-NEXT_OBS = "next_obs"
-TRUTH = "truth"
+DATA, MASK, INDEX, OBS, NEXT_OBS, GROUND_TRUTH = "data", "mask", "index", "obs", "next_obs", "ground_truth"
 DEMO_NAME = re.compile(r"demo_(0|[1-9][0-9]{0,8})")
 """robomimic parses the integer after the underscore of every member of /data."""
 
@@ -43,52 +40,41 @@ ENV_TYPE_GYM = 2
 TOTAL = "total"
 """Sum of num_samples."""
 ENV_ARGS = "env_args"
-"""JSON for robomimic: type, env_name, env_version, env_kwargs. For others only; never read here."""
+"""JSON for robomimic: type, env_name, env_version, env_kwargs. Never read here."""
 SCHEMA_NAME = "schema"
+VERSION = "schema_version"
+FRAMES = "frames"
+"""JSON object: description of each frame of reference."""
 ROBOT = "robot"
 ACTION_AXES = "action_axes"
 """JSON list of [name, point, axis] for each component of an action, see layflat.data.robot."""
-TASK = "task"
-PHYSICS = "physics"
-CLOTH = "cloth"
-STEP_S = "step_s"
+TASK, PHYSICS, CLOTH, STEP_S = "task", "physics", "cloth", "step_s"
 DESCRIPTOR = "descriptor"
-"""What obs/word was computed by."""
-VERSION = "schema_version"
+"""Descriptor that computed obs/word."""
 ACTION_LIMIT = "action_limit_m"
-FRAMES = "frames"
-"""JSON object: what each frame that a data set names is."""
 
 # Further attributes of each demo.
 NUM_SAMPLES = "num_samples"
-SEED = "seed"
-SOURCE = "source"
-OUTCOME = "outcome"
-SUCCESS = "success"
-STOPPED_BY = "stopped_by"
+SEED, SOURCE, OUTCOME, SUCCESS, STOPPED_BY, WALL_S = "seed", "source", "outcome", "success", "stopped_by", "wall_s"
 DISTURBANCE = "disturbance"
 DISTURBANCES = "disturbances"
 """JSON list of objects: name, first_step, last_step (null: not over), plan (an object)."""
-WALL_S = "wall_s"
 START = "start"
 """JSON object: name -> number."""
 SIM_CONFIG = "sim_config"
 """JSON object: settings of the simulation."""
 FIRST_STEP = "first_step"
-CONTACT_START = "contact_start"
-CONTACT_FINAL = "contact_final"
-CONTACT_TRUE_FINAL = "contact_true_final"
-FLAT_AREA_FINAL = "flat_area_final"
-"""Copies from the arrays, so that a table of episodes needs none of them; checked when the arrays are read."""
+CONTACT_START, CONTACT_FINAL = "contact_start", "contact_final"
+CONTACT_TRUE_FINAL, FLAT_AREA_FINAL = "contact_true_final", "flat_area_final"
+"""Copies from the arrays, so that a table of episodes needs none of them; checked when the arrays are read. The last
+two are absent without ground truth."""
 PROVENANCE = "provenance"
 """JSON object: versions, platform, created_utc, command, operator."""
 UID = "uid"
-"""Hexadecimal identity of the recording; tells the same episode in two files from two episodes with one number."""
+"""Hexadecimal identity of the recording: distinguishes a copy from another episode of the same number."""
 DIGEST = "attributes_sha256"
-"""Over the canonical JSON of all other attributes: HDF5 itself does not check the strings among them."""
-UNIT = "unit"
-FRAME = "frame"
-COLUMNS = "columns"
+"""SHA-256 of the canonical JSON of all other attributes: HDF5 itself does not check the strings among them."""
+UNIT, FRAME, COLUMNS = "unit", "frame", "columns"
 """Attributes of every data set: its unit, its frame of reference, and the names of its columns."""
 
 FRAME_TEXTS: Mapping[str, str] = {
@@ -99,32 +85,14 @@ FRAME_TEXTS: Mapping[str, str] = {
     "none": "a quantity without a frame",
 }
 
-SESSION_ATTRIBUTES: dict[str, type] = {
-    SCHEMA_NAME: str,
-    VERSION: int,
-    ROBOT: str,
-    ACTION_AXES: str,
-    TASK: str,
-    PHYSICS: str,
-    CLOTH: str,
-    STEP_S: float,
-    DESCRIPTOR: str,
-    ACTION_LIMIT: float,
-    TOTAL: int,
-    FRAMES: str,
-}
+SESSION_KEYS = (ROBOT, ACTION_AXES, TASK, PHYSICS, CLOTH, STEP_S, DESCRIPTOR)
+"""Attributes that all episodes of a session share."""
+_SHARED: dict[str, type] = {VERSION: int, **dict.fromkeys(SESSION_KEYS, str), STEP_S: float, ACTION_LIMIT: float}
+SESSION_ATTRIBUTES: dict[str, type] = {SCHEMA_NAME: str, **_SHARED, TOTAL: int, FRAMES: str}
 DEMO_ATTRIBUTES: dict[str, type] = {
     UID: str,
-    VERSION: int,
     NUM_SAMPLES: int,
-    ROBOT: str,
-    ACTION_AXES: str,
-    TASK: str,
-    PHYSICS: str,
-    CLOTH: str,
-    STEP_S: float,
-    DESCRIPTOR: str,
-    ACTION_LIMIT: float,
+    **_SHARED,
     SEED: int,
     SOURCE: str,
     DISTURBANCE: str,
@@ -142,6 +110,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     FLAT_AREA_FINAL: float,
     PROVENANCE: str,
 }
+GROUND_TRUTH_ATTRIBUTES = (CONTACT_TRUE_FINAL, FLAT_AREA_FINAL)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,19 +122,21 @@ class Field:
     dtype: str
     """numpy type string, little endian."""
     shape: tuple[int | str, ...]
-    """Lengths; a letter is bound where it first occurs and must then agree within the demo."""
-    unit: str
+    """Lengths. A letter is bound where it first occurs and must then agree within the demo; HAND_SHAPE stands for the
+    robot's `hand_shape`."""
+    unit: str = "1"
     frame: str = "none"
     """Key of FRAME_TEXTS."""
     columns: tuple[str, ...] = ()
-    """Names of the columns; empty where the robot, the cloth or the image decides on them."""
+    """Names along the last axis; empty where the robot, the cloth or the image decides on them."""
     optional: bool = False
-    absent: float | None = None
-    """What every step has where the data set is missing."""
+    default: float | None = None
+    """Value of every step where the data set is absent."""
     packed: bool = False
-    """Compressed without loss: worth its time for images only."""
+    """Compressed without loss, which is worth its time for images only."""
 
 
+HAND_SHAPE = "hand shape"
 ACTIONS = "actions"
 """action_m / action_limit_m, within -1..1."""
 ACTION_M = "action_m"
@@ -175,26 +146,22 @@ ACTION_STD = "action_std"
 PHASE = "phase"
 REWARDS = "rewards"
 """Camera contact portion after the step minus before it: an episode's rewards sum to what it gained, and a policy that
-only sees pixels is paid by pixels. Grades come from ``truth/``."""
+only sees pixels is paid by pixels. Grades come from the ground truth."""
 DONES = "dones"
 """1 on the last step, 0 before."""
 STATES = "states"
 """Cloth nodes before the step, (x, y, z) of node 0, then of node 1, ..."""
-FINAL_STATE = f"{TRUTH}/final_state"
-CONTACT_TRUE = f"{TRUTH}/contact_portion_true"
-FLAT_AREA = f"{TRUTH}/flat_area"
-JOINTS = f"{TRUTH}/initial_joints"
+FINAL_STATE = f"{GROUND_TRUTH}/final_state"
+CONTACT_TRUE = f"{GROUND_TRUTH}/contact_portion_true"
+FLAT_AREA = f"{GROUND_TRUTH}/flat_area"
+JOINTS = "initial_joints"
 FORCE = "force_n"
-PULL_NODE = "pull_node"
-PULL_TARGET = "pull_target_m"
-"""NaN where nothing is pulled at, and -1 for its node."""
+DRAG_NODE, DRAG_TARGET = "drag_node", "drag_target_m"
+"""-1 and NaN in a step in which nobody drags the cloth."""
 INTERVENTION = "intervention"
 HAND = "hand_m"
-"""NaN where no hand drew the holder; of one hand, the second place is NaN.
-
-These five are missing where no step has any."""
-RGB = "rgb"
-DEPTH = "depth"
+"""NaN in a step in which no hand guides the robot."""
+RGB, DEPTH = "rgb", "depth"
 
 _XYZ = ("x", "y", "z")
 _CORNERS = ("x1", "y1", "z1", "x2", "y2", "z2")
@@ -203,14 +170,13 @@ OBSERVATION_FIELDS: tuple[Field, ...] = (
     Field(key="time_s", dtype="<f8", shape=("N", 1), unit="s", columns=("time",)),
     Field(key="corner_positions", dtype="<f8", shape=("N", 6), unit="m", frame="world", columns=_CORNERS),
     Field(key="holder_position", dtype="<f8", shape=("N", 3), unit="m", frame="world", columns=_XYZ),
-    Field(key="word", dtype="<f8", shape=("N", 2), unit="1", frame="table", columns=("x", "y")),
-    Field(key="word_strength", dtype="<f8", shape=("N", 1), unit="1", columns=("strength",)),
-    Field(key="contact_portion", dtype="<f8", shape=("N", 1), unit="1", columns=("portion",)),
+    Field(key="word", dtype="<f8", shape=("N", 2), frame="table", columns=("x", "y")),
+    Field(key="word_strength", dtype="<f8", shape=("N", 1), columns=("strength",)),
+    Field(key="contact_portion", dtype="<f8", shape=("N", 1), columns=("portion",)),
     Field(
         key=RGB,
         dtype="|u1",
         shape=("N", "H", "W", 3),
-        unit="1",
         frame="image",
         columns=("red", "green", "blue"),
         optional=True,
@@ -227,52 +193,81 @@ OBSERVATION_FIELDS: tuple[Field, ...] = (
         packed=True,
     ),
 )
-"""Under ``obs`` as it was before a step, under ``next_obs`` after it; keys are the names in
-layflat.data.types.Observation."""
+"""Under ``obs`` as before a step, under ``next_obs`` as after it; keys are attributes of layflat.data.Observation."""
 
+GROUND_TRUTH_FIELDS: tuple[Field, ...] = (
+    Field(key=STATES, dtype="<f8", shape=("N", "D"), unit="m", frame="world", optional=True),
+    Field(key=FINAL_STATE, dtype="<f8", shape=("D",), unit="m", frame="world", optional=True),
+    Field(key=CONTACT_TRUE, dtype="<f8", shape=("N+1", 1), columns=("portion",), optional=True),
+    Field(key=FLAT_AREA, dtype="<f8", shape=("N+1", 1), columns=("area",), optional=True),
+)
+"""All of them are there, or none."""
 
-def _under(group: str) -> tuple[Field, ...]:
-    return tuple(replace(field, key=f"{group}/{field.key}") for field in OBSERVATION_FIELDS)
-
-
-FIELDS: tuple[Field, ...] = (
-    Field(key=ACTIONS, dtype="<f8", shape=("N", "A"), unit="1", frame="world"),
+STEP_FIELDS: tuple[Field, ...] = (
     Field(key=ACTION_M, dtype="<f8", shape=("N", "A"), unit="m", frame="world"),
     Field(key=ACTION_STD, dtype="<f8", shape=("N", "A"), unit="m", frame="world"),
-    Field(key=PHASE, dtype="|S8", shape=("N",), unit="1"),
-    Field(key=REWARDS, dtype="<f8", shape=("N",), unit="1"),
-    Field(key=DONES, dtype="|u1", shape=("N",), unit="1"),
-    Field(key=STATES, dtype="<f8", shape=("N", "D"), unit="m", frame="world"),
-    Field(key=FINAL_STATE, dtype="<f8", shape=("D",), unit="m", frame="world"),
-    Field(key=CONTACT_TRUE, dtype="<f8", shape=("N+1", 1), unit="1", columns=("portion",)),
-    Field(key=FLAT_AREA, dtype="<f8", shape=("N+1", 1), unit="1", columns=("area",)),
-    Field(key=JOINTS, dtype="<f8", shape=("J",), unit="rad", optional=True),
-    Field(key=FORCE, dtype="<f8", shape=("N", 3), unit="N", frame="world", columns=_XYZ, optional=True, absent=0.0),
-    Field(key=PULL_NODE, dtype="<i8", shape=("N",), unit="1", optional=True, absent=-1),
+    Field(key=PHASE, dtype="|S8", shape=("N",)),
+    Field(key=FORCE, dtype="<f8", shape=("N", 3), unit="N", frame="world", columns=_XYZ, optional=True, default=0.0),
+    Field(key=DRAG_NODE, dtype="<i8", shape=("N",), optional=True, default=-1),
     Field(
-        key=PULL_TARGET,
+        key=DRAG_TARGET,
         dtype="<f8",
         shape=("N", 3),
         unit="m",
         frame="world",
         columns=_XYZ,
         optional=True,
-        absent=math.nan,
+        default=math.nan,
     ),
     Field(
         key=HAND,
         dtype="<f8",
-        shape=("N", 6),
+        shape=("N", HAND_SHAPE),
         unit="m",
         frame="world",
-        columns=_CORNERS,
+        columns=_XYZ,
         optional=True,
-        absent=math.nan,
+        default=math.nan,
     ),
-    Field(key=INTERVENTION, dtype="|u1", shape=("N",), unit="1", optional=True, absent=0),
-    *_under(OBS),
-    *_under(NEXT_OBS),
+    Field(key=INTERVENTION, dtype="|u1", shape=("N",), optional=True, default=0),
 )
+"""What happened in a step. The optional ones are absent where no step has any."""
+
+FIELDS: Mapping[str, Field] = {
+    field.key: field
+    for field in (
+        Field(key=ACTIONS, dtype="<f8", shape=("N", "A"), frame="world"),
+        Field(key=REWARDS, dtype="<f8", shape=("N",)),
+        Field(key=DONES, dtype="|u1", shape=("N",)),
+        Field(key=JOINTS, dtype="<f8", shape=("J",), unit="rad", optional=True),
+        *STEP_FIELDS,
+        *GROUND_TRUTH_FIELDS,
+        *(replace(field, key=f"{OBS}/{field.key}") for field in OBSERVATION_FIELDS),
+        *(replace(field, key=f"{NEXT_OBS}/{field.key}") for field in OBSERVATION_FIELDS),
+    )
+}
+"""All data sets of a demo, by key."""
+STEP_KEYS = tuple(key for key, field in FIELDS.items() if field.shape[0] == "N")
+"""Data sets with one row per step."""
+MAY_BE_NAN = (ACTION_STD, DRAG_TARGET, HAND)
+"""Data sets in which NaN means that a step has no value."""
+
+
+def row_shape(field: Field, robot: RobotSpec, lengths: Mapping[str, int]) -> tuple[int, ...] | None:
+    """Return the shape of one row of a data set, or None where a letter of it has no length in ``lengths``."""
+    shape: list[int] = []
+    for length in field.shape[1:]:
+        if length == HAND_SHAPE:
+            shape += robot.hand_shape
+        elif length == "A":
+            shape.append(robot.size)
+        elif isinstance(length, int):
+            shape.append(length)
+        elif length in lengths:
+            shape.append(lengths[length])
+        else:
+            return None
+    return tuple(shape)
 
 
 def columns_of(field: Field, robot: RobotSpec) -> tuple[str, ...]:
@@ -281,9 +276,10 @@ def columns_of(field: Field, robot: RobotSpec) -> tuple[str, ...]:
 
 
 def demo_name(number: int) -> str:
+    """Return the name of a demo by its number."""
     return f"demo_{number}"
 
 
 def demo_number(name: str) -> int:
-    """The integer of ``demo_<int>``; names are ordered by it, or demo_10 would come before demo_2."""
+    """Return the number of a demo; names are ordered by it, or demo_10 would come before demo_2."""
     return int(name.removeprefix("demo_"))

@@ -1,4 +1,4 @@
-"""What the arrays of a demo must hold; read in blocks, so that memory stays small whatever a file claims."""
+"""Checks the values of a demo's arrays, read in blocks so that memory stays small for any file."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
+from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.structure_checks import Violations
-from layflat.data.session.demo_info import DemoInfo
-from layflat.data.session.row_arrays import MAY_BE_UNKNOWN
 from layflat.data.types import ACTION_LIMIT_M, PHASES
 
 BLOCK_BYTES = 1 << 24
@@ -36,9 +35,9 @@ RANGES = {
 
 
 def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> None:
-    """Add what is wrong with the values of a demo that has passed check_demo."""
+    """Add to ``found`` what is wrong with the values of a demo that has passed check_demo."""
     before = len(found)
-    for field in schema.FIELDS:
+    for field in schema.FIELDS.values():
         if field.key in group:
             with found.at(f"{group.name}/{field.key}"):
                 _check_values(group[field.key], field)
@@ -50,7 +49,7 @@ def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> No
         (schema.REWARDS, _check_rewards),
         ("obs/word", _check_unit),
         ("obs/time_s", partial(_check_time, unstable=info.stopped_by == "unstable")),
-        (schema.PULL_NODE, _check_pulls),
+        (schema.DRAG_NODE, _check_drags),
     ):
         with found.at(f"{group.name}/{key}"):
             check(group)
@@ -63,7 +62,7 @@ def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> No
 
 
 def _blocks(dataset: h5py.Dataset) -> Iterator[tuple[int, NDArray[Any]]]:
-    """First row and rows, a few megabytes at a time."""
+    """Yield the number of a first row and rows from there, a few megabytes at a time."""
     if not dataset.size:
         return
     per_row = max(1, dataset.dtype.itemsize * dataset.size // len(dataset))
@@ -78,16 +77,11 @@ def _check_values(dataset: h5py.Dataset, field: schema.Field) -> None:
         if rows.dtype.kind == "S":
             _all(np.isin(rows, [phase.encode() for phase in PHASES]), start, rows, f"one of {', '.join(PHASES)}")
             continue
-        if field.key in MAY_BE_UNKNOWN:
-            rows = _known(rows, width=3 if field.key == schema.HAND else rows.shape[1])
+        if field.key in schema.MAY_BE_NAN:
+            absent = np.isnan(rows).all(axis=tuple(range(1, rows.ndim)), keepdims=True)
+            rows = np.where(absent, 0.0, rows)
         _all(np.isfinite(rows), start, rows, "finite")
         _all((rows >= low) & (rows <= high), start, rows, f"within {low:g} to {high:g}")
-
-
-def _known(rows: NDArray[Any], width: int) -> NDArray[Any]:
-    """With 0 for each place of so many columns of which nothing is known."""
-    places = rows.reshape(len(rows), -1, width)
-    return np.where(np.isnan(places).all(axis=2, keepdims=True), 0.0, places).reshape(rows.shape)
 
 
 def _all(fine: NDArray[np.bool_], start: int, rows: NDArray[Any], right: str) -> None:
@@ -122,7 +116,7 @@ def _check_unit(group: h5py.Group) -> None:
 
 
 def _check_time(group: h5py.Group, *, unstable: bool) -> None:
-    """Of a cloth that has diverged, what was seen before stands for the end."""
+    """Time rises; the last step of a diverged simulation may repeat the observation before it."""
     time = np.append(group["obs/time_s"][:, 0], group["next_obs/time_s"][-1:, 0])
     passed = np.diff(time)
     back = np.flatnonzero((passed < 0) | ((passed == 0) & ~(unstable & (np.arange(len(passed)) == len(passed) - 1))))
@@ -130,16 +124,18 @@ def _check_time(group: h5py.Group, *, unstable: bool) -> None:
         raise DataError(f"does not rise after step {back[0]}")
 
 
-def _check_pulls(group: h5py.Group) -> None:
-    if (schema.PULL_NODE in group) != (schema.PULL_TARGET in group):
-        raise DataError(f"there must be {schema.PULL_NODE} and {schema.PULL_TARGET}, or neither")
-    if schema.PULL_NODE not in group:
+def _check_drags(group: h5py.Group) -> None:
+    if (schema.DRAG_NODE in group) != (schema.DRAG_TARGET in group):
+        raise DataError(f"there must be {schema.DRAG_NODE} and {schema.DRAG_TARGET}, or neither")
+    if schema.DRAG_NODE not in group:
         return
-    nodes, count = group[schema.PULL_NODE][()], group[schema.STATES].shape[1] // 3
+    nodes = group[schema.DRAG_NODE][()]
+    # Without ground truth the number of nodes is not known.
+    count = group[schema.STATES].shape[1] // 3 if schema.STATES in group else np.inf
     wrong = np.flatnonzero((nodes < -1) | (nodes >= count))
     if wrong.size:
         raise DataError(f"row {wrong[0]} is node {nodes[wrong[0]]} of {count}; it must be one of them, or -1")
-    unlike = np.flatnonzero((nodes < 0) != np.isnan(group[schema.PULL_TARGET][()]).any(axis=1))
+    unlike = np.flatnonzero((nodes < 0) != np.isnan(group[schema.DRAG_TARGET][()]).any(axis=1))
     if unlike.size:
         raise DataError(f"row {unlike[0]} has a node without a target, or a target without a node")
 
@@ -153,11 +149,15 @@ def _check_next(group: h5py.Group, key: str) -> None:
 
 
 def _check_copies(group: h5py.Group, info: DemoInfo) -> None:
-    for name, said, there in (
+    copies = [
         (schema.CONTACT_START, info.contact_start, group["obs/contact_portion"][0, 0]),
         (schema.CONTACT_FINAL, info.contact_final, group["next_obs/contact_portion"][-1, 0]),
-        (schema.CONTACT_TRUE_FINAL, info.contact_true_final, group[schema.CONTACT_TRUE][-1, 0]),
-        (schema.FLAT_AREA_FINAL, info.flat_area_final, group[schema.FLAT_AREA][-1, 0]),
-    ):
-        if said != there:
-            raise DataError(f"attribute {name} is {said}; the arrays say {there}")
+    ]
+    if info.contact_true_final is not None and info.flat_area_final is not None:
+        copies += [
+            (schema.CONTACT_TRUE_FINAL, info.contact_true_final, group[schema.CONTACT_TRUE][-1, 0]),
+            (schema.FLAT_AREA_FINAL, info.flat_area_final, group[schema.FLAT_AREA][-1, 0]),
+        ]
+    for name, attribute, stored in copies:
+        if attribute != stored:
+            raise DataError(f"attribute {name} is {attribute}; the arrays say {stored}")

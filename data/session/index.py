@@ -1,8 +1,8 @@
-"""The index of a session file: what is known of each demo, in one data set, so that opening need not touch them all.
+"""Index of a session file: the info of each demo in one data set, so that opening need not touch them all.
 
-It is a copy, trusted only for the time between opening a file and reading an episode: an episode is checked against the
-schema and against its line when it is read. An index that is missing, damaged or of other demos than those in the file
-is as good as none; every demo is then checked at once.
+It is a copy, trusted only between opening a file and reading an episode: an episode is checked against the schema and
+against its row when it is read. An index that is missing, damaged or of other demos than those in the file is ignored;
+every demo is then checked at once.
 """
 
 from __future__ import annotations
@@ -16,38 +16,43 @@ import numpy as np
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
+from layflat.data.format.demo_info import DemoInfo, info_from_row
 from layflat.data.format.encode import PACKING
-from layflat.data.format.structure_checks import check_claim, check_stored_here
-from layflat.data.session.demo_info import DemoInfo, info_from_row, info_to_row
+from layflat.data.format.structure_checks import check_claim, check_demo, check_stored_here, stored_digest
 
 CHUNK_BYTES = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class IndexLine:
+class IndexRow:
+    """One demo of the index."""
+
     info: DemoInfo
     digest: str
     """Checksum of the demo's attributes."""
 
 
-def read_index(file: h5py.File, names: Sequence[str], *, file_bytes: int) -> dict[str, IndexLine] | None:
-    """Lines by name for exactly these demos, or None."""
+def row_of(group: h5py.Group, *, file_bytes: int) -> IndexRow:
+    """Check a demo and return its row."""
+    return IndexRow(info=check_demo(group, file_bytes=file_bytes), digest=stored_digest(group))
+
+
+def read_index(file: h5py.File, names: Sequence[str], *, file_bytes: int) -> dict[str, IndexRow] | None:
+    """Return the rows by name, or None where the index is not of exactly these demos."""
     if schema.INDEX not in file:
         return None
     try:
-        rows = _rows(file[schema.INDEX], file_bytes)
-        lines = {str(row["name"]): IndexLine(info=info_from_row(row), digest=str(row["digest"])) for row in rows}
+        lines = _lines(file[schema.INDEX], file_bytes)
+        rows = {str(line["name"]): IndexRow(info=info_from_row(line), digest=str(line["digest"])) for line in lines}
     except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError):
         return None
-    if len(rows) != len(names) or lines.keys() != set(names):
-        return None
-    return lines
+    return rows if len(lines) == len(names) and rows.keys() == set(names) else None
 
 
-def append_index(file: h5py.File, lines: Mapping[str, IndexLine]) -> None:
-    """Add lines to the index of a file that is open for writing; makes one where there is none."""
-    rows = ({"name": name, "digest": line.digest, **info_to_row(line.info)} for name, line in lines.items())
-    text = "".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows).encode("ascii")
+def append_index(file: h5py.File, rows: Mapping[str, IndexRow]) -> None:
+    """Add rows to the index of a file that is open for writing; create it where there is none."""
+    lines = ({"name": name, "digest": row.digest, **vars(row.info)} for name, row in rows.items())
+    text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode("ascii")
     if schema.INDEX not in file:
         file.create_dataset(
             schema.INDEX,
@@ -64,11 +69,10 @@ def append_index(file: h5py.File, lines: Mapping[str, IndexLine]) -> None:
     index[end:] = np.frombuffer(text, np.uint8)
 
 
-def _rows(index: h5py.Dataset, file_bytes: int) -> list[dict[str, object]]:
+def _lines(index: h5py.Dataset, file_bytes: int) -> list[dict[str, object]]:
     check_stored_here(index, index.name)
     check_claim(index, index.name, file_bytes)
-    lines = bytes(index[()]).splitlines()
-    rows = json.loads(b"[" + b",".join(lines) + b"]")
-    if not all(isinstance(row, dict) for row in rows):
+    lines = json.loads(b"[" + b",".join(bytes(index[()]).splitlines()) + b"]")
+    if not all(isinstance(line, dict) for line in lines):
         raise DataError("a line of the index is no JSON object")
-    return list(rows)
+    return list(lines)

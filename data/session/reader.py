@@ -1,7 +1,7 @@
-"""Reads sessions: checks them first, and finds every kept episode also after a killed recording.
+"""Reads sessions: checks them first, and finds every saved episode also after a killed recording.
 
-While a session is recorded, its newest episodes lie in files of their own in the folder ``FILE.h5.parts``; the recorder
-moves them into ``FILE.h5``. A reader merges both in view and writes nothing, so that it may look on at any moment.
+While a session is recorded, its newest episodes are in files of their own in the folder ``FILE.h5.parts``; the recorder
+moves them into ``FILE.h5``. A reader shows both as one and writes nothing, so that it may look at any moment.
 """
 
 from __future__ import annotations
@@ -21,21 +21,33 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, robot_of
 from layflat.data.format.decode import disturbances_of, read_demo
-from layflat.data.format.encode import AGREED
-from layflat.data.format.migrate import upgraded_demo
-from layflat.data.format.opening import FileGone, attribute_error_to, check_session, open_file, part_files
-from layflat.data.format.structure_checks import check_demo, check_hard_link, stored_attributes, stored_digest
+from layflat.data.format.demo_info import DemoInfo
+from layflat.data.format.opening import FileGone, check_session, demo_names, errors_name, open_file
+from layflat.data.format.rows import concatenated, read_rows
+from layflat.data.format.structure_checks import check_demo, check_hard_link, stored_attributes
 from layflat.data.robot import RobotSpec
-from layflat.data.session.demo_info import DemoInfo
-from layflat.data.session.index import IndexLine, read_index
-from layflat.data.session.row_arrays import read_rows, stacked
+from layflat.data.session.index import IndexRow, read_index, row_of
+from layflat.data.session.parts import part_files
 from layflat.data.types import DisturbanceRecord, Episode, Outcome
 
 
 def open_session(path: str | Path) -> Session:
-    """The session at ``path``, to be closed or used with ``with``; DataError in one sentence where it is none.
+    """Open a recorded session for reading.
 
-    What is wrong with a single episode is said at the latest when that episode is read.
+    Parameters
+    ----------
+    path : str or Path
+        The session's ``.h5`` file.
+
+    Returns
+    -------
+    Session
+        A lazy sequence of episodes; close it, or use it in a ``with`` statement.
+
+    Raises
+    ------
+    DataError
+        If the file is not a session. An error in a single episode is raised at the latest when that episode is read.
     """
     return Session(Path(path))
 
@@ -44,25 +56,33 @@ def open_session(path: str | Path) -> Session:
 class _Demo:
     opened: h5py.File
     key: str
-    """Its name in that file."""
+    """Name of the demo in that file."""
     file: Path
-    line: IndexLine
+    row: IndexRow
     checked: bool
 
 
 class Session(Sequence[Episode]):
-    """Recorded episodes of one robot with one cloth, oldest first: a sequence that reads each when it is asked for.
+    """A lazy sequence of recorded episodes of one robot with one cloth, oldest first.
 
-    ``session[3]``, ``session[-1]`` and ``session["demo_3"]`` are episodes, ``session[2:5]`` and ``session.view(names)``
-    sequences of episodes that are read as late. Holds the file open until ``close``.
+    ``session[3]``, ``session[-1]`` and ``session["demo_3"]`` read one episode; ``session[2:5]`` and
+    ``session.view(names)`` are sequences that read each episode when it is asked for. The file is open until `close`.
+
+    Attributes
+    ----------
+    path : Path
+        The session's file.
+    robot : RobotSpec
+        Robot of all episodes.
+    task, physics, cloth, descriptor : str
+        Names that all episodes share.
+    step_s : float
+        Simulated duration of one step in seconds.
     """
 
     robot: RobotSpec
-    cloth: str
-    step_s: float
-    """Simulated seconds of one step."""
-    descriptor: str
-    """What Observation.word was computed by."""
+    shared: dict[str, Attribute]
+    """Attributes that all episodes share, by key of the schema."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -75,58 +95,82 @@ class Session(Sequence[Episode]):
         except BaseException:
             self._open.close()
             raise
+        self.task, self.physics = str(self.shared[schema.TASK]), str(self.shared[schema.PHYSICS])
+        self.cloth, self.descriptor = str(self.shared[schema.CLOTH]), str(self.shared[schema.DESCRIPTOR])
+        self.step_s = float(self.shared[schema.STEP_S])
 
     @property
     def names(self) -> tuple[str, ...]:
-        """demo_0, demo_1, ...: by number."""
+        """Names of the episodes by number: demo_0, demo_1, ..."""
         return tuple(self._demos)
 
     def info(self, name: str) -> DemoInfo:
-        """Everything about an episode that needs no array."""
-        return self._demo(name).line.info
+        """Return everything about an episode that needs no array."""
+        return self._demo(name).row.info
 
     def infos(self) -> dict[str, DemoInfo]:
-        """Of all episodes, by name."""
-        return {name: demo.line.info for name, demo in self._demos.items()}
+        """Return the info of every episode by name; no array is read.
+
+        Returns
+        -------
+        dict of str to DemoInfo
+            Seed, outcome, number of steps, contact portions, ... by name.
+        """
+        return {name: demo.row.info for name, demo in self._demos.items()}
 
     def episode(self, name: str, *, images: bool = True) -> Episode:
-        """One episode, read now; without images also where they were kept, if so asked."""
-        with attribute_error_to(self._demo(name).file):
+        """Read one episode, with ``images`` False without rgb and depth."""
+        with errors_name(self._demo(name).file):
             return read_demo(self.group(name), images=images)
 
     def episodes(self, *, images: bool = True) -> Iterator[Episode]:
-        """All in order, one in memory at a time."""
+        """Read all episodes in order, one in memory at a time."""
         return (self.episode(name, images=images) for name in self._demos)
 
     def disturbances(self, name: str) -> tuple[DisturbanceRecord, ...]:
-        """What befell the cloth of an episode; its arrays are not read."""
-        with attribute_error_to(self._demo(name).file):
-            group = self.group(name)
-            return disturbances_of(upgraded_demo(stored_attributes(group), group))
+        """Return the disturbances of an episode; its arrays are not read."""
+        with errors_name(self._demo(name).file):
+            return disturbances_of(stored_attributes(self.group(name)))
 
     def view(self, names: Sequence[str], *, images: bool = True) -> EpisodeView:
-        """These episodes as a sequence; each is read when it is asked for."""
+        """Return these episodes as a sequence that reads each when it is asked for."""
         for name in names:
             self._demo(name)
         return EpisodeView(self, tuple(names), images=images)
 
-    def array(self, name: str, key: str, n_steps: slice = slice(None)) -> NDArray[Any]:
-        """Rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only those steps are read."""
-        with attribute_error_to(self._demo(name).file):
-            return read_rows(self.group(name), key, n_steps)
+    def array(self, name: str, key: str, rows: slice = slice(None)) -> NDArray[Any]:
+        """Read rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only these rows are read."""
+        with errors_name(self._demo(name).file):
+            return read_rows(self.group(name), key, rows)
 
     def arrays(self, keys: Sequence[str], names: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
-        """For learning: ``{key: (T, ...)}``, the steps of these episodes (all by default) one after another.
+        """Read columns for learning: the steps of several episodes one after another.
 
-        Keys are data sets with one row per step (``obs/word``, ``next_obs/contact_portion``, ``action_m``, ``states``).
-        Always there: ``episode`` (T,), position in ``names``, and ``step`` (T,) within the episode.
+        Parameters
+        ----------
+        keys : sequence of str
+            Data sets with one row per step: ``obs/word``, ``next_obs/contact_portion``, ``action_m``, ``phase``,
+            ``intervention``, ``states``, ... (docs/data.md lists all of them with units and frames).
+        names : sequence of str, optional
+            Episodes by name; all by default.
+
+        Returns
+        -------
+        dict of str to ndarray
+            For each key an array (T, ...), T being the number of steps of all these episodes together. Always there:
+            ``episode`` (T,), the position in ``names``, and ``step`` (T,), the step within the episode.
+
+        Raises
+        ------
+        DataError
+            If a key is unknown or has no row per step, or an episode is damaged or was recorded without it.
         """
         chosen = self.names if names is None else tuple(names)
         lengths = [self.info(name).n_steps for name in chosen]
-        return stacked(keys, lengths, (partial(self.array, name) for name in chosen))
+        return concatenated(keys, lengths, (partial(self.array, name) for name in chosen))
 
     def select(self, *, outcome: Outcome | None = None, source: str | None = None) -> tuple[str, ...]:
-        """Names of the episodes with this outcome and source; None takes any."""
+        """Return the names of the episodes with this outcome and source; None takes any."""
         return tuple(
             name
             for name, info in self.infos().items()
@@ -134,41 +178,38 @@ class Session(Sequence[Episode]):
         )
 
     def group(self, name: str) -> h5py.Group:
-        """The HDF5 group of an episode, checked against the schema."""
+        """Return the HDF5 group of an episode, checked against the schema."""
         demo = self._demo(name)
-        with attribute_error_to(demo.file):
+        with errors_name(demo.file):
             data = demo.opened[schema.DATA]
             if not demo.checked:
                 check_hard_link(data, demo.key)
-                if check_demo(data[demo.key], file_bytes=demo.opened.id.get_filesize()) != demo.line.info:
+                if check_demo(data[demo.key], file_bytes=demo.opened.id.get_filesize()) != demo.row.info:
                     raise DataError(f"{data.name}/{demo.key} does not agree with the file's index")
                 demo.checked = True
             return data[demo.key]
 
-    def groups(self) -> Iterator[tuple[str, h5py.Group]]:
-        """Names and HDF5 groups, for whoever copies episodes without decoding them."""
-        return ((name, self.group(name)) for name in self._demos)
-
-    def lines(self) -> dict[str, IndexLine]:
-        """What the index says, or would say, of each episode."""
-        return {name: demo.line for name, demo in self._demos.items()}
+    def index_rows(self) -> dict[str, IndexRow]:
+        """Return the row of each episode in the index, as it is or would be."""
+        return {name: demo.row for name, demo in self._demos.items()}
 
     @property
     def main_file(self) -> h5py.File | None:
-        """The session's own HDF5 file; None where all episodes still lie in parts."""
+        """The session's own HDF5 file; None where all episodes are still in parts."""
         return self._main
 
     @property
     def main_names(self) -> tuple[str, ...]:
-        """Episodes that lie in the session's own file."""
+        """Names of the episodes in the session's own file."""
         return tuple(name for name, demo in self._demos.items() if demo.opened is self._main)
 
     @property
     def indexed(self) -> bool:
-        """Whether the session's own file has an index that fits."""
+        """Whether the session's own file has a usable index."""
         return self._indexed
 
     def close(self) -> None:
+        """Close the file."""
         self._open.close()
 
     def __len__(self) -> int:
@@ -204,19 +245,19 @@ class Session(Sequence[Episode]):
         return self._demos[name]
 
     def _load(self) -> None:
-        with attribute_error_to(self.path):
+        with errors_name(self.path):
             real = self.path.resolve()
             files = part_files(real)
-        # Parts before the file: a recorder removes a part only once the file holds it, so none can slip through.
+        # Parts before the file: a recorder removes a part only once the file holds it, so none can be missed.
         parts = self._open_parts(files)
         if real.exists():
             self._main = self._open.enter_context(open_file(self.path))
             self._indexed = self._add_all(self._main, self.path)
         elif not parts:
             raise DataError(f"{self.path} does not exist; record a session first or correct the path")
-        taken = {demo.line.info.uid for demo in self._demos.values()}
+        known = {demo.row.info.uid for demo in self._demos.values()}
         for file, opened in parts:
-            self._add_all(opened, file, skip=taken)
+            self._add_all(opened, file, skip=known)
         if parts:
             self._demos = dict(sorted(self._demos.items(), key=lambda item: schema.demo_number(item[0])))
 
@@ -228,53 +269,41 @@ class Session(Sequence[Episode]):
         return opened
 
     def _add_all(self, opened: h5py.File, file: Path, *, skip: set[str] | frozenset[str] = frozenset()) -> bool:
-        """Take over the demos of one file, and say whether its index was of use.
+        """Add the demos of one file and return whether its index was usable.
 
-        A number that is taken by another episode gives way to the next free one.
+        A demo whose number another episode has gets the next free one.
         """
-        with attribute_error_to(file):
+        with errors_name(file):
             session = check_session(opened)
-            self._agree(session)
+            self._check_shared(session)
             size, data = opened.id.get_filesize(), opened[schema.DATA]
-            names = sorted(data, key=_number)
-            lines = read_index(opened, names, file_bytes=size)
-            indexed = lines is not None
-            if lines is None:
-                lines = {name: _checked_line(data, name, size) for name in names}
-            for name, line in lines.items():
-                info = line.info
-                if (info.robot, info.cloth, info.step_s, info.descriptor) != (
-                    self.robot.name,
-                    self.cloth,
-                    self.step_s,
-                    self.descriptor,
-                ):
-                    raise DataError(f"/{schema.DATA}/{name} is not of the session's robot, cloth, step and descriptor")
-                if info.uid not in skip:
-                    demo = _Demo(opened=opened, key=name, file=file, line=line, checked=not indexed)
+            names = demo_names(data)
+            rows = read_index(opened, names, file_bytes=size)
+            indexed = rows is not None
+            if rows is None:
+                rows = {name: _checked_row(data, name, size) for name in names}
+            for name, row in rows.items():
+                if row.info.shared != self.shared:
+                    raise DataError(f"/{schema.DATA}/{name} is {differences(row.info.shared, self.shared)}")
+                if row.info.uid not in skip:
+                    demo = _Demo(opened=opened, key=name, file=file, row=row, checked=not indexed)
                     self._demos[self._free(name)] = demo
-            n_steps = sum(line.info.n_steps for line in lines.values())
+            n_steps = sum(row.info.n_steps for row in rows.values())
             if n_steps != session[schema.TOTAL]:
                 raise DataError(f"attribute {schema.TOTAL} is {session[schema.TOTAL]}; its demos have {n_steps} steps")
             return indexed
 
-    def _agree(self, session: dict[str, Attribute]) -> None:
-        agreed = tuple(session[key] for key in AGREED)
-        if not hasattr(self, "robot"):
-            self.robot = robot_of(session)
-            self.task, self.physics = str(session[schema.TASK]), str(session[schema.PHYSICS])
-            self.cloth, self.descriptor = str(session[schema.CLOTH]), str(session[schema.DESCRIPTOR])
-            self.step_s = float(session[schema.STEP_S])
-            self._agreed = agreed
-        elif agreed != self._agreed:
-            raise DataError(
-                f"belongs to another session ({_described(agreed)}, not {_described(self._agreed)}); move it elsewhere"
-            )
+    def _check_shared(self, session: dict[str, Attribute]) -> None:
+        shared = {key: session[key] for key in schema.SESSION_KEYS}
+        if not hasattr(self, "shared"):
+            self.robot, self.shared = robot_of(session), shared
+        elif shared != self.shared:
+            raise DataError(f"belongs to another session ({differences(shared, self.shared)}); move it elsewhere")
 
     def _free(self, name: str) -> str:
         if name not in self._demos:
             return name
-        return schema.demo_name(1 + max(schema.demo_number(taken) for taken in self._demos))
+        return schema.demo_name(1 + max(schema.demo_number(used) for used in self._demos))
 
 
 class EpisodeView(Sequence[Episode]):
@@ -286,11 +315,11 @@ class EpisodeView(Sequence[Episode]):
         self._images = images
 
     def infos(self) -> dict[str, DemoInfo]:
-        """Of these episodes, by name."""
+        """Return the info of these episodes by name."""
         return {name: self._session.info(name) for name in self.names}
 
     def arrays(self, keys: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """As Session.arrays, of these episodes."""
+        """Read columns of these episodes, as `Session.arrays` does."""
         return self._session.arrays(keys, self.names)
 
     def __len__(self) -> int:
@@ -306,20 +335,13 @@ class EpisodeView(Sequence[Episode]):
         return self._session.episode(self.names[which], images=self._images)
 
 
-def _number(name: str) -> int:
-    if not schema.DEMO_NAME.fullmatch(name):
-        raise DataError(f"/{schema.DATA}/{name} is no demo; all members of /{schema.DATA} must be demo_<number>")
-    return schema.demo_number(name)
+def differences(found: dict[str, Attribute], wanted: dict[str, Attribute]) -> str:
+    """Return in words where shared attributes differ: "robot pickers, not hanger"."""
+    return ", ".join(f"{key} {found[key]}, not {wanted[key]}" for key in wanted if found[key] != wanted[key])
 
 
-def _checked_line(data: h5py.Group, name: str, file_bytes: int) -> IndexLine:
+def _checked_row(data: h5py.Group, name: str, file_bytes: int) -> IndexRow:
     check_hard_link(data, name)
     if not isinstance(data[name], h5py.Group):
-        raise DataError(f"/{schema.DATA}/{name} is no demo; all members of /{schema.DATA} must be demo_<number>")
-    info = check_demo(data[name], file_bytes=file_bytes)
-    return IndexLine(info=info, digest=stored_digest(data[name]))
-
-
-def _described(agreed: Sequence[object]) -> str:
-    known = dict(zip(AGREED, agreed, strict=True))
-    return ", ".join(f"{key} {known[key]}" for key in (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR))
+        raise DataError(f"/{schema.DATA}/{name} is a data set; it must be a group")
+    return row_of(data[name], file_bytes=file_bytes)

@@ -1,78 +1,80 @@
-"""Builds session files from demos: of another file, copied without decoding, or new ones."""
+"""Builds session files of demos: new ones, or those of another file, copied without decoding."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import contextlib
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
 from numpy.typing import NDArray
 
-from layflat.data.errors import DataError
+from layflat.data.atomic_files import os_reason
+from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest
-from layflat.data.format.decode import read_demo
+from layflat.data.format.demo_info import DemoInfo, info_of
 from layflat.data.format.encode import LIBVER, arrays_of, attributes_of, write_demo, write_session_attributes
-from layflat.data.format.masks import OURS, masks_of, read_masks, write_masks
+from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks, write_masks
 from layflat.data.format.structure_checks import stored_attributes, stored_digest
-from layflat.data.session.demo_info import DemoInfo, info_of
-from layflat.data.session.index import IndexLine, append_index
+from layflat.data.session.index import IndexRow, append_index
 from layflat.data.types import Episode
 
 
 class SessionFile:
-    """A session in the making in a file that is open for writing and that nobody else sees yet."""
+    """A session in a file that is open for writing and that no other process sees yet."""
 
-    def __init__(self, file: h5py.File, there: Mapping[str, IndexLine] | None = None, *, indexed: bool = False) -> None:
-        """``there``: demos that the file has already; ``indexed``: and exactly these are in its index."""
+    def __init__(
+        self, file: h5py.File, existing: Mapping[str, IndexRow] | None = None, *, indexed: bool = False
+    ) -> None:
+        """Continue a file that has the demos ``existing``; ``indexed``: its index holds exactly these."""
         self._file = file
         self._data = file.require_group(schema.DATA)
-        self._lines: dict[str, IndexLine] = {}
-        self._there = dict(there or {})
+        self._added: dict[str, IndexRow] = {}
+        self._existing = dict(existing or {})
         self._indexed = indexed
 
     def copy(self, name: str, group: h5py.Group, info: DemoInfo) -> None:
-        """A checked demo, byte by byte where it is of the present schema."""
-        if info.version != schema.SCHEMA_VERSION:
-            self.add(name, read_demo(group, images=True), info.uid)
-            return
+        """Add a checked demo, byte by byte."""
         group.file.copy(group, self._data, name=name)
         if schema.SCHEMA_NAME not in self._data.attrs:
             self._describe(stored_attributes(group))
-        self._lines[name] = IndexLine(info=info, digest=stored_digest(group))
+        self._added[name] = IndexRow(info=info, digest=stored_digest(group))
 
     def add(self, name: str, episode: Episode, uid: str, *, save_images: bool = True) -> None:
-        """An episode."""
+        """Add an episode."""
         self.write(name, attributes_of(episode, uid), arrays_of(episode, save_images=save_images))
 
     def write(self, name: str, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """An encoded episode."""
+        """Add an encoded episode."""
         write_demo(self._data.create_group(name), attributes, arrays)
         self._describe(attributes)
         images = any(f"{schema.OBS}/{key}" in arrays for key in (schema.RGB, schema.DEPTH))
-        info = info_of(attributes, images=images, version=schema.SCHEMA_VERSION)
-        self._lines[name] = IndexLine(info=info, digest=digest(attributes))
+        self._added[name] = IndexRow(info=info_of(attributes, images=images), digest=digest(attributes))
 
     def finish(self) -> None:
-        """Totals, masks and index; call once, after the last demo."""
-        lines = self._there | self._lines
-        self._data.attrs[schema.TOTAL] = sum(line.info.n_steps for line in lines.values())
-        write_masks(self._file, masks_of({name: line.info.outcome for name, line in lines.items()}))
+        """Write totals, masks and index; call once, after the last demo."""
+        rows = self._existing | self._added
+        self._data.attrs[schema.TOTAL] = sum(row.info.n_steps for row in rows.values())
+        write_masks(self._file, masks_of({name: row.info.outcome for name, row in rows.items()}))
         if not self._indexed and schema.INDEX in self._file:
             del self._file[schema.INDEX]
-        append_index(self._file, self._lines if self._indexed else lines)
+        append_index(self._file, self._added if self._indexed else rows)
 
-    def copy_extras(self, source: h5py.File, names: Mapping[str, str], *, masks_only: bool = False) -> None:
-        """What users have added to ``source``; their masks with the names that demos have got here (old -> new)."""
+    def copy_masks(self, source: h5py.File, names: Mapping[str, str]) -> None:
+        """Copy the users' masks of ``source`` with the names that demos have here (old -> new)."""
         masks = read_masks(source, file_bytes=source.id.get_filesize())
         for key, members in masks.items():
-            if key not in OURS:
+            if key not in OWN_MASKS:
                 before = [name.decode() for name in self._file.get(f"{schema.MASK}/{key}", ())]
                 here = [names[name] for name in members if name in names]
                 write_masks(self._file, {key: [*before, *here]})
-        if masks_only:
-            return
+
+    def copy_extras(self, source: h5py.File, names: Mapping[str, str]) -> None:
+        """Copy everything that users have added to ``source``: masks, groups, attributes of the session."""
+        self.copy_masks(source, names)
         for key in source:
             if key not in (schema.DATA, schema.MASK, schema.INDEX):
                 source.copy(key, self._file)
@@ -86,7 +88,7 @@ class SessionFile:
 
 
 def serialize(name: str, episode: Episode, uid: str, *, save_images: bool) -> bytes:
-    """A session with this one episode, as the bytes of a file.
+    """Return a session with this one episode as the bytes of a file.
 
     HDF5 writes to memory, because when a disk is full, its own closing fails half-way and leaves the file open.
     """
@@ -103,10 +105,34 @@ def serialize(name: str, episode: Episode, uid: str, *, save_images: bool) -> by
 
 
 def check_copy(copy: Path, digests: Mapping[str, str], names: Iterable[str]) -> None:
-    """Nothing is removed before what replaces it has been read: all ``names`` are there, with these checksums."""
+    """Read a new file before the files that it replaces are removed: it must hold all ``names``, with these digests."""
     with h5py.File(copy, "r") as file:
         data = file[schema.DATA]
         copied = {name: stored_digest(data[name]) for name in digests}
         complete = set(data) == set(names)
     if copied != digests or not complete:
         raise DataError(f"{copy} does not hold what was written to it; the episodes stay where they are")
+
+
+def check_writable(path: Path, real: Path) -> None:
+    """Raise a DataError where a session cannot be written to ``real``."""
+    if not real.parent.is_dir():
+        problem = "is not a folder" if real.parent.exists() else "does not exist"
+        raise DataError(f"{path} cannot be written: {real.parent} {problem}")
+    if real.is_dir():
+        raise DataError(f"{path} is a folder; name a file in it, such as {path / 'session.h5'}")
+    if real.exists() and not real.is_file():
+        raise DataError(f"{path} is not a regular file; choose another one")
+    if real.exists() and not os.access(real, os.W_OK):
+        raise DataError(f"{path} is write-protected; choose another file or allow writing")
+
+
+@contextlib.contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Raise errors of the file system as one sentence."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:  # RuntimeError: HDF5, closing a file that it could not write in full.
+        raise WriteError(
+            f"{path} cannot be written: {os_reason(error)}; episodes that were saved before are safe"
+        ) from error

@@ -1,8 +1,7 @@
 """Makes sessions of sessions: merge, split, filter, trim.
 
-Each result is written aside and renamed, whole and durable or not there, and never replaces a file without ``force``.
-Episodes are copied without decoding, images included; each keeps its uid, so that it is known again in every copy.
-Older versions of the schema become the present one on the way.
+Each result is written aside and renamed, complete and durable or not there, and replaces a file only with ``force``.
+Episodes are copied without decoding, images included; each keeps its uid, which identifies it in every copy.
 """
 
 from __future__ import annotations
@@ -19,26 +18,30 @@ import numpy as np
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
 from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.encode import AGREED, LIBVER
-from layflat.data.format.opening import part_files, parts_folder
-from layflat.data.session.demo_info import DemoInfo
-from layflat.data.session.reader import Session, open_session
-from layflat.data.session.recorder import check_place, writing
-from layflat.data.session.session_writer import SessionFile
+from layflat.data.format.demo_info import DemoInfo
+from layflat.data.format.encode import LIBVER
+from layflat.data.session.parts import part_files, parts_folder
+from layflat.data.session.reader import Session, differences, open_session
+from layflat.data.session.session_writer import SessionFile, check_writable, write_errors
 from layflat.data.types import Episode, disturbances_within
 
 
 def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:
-    """All episodes of sessions that agree in robot, cloth, step and descriptor, in order; their names in ``target``.
+    """Merge sessions that agree in robot, task, physics, cloth, step and descriptor; return the names in ``target``.
 
-    They are numbered anew; an episode that is in several of the files is taken once. Users' masks are carried over.
+    Episodes are renumbered in the order of the files; one that is in several of them is taken once. Users' masks are
+    copied.
     """
     if not paths:
         raise DataError("nothing to merge; name at least one session")
     with ExitStack() as stack:
         sessions = [stack.enter_context(open_session(path)) for path in paths]
         for session in sessions[1:]:
-            _check_agree(sessions[0], session)
+            if session.shared != sessions[0].shared:
+                raise DataError(
+                    f"{session.path} has {differences(session.shared, sessions[0].shared)} as in {sessions[0].path};"
+                    " only sessions that agree can be merged"
+                )
         with new_session(target, force=force) as file:
             numbers: dict[str, str] = {}
             for session in sessions:
@@ -49,7 +52,7 @@ def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = Fals
                         file.copy(numbers[info.uid], session.group(name), info)
                     names[name] = numbers[info.uid]
                 if session.main_file is not None:
-                    file.copy_extras(session.main_file, names, masks_only=True)
+                    file.copy_masks(session.main_file, names)
     return tuple(numbers.values())
 
 
@@ -61,7 +64,7 @@ def split(
     *,
     force: bool = False,
 ) -> dict[str, tuple[str, ...]]:
-    """Every episode into exactly one of the targets, by chance and in these shares; names of the demos by target.
+    """Deal the episodes out to the targets at random in these shares; return the names of the demos by target.
 
     ``shares`` are relative, by the targets' names; counts are rounded by largest remainder, and none may be empty.
     """
@@ -79,7 +82,7 @@ def split(
 
 
 def split_names(names: Sequence[str], shares: Mapping[str, float], seed: int) -> dict[str, tuple[str, ...]]:
-    """Each of ``names`` under one key of ``shares``; DataError where a key would get none."""
+    """Return each of ``names`` under one key of ``shares``; DataError where a key would get none."""
     weights = np.array(list(shares.values())) / sum(shares.values())
     counts = np.floor(weights * len(names)).astype(int)
     left = len(names) - counts.sum()
@@ -105,9 +108,9 @@ def filter_session(
     names: Collection[str] | None = None,
     force: bool = False,
 ) -> tuple[str, ...]:
-    """Episodes that meet all conditions (None: any), under the names that they had; their names.
+    """Copy the episodes that meet all conditions (None: any) under their names; return these names.
 
-    ``length`` in steps and ``final_contact`` in 0..1, as the camera saw it, are least and greatest allowed values.
+    ``length`` in steps and the camera's ``final_contact`` in 0..1 are smallest and largest allowed values.
     """
     with open_session(path) as session:
         unknown = set(names or ()) - set(session.names)
@@ -131,10 +134,10 @@ def filter_session(
 
 
 def trim(path: str | Path, target: str | Path, *, name: str, start: int, stop: int, force: bool = False) -> DemoInfo:
-    """The session with one episode cut to its steps ``start`` to ``stop - 1``; what is known of that one now.
+    """Copy a session with one episode cut to its steps ``start`` to ``stop - 1``; return the info of that one.
 
-    It gets a uid of its own, since it is no longer the recording; ``first_step`` says how many steps are missing before
-    it. Without its end its outcome is ``partial`` and it was ``interrupted``.
+    It gets a new uid, since it is no longer the recording; ``first_step`` is the number of steps missing before it.
+    Without its end its outcome is ``partial`` and it was ``interrupted``.
     """
     with open_session(path) as session:
         episode = trimmed(session.episode(name), start, stop)
@@ -150,7 +153,7 @@ def trim(path: str | Path, target: str | Path, *, name: str, start: int, stop: i
 
 
 def trimmed(episode: Episode, start: int, stop: int) -> Episode:
-    """The steps ``start`` to ``stop - 1`` of an episode."""
+    """Return the steps ``start`` to ``stop - 1`` of an episode."""
     n_steps = len(episode.steps)
     if not 0 <= start < stop <= n_steps:
         raise DataError(f"steps {start} to {stop} cannot be kept; the episode has steps 0 to {n_steps}")
@@ -174,11 +177,11 @@ def trimmed(episode: Episode, start: int, stop: int) -> Episode:
 
 @contextmanager
 def new_session(target: str | Path, *, force: bool) -> Iterator[SessionFile]:
-    """A session file that appears at ``target`` whole and durable when the block is left, or not at all."""
+    """Yield a session file that appears at ``target`` complete and durable when the block is left, or not at all."""
     path = Path(target)
-    with writing(path):
+    with write_errors(path):
         real = path.resolve()
-        check_place(path, real)
+        check_writable(path, real)
         if real.exists() and not force:
             raise DataError(f"{path} exists; give another name, or force to replace it")
         with WriterLock(parts_folder(real), path):
@@ -200,15 +203,6 @@ def _copy_named(session: Session, names: Sequence[str], file: SessionFile) -> No
 def _copy_extras(session: Session, names: Sequence[str], file: SessionFile) -> None:
     if session.main_file is not None:
         file.copy_extras(session.main_file, {name: name for name in names})
-
-
-def _check_agree(first: Session, other: Session) -> None:
-    for key in AGREED:
-        if getattr(first, key) != getattr(other, key):
-            raise DataError(
-                f"{other.path} has {key} {getattr(other, key)} and {first.path} has {getattr(first, key)};"
-                " only sessions that agree can be merged"
-            )
 
 
 def _within(value: float, limits: tuple[float, float] | None) -> bool:

@@ -1,4 +1,4 @@
-"""Makes a sound session of whatever is left of one."""
+"""Makes a sound session of the remains of a damaged one."""
 
 from __future__ import annotations
 
@@ -15,62 +15,68 @@ import h5py
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
 from layflat.data.errors import DataError
 from layflat.data.format import schema
+from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import read_demo
-from layflat.data.format.encode import AGREED, LIBVER
-from layflat.data.format.opening import (
-    DAMAGE,
-    FileError,
-    attribute_error_to,
-    check_session,
-    open_file,
-    part_files,
-    parts_folder,
-)
+from layflat.data.format.encode import LIBVER, shared_attributes
+from layflat.data.format.opening import DAMAGE, FileError, check_session, errors_name, first_line, open_file
 from layflat.data.format.structure_checks import Violation, check_demo, check_hard_link
-from layflat.data.session.journal_reader import RecoveredEpisode, journals, orphaned_journals, read_journal, remove
-from layflat.data.session.recorder import check_place, writing
-from layflat.data.session.session_writer import SessionFile
+from layflat.data.session.journal_reader import read_journal
+from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
+from layflat.data.session.reader import differences
+from layflat.data.session.session_writer import SessionFile, check_writable, write_errors
 
 EOF_OFFSET = 28
-"""Of the file's length in a superblock of HDF5's version 2 or 3, with lengths of eight bytes."""
+"""Offset of the file's length in a superblock of HDF5's version 2 or 3, with lengths of eight bytes."""
 DAMAGED_SUFFIX = ".damaged"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RepairReport:
-    """What a repair found."""
+    """Result of a repair."""
 
     target: Path
-    kept: tuple[str, ...]
-    """Episodes that were whole in the session and in its parts, by their names in ``target``."""
+    intact: tuple[str, ...]
+    """Names in ``target`` of the episodes that were intact in the session and in its parts."""
     recovered: tuple[str, ...]
-    """Episodes from journals of a killed recording: partial, or whole where only their keeping was cut off."""
+    """Names of the episodes from journals of a killed recording: partial, or complete where saving was interrupted."""
     lost: tuple[Violation, ...]
-    """Where something could not be read, and why."""
+    """What could not be read, and why."""
     original: Path | None
-    """Where a damaged file is that was replaced."""
+    """Copy of a damaged file that was replaced."""
 
 
 def repair(path: str | Path, target: str | Path | None = None, *, force: bool = False) -> RepairReport:
-    """Every episode of the session at ``path`` that can be read whole, into a sound session at ``target``.
+    """Write every episode of a session that can be read completely into a sound session.
 
-    Taken are the episodes of the file (also one that lacks its last bytes), those that wait beside it, and what the
-    journals of a killed recording hold. Older schemas become the present one; totals, masks and index are made anew.
-    Without a ``target`` the session itself is replaced and its parts and journals are removed; if anything was lost,
-    the old file stays beside it as ``FILE.h5.damaged``, and a part or journal as ``FILE.h5.damaged-NAME``. DataError
-    where nothing can be read, or where ``target`` exists and is not to be replaced (``force``).
+    Episodes come from the file (also one that lacks its last bytes), from its parts, and from the journals of a killed
+    recording. Totals, masks and index are written again.
+
+    Parameters
+    ----------
+    path : str or Path
+        The session.
+    target : str or Path, optional
+        File to write. By default the session itself is replaced and its parts and journals are removed; if anything
+        was lost, the old file stays as ``FILE.h5.damaged``, and a part or journal as ``FILE.h5.damaged-NAME``.
+    force : bool
+        Replace an existing ``target``.
+
+    Raises
+    ------
+    DataError
+        If nothing can be read, or ``target`` exists and ``force`` is False.
     """
     source = Path(path)
     aim = source if target is None else Path(target)
     in_place = aim.resolve() == source.resolve()
-    with writing(aim):
-        check_place(aim, aim.resolve())
+    with write_errors(aim):
+        check_writable(aim, aim.resolve())
         if aim.exists() and not in_place and not force:
             raise DataError(f"{aim} exists; give another name, or force to replace it")
         with ExitStack() as locks:
             locks.enter_context(_locked(aim))
             if not in_place:
-                # In a folder that nothing can be written to there is no other writer either.
+                # In a write-protected folder there is no other writer either.
                 with suppress(OSError):
                     locks.enter_context(_locked(source))
                 if part_files(aim.resolve()):
@@ -84,8 +90,8 @@ class _Repair:
         self.aim = aim
         self.lost: list[Violation] = []
         self.names: dict[str, str] = {}
-        """By uid."""
-        self.agreed: tuple[object, ...] | None = None
+        """Names in the target by uid."""
+        self.shared: dict[str, Attribute] = {}
 
     def run(self, *, in_place: bool) -> RepairReport:
         real, folder = self.source.resolve(), parts_folder(self.source.resolve())
@@ -95,28 +101,30 @@ class _Repair:
         original = None
         if in_place:
             for half in folder.glob(f"*{PART_SUFFIX}"):
-                remove(half)  # Of a writer that was killed: nothing in it was kept.
+                half.unlink(missing_ok=True)  # Left by a killed writer: no saved episode is in it.
         with atomic_path(self.aim.resolve(), aside):
             recovered = self._write(aside, real, folder)
             if not self.names:
-                reason = f" ({self.lost[0].sentence})" if self.lost else ""
+                reason = f" ({self.lost[0].message})" if self.lost else ""
                 raise DataError(f"{self.source} holds no episode that can be read{reason}; nothing was written")
             if in_place and self.lost and real.exists():
                 original = _free(real.with_name(real.name + DAMAGED_SUFFIX))
                 shutil.copy2(real, original)
         if in_place:
             self._tidy(real, folder)
-        kept = tuple(name for name in self.names.values() if name not in recovered)
-        return RepairReport(target=self.aim, kept=kept, recovered=recovered, lost=tuple(self.lost), original=original)
+        intact = tuple(name for name in self.names.values() if name not in recovered)
+        return RepairReport(
+            target=self.aim, intact=intact, recovered=recovered, lost=tuple(self.lost), original=original
+        )
 
     def _tidy(self, real: Path, folder: Path) -> None:
-        """What was taken over is removed; what could not be read would keep the session from being opened."""
+        """Remove parts and journals that were copied, and rename unreadable ones, which would block opening."""
         unread = {loss.path for loss in self.lost}
-        for leftover in [*part_files(real), *filter(orphaned_journals, journals(folder))]:
+        for leftover in [*part_files(real), *filter(is_orphaned, journals(folder))]:
             if f"{folder.name}/{leftover.name}" in unread:
                 leftover.rename(_free(real.with_name(f"{real.name}{DAMAGED_SUFFIX}-{leftover.name}")))
             else:
-                remove(leftover)
+                leftover.unlink(missing_ok=True)
 
     def _write(self, aside: Path, real: Path, folder: Path) -> tuple[str, ...]:
         with h5py.File(aside, "x", libver=LIBVER) as file:
@@ -132,18 +140,19 @@ class _Repair:
     def _take_file(self, path: Path, session: SessionFile, *, extras: bool) -> None:
         where = "/" if extras else f"{path.parent.name}/{path.name}"
         try:
-            with _opened(path, self.aim.resolve().parent) as file, attribute_error_to(path):
-                self._check_agree(tuple(check_session(file)[key] for key in AGREED))
-                here = {}
+            with _opened(path, self.aim.resolve().parent) as file, errors_name(path):
+                attributes = check_session(file)
+                self._check_shared({key: attributes[key] for key in schema.SESSION_KEYS})
+                copied = {}
                 for name in _names(file):
-                    taken = self._take_demo(file[schema.DATA], name, session, where)
-                    if taken is not None:
-                        here[name] = taken
+                    new = self._take_demo(file[schema.DATA], name, session, where)
+                    if new is not None:
+                        copied[name] = new
                 if extras:
                     with suppress(*DAMAGE):
-                        session.copy_extras(file, here)
+                        session.copy_extras(file, copied)
         except DataError as error:
-            self.lost.append(Violation(path=where, sentence=str(error)))
+            self.lost.append(Violation(path=where, message=str(error)))
 
     def _take_demo(self, data: h5py.Group, name: str, session: SessionFile, where: str) -> str | None:
         try:
@@ -151,15 +160,14 @@ class _Repair:
             group = data[name]
             info = check_demo(group, file_bytes=max(data.file.id.get_filesize(), 1))
             read_demo(group, images=True)  # Every checksum, before the only copy is given up.
-            self._check_agree(tuple(getattr(info, key) for key in AGREED))
+            self._check_shared(info.shared)
             if info.uid in self.names:
                 return self.names[info.uid]
             new = self._free_name(name)
             session.copy(new, group, info)
         except DAMAGE as error:
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
             at = f"/{schema.DATA}/{name}" if where == "/" else where
-            self.lost.append(Violation(path=at, sentence=reason))
+            self.lost.append(Violation(path=at, message=first_line(error)))
             return None
         self.names[info.uid] = new
         return new
@@ -167,29 +175,28 @@ class _Repair:
     def _take_journal(self, path: Path, session: SessionFile) -> Iterator[str]:
         where = f"{path.parent.name}/{path.name}"
         try:
-            if not orphaned_journals(path):
+            if not is_orphaned(path):
                 raise DataError(f"{path} is still being written; end that program first")
-            found: RecoveredEpisode | None = read_journal(path)
+            found = read_journal(path)
             if found is None or found.uid in self.names:
                 return
-            episode = found.episode
-            self._check_agree(tuple(getattr(episode, key) for key in AGREED))
+            self._check_shared(shared_attributes(found.episode))
             name = self._free_name(schema.demo_name(0))
-            session.add(name, episode, found.uid)
+            session.add(name, found.episode, found.uid)
         except DataError as error:
-            self.lost.append(Violation(path=where, sentence=str(error)))
+            self.lost.append(Violation(path=where, message=str(error)))
             return
         self.names[found.uid] = name
         yield name
 
-    def _check_agree(self, agreed: tuple[object, ...]) -> None:
-        self.agreed = self.agreed or agreed
-        if agreed != self.agreed:
-            raise DataError(f"belongs to another session ({agreed}, not {self.agreed}); move it elsewhere")
+    def _check_shared(self, shared: dict[str, Attribute]) -> None:
+        self.shared = self.shared or shared
+        if shared != self.shared:
+            raise DataError(f"belongs to another session ({differences(shared, self.shared)}); move it elsewhere")
 
     def _free_name(self, name: str) -> str:
-        taken = set(self.names.values())
-        return name if name not in taken else schema.demo_name(1 + max(schema.demo_number(n) for n in taken))
+        used = set(self.names.values())
+        return name if name not in used else schema.demo_name(1 + max(schema.demo_number(n) for n in used))
 
 
 @contextmanager
@@ -205,7 +212,7 @@ def _names(file: h5py.File) -> list[str]:
 
 @contextmanager
 def _opened(path: Path, folder: Path) -> Iterator[h5py.File]:
-    """The file, or where it was cut short, a copy with its missing end as zeros: what lies before may be whole."""
+    """Open a file, or where it was cut short, a copy with zeros for its missing end: episodes before may be intact."""
     try:
         file = open_file(path)
     except FileError:
@@ -224,7 +231,7 @@ def _opened(path: Path, folder: Path) -> Iterator[h5py.File]:
 
 
 def _claimed_length(path: Path) -> int | None:
-    """What the superblock says, where that is more than there is, but not absurdly more."""
+    """Return the file's length by its superblock where it is more than the real length, but not absurdly more."""
     with path.open("rb") as file:
         head = file.read(EOF_OFFSET + 8)
     if len(head) < EOF_OFFSET + 8 or not head.startswith(b"\x89HDF\r\n\x1a\n") or head[8] not in (2, 3):

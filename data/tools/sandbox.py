@@ -1,7 +1,7 @@
 """Runs a function in a process of its own, with a limit on time and memory.
 
-For files that cannot be trusted: should the HDF5 library crash, loop or ask for all memory on damaged bytes, the
-program that asked goes on.
+For untrusted files: when the HDF5 library crashes, loops or asks for all memory on damaged bytes, the calling program
+continues.
 """
 
 from __future__ import annotations
@@ -19,48 +19,48 @@ from typing import TypeVar
 Result = TypeVar("Result")
 
 
-class CallOutcome(Exception):
-    """The function did not come back; says why."""
+class CallError(Exception):
+    """The function did not return a value; the message says why."""
 
 
-def isolated(function: Callable[[], Result], *, limit_s: float, memory_bytes: int) -> Result:
-    """What ``function()`` returns in a forked process; CallOutcome where it crashed, raised or took too long.
+def call_in_sandbox(function: Callable[[], Result], *, limit_s: float, memory_bytes: int) -> Result:
+    """Return what ``function()`` returns in a forked process; CallError where it crashed, raised or took too long.
 
-    ``memory_bytes`` may be asked for on top of what this process has.
+    ``memory_bytes`` is its limit on top of the memory of this process.
     """
     receiver, sender = Pipe(duplex=False)
-    # Not multiprocessing's Process, which workers of a pool are not allowed to have.
+    # Not multiprocessing's Process, which a pool's workers may not have.
     child = os.fork()
     if child == 0:
         _work(function, sender, limit_s, memory_bytes)
     sender.close()
     try:
         if not receiver.poll(limit_s):
-            raise CallOutcome(f"took more than {limit_s:.0f} s")
+            raise CallError(f"took more than {limit_s:.0f} s")
         fine, result = receiver.recv()
     except EOFError:
-        raise CallOutcome("ended the process that did it") from None
+        raise CallError("ended the process that did it") from None
     finally:
         receiver.close()
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     if not fine:
-        raise CallOutcome(f"failed: {result}")
+        raise CallError(f"failed: {result}")
     return result  # type: ignore[no-any-return]
 
 
 def _work(function: Callable[[], object], sender: Connection, limit_s: float, memory_bytes: int) -> None:
-    """Never returns: what belongs to the parent's stack must not run twice."""
+    """Run the function and end the process: code further up the parent's stack must not run twice."""
     try:
         faulthandler.disable()  # A crash here is an answer, not a fault of the program.
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            # Should the parent be killed, nobody would end a loop.
+            # Ends an endless loop also when the parent was killed.
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 2))
             resource.setrlimit(resource.RLIMIT_AS, (_in_use() + memory_bytes, resource.RLIM_INFINITY))
         sender.send((True, function()))
-    except BaseException as error:  # Whatever it was, the other side says it in one sentence.
+    except BaseException as error:  # The parent reports any error in one sentence.
         with contextlib.suppress(Exception):
             sender.send((False, (str(error).splitlines() or [type(error).__name__])[0]))
     finally:
@@ -68,6 +68,6 @@ def _work(function: Callable[[], object], sender: Connection, limit_s: float, me
 
 
 def _in_use() -> int:
-    """Address space of this process in bytes."""
+    """Return the address space of this process in bytes."""
     with open("/proc/self/statm", encoding="ascii") as file:
         return int(file.read().split()[0]) * resource.getpagesize()

@@ -1,4 +1,4 @@
-"""Finds everything that is wrong with a session, whatever its bytes are: `validate` never crashes, hangs or raises."""
+"""Finds everything that is wrong with a session; never crashes, hangs or raises on any bytes."""
 
 from __future__ import annotations
 
@@ -10,42 +10,41 @@ import h5py
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
+from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import read_demo
-from layflat.data.format.masks import OURS, masks_of, read_masks
-from layflat.data.format.opening import DAMAGE, attribute_error_to, check_session, open_file, part_files, parts_folder
+from layflat.data.format.demo_info import DemoInfo
+from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks
+from layflat.data.format.opening import DAMAGE, check_session, errors_name, first_line, open_file
 from layflat.data.format.structure_checks import Violation, Violations, check_hard_link, inspect_demo, inspect_links
 from layflat.data.format.value_checks import inspect_contents
-from layflat.data.session.demo_info import DemoInfo
-from layflat.data.session.index import IndexLine, read_index
-from layflat.data.session.journal_reader import journals, orphaned_journals
-from layflat.data.tools.sandbox import CallOutcome, isolated
+from layflat.data.session.index import read_index
+from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
+from layflat.data.tools.sandbox import CallError, call_in_sandbox
 
-__all__ = ["Violation", "validate"]
-
-LEAST_LIMIT_S = 60.0
+MIN_LIMIT_S = 60.0
 BYTES_PER_S = 2e5
-"""A tenth of what a busy machine checks of the smallest episodes: a file that takes longer counts as hung."""
+"""A tenth of the speed on a busy machine with the smallest episodes: a file that takes longer counts as hung."""
 MEMORY_BYTES = 2 << 30
 
 
 def validate(path: str | Path) -> tuple[Violation, ...]:
-    """Every violation of the schema in a session's file and in the episodes that wait beside it; none if all is well.
+    """Return every violation of the schema in a session's file and in its parts; none if all is well.
 
-    Works in a process of its own with a limit on time (a minute, more for files above 12 MB) and memory.
+    The check runs in a process of its own with a limit on time (a minute, more for files above 12 MB) and memory.
     """
     file = Path(path)
     try:
-        limit_s = max(LEAST_LIMIT_S, file.stat().st_size / BYTES_PER_S)
+        limit_s = max(MIN_LIMIT_S, file.stat().st_size / BYTES_PER_S)
     except OSError:
-        limit_s = LEAST_LIMIT_S
+        limit_s = MIN_LIMIT_S
     try:
-        return isolated(partial(violations, file), limit_s=limit_s, memory_bytes=MEMORY_BYTES)
-    except CallOutcome as error:
-        return (Violation(path="/", sentence=f"{file} cannot be checked: reading it {error}"),)
+        return call_in_sandbox(partial(violations, file), limit_s=limit_s, memory_bytes=MEMORY_BYTES)
+    except CallError as error:
+        return (Violation(path="/", message=f"{file} cannot be checked: reading it {error}"),)
 
 
 def violations(path: Path) -> tuple[Violation, ...]:
-    """As validate, here and now; for files whose bytes are known to be whole."""
+    """Return what `validate` returns, but check in this process; for files whose bytes are known to be intact."""
     found = Violations()
     parts = part_files(path.resolve())
     if path.exists() or not parts:
@@ -53,22 +52,22 @@ def violations(path: Path) -> tuple[Violation, ...]:
     for part in parts:
         of_part = Violations()
         _inspect_file(part, of_part)
-        found += [Violation(path=f"{part.name}:{v.path}", sentence=v.sentence) for v in of_part]
+        found += [Violation(path=f"{part.name}:{v.path}", message=v.message) for v in of_part]
     for journal in journals(parts_folder(path.resolve())):
-        if orphaned_journals(journal):
-            found.append(Violation(path=journal.name, sentence="a recording was cut short here; repair brings it back"))
+        if is_orphaned(journal):
+            found.append(Violation(path=journal.name, message="a recording was interrupted here; repair recovers it"))
     return tuple(found)
 
 
 def _inspect_file(path: Path, found: Violations) -> None:
     before = len(found)
-    with found.at("/"), open_file(path) as file, attribute_error_to(path):
+    with found.at("/"), open_file(path) as file, errors_name(path):
         inspect_links(file, found)
         if len(found) == before:
-            with found.at(f"/{schema.DATA}"), attribute_error_to(path):
+            with found.at(f"/{schema.DATA}"), errors_name(path):
                 session = check_session(file)
                 infos = _inspect_demos(file, found)
-                _inspect_session(file, dict(session), infos, found)
+                _inspect_session(file, session, infos, found)
 
 
 def _inspect_demos(file: h5py.File, found: Violations) -> dict[str, DemoInfo]:
@@ -84,8 +83,7 @@ def _inspect_demos(file: h5py.File, found: Violations) -> dict[str, DemoInfo]:
             except DataError:
                 raise
             except DAMAGE as error:
-                reason = (str(error).splitlines() or [type(error).__name__])[0]
-                raise DataError(f"{where} is damaged ({reason})") from error
+                raise DataError(f"{where} is damaged ({first_line(error)})") from error
             if info is not None:
                 infos[name] = info
     return infos
@@ -104,26 +102,26 @@ def _inspect_demo(data: h5py.Group, name: str, found: Violations) -> DemoInfo | 
 
 
 def _inspect_session(
-    file: h5py.File, session: dict[str, object], infos: dict[str, DemoInfo], found: Violations
+    file: h5py.File, session: dict[str, Attribute], infos: dict[str, DemoInfo], found: Violations
 ) -> None:
-    """What lies between the demos; only where all of them could be read is a total of use."""
+    """Check relations between the demos; totals only where all of them could be read."""
     complete = len(infos) == len(file[schema.DATA])
     n_steps = sum(info.n_steps for info in infos.values())
     if complete and n_steps != session[schema.TOTAL]:
-        sentence = f"is {session[schema.TOTAL]}; the demos have {n_steps} steps together"
-        found.append(Violation(path=f"/{schema.DATA}@{schema.TOTAL}", sentence=sentence))
-    agreed = (schema.ROBOT, schema.CLOTH, schema.STEP_S, schema.DESCRIPTOR)
+        message = f"is {session[schema.TOTAL]}; the demos have {n_steps} steps together"
+        found.append(Violation(path=f"/{schema.DATA}@{schema.TOTAL}", message=message))
     for name, info in infos.items():
-        for key in agreed:
-            if getattr(info, key) != session[key]:
-                sentence = f"is {getattr(info, key)}; the session's is {session[key]}"
-                found.append(Violation(path=f"/{schema.DATA}/{name}@{key}", sentence=sentence))
+        for key, value in info.shared.items():
+            if value != session[key]:
+                message = f"is {value}; the session's is {session[key]}"
+                found.append(Violation(path=f"/{schema.DATA}/{name}@{key}", message=message))
     for uid, count in Counter(info.uid for info in infos.values()).items():
         if count > 1:
             names = ", ".join(name for name, info in infos.items() if info.uid == uid)
-            found.append(Violation(path=f"/{schema.DATA}", sentence=f"{names} have the same uid"))
+            found.append(Violation(path=f"/{schema.DATA}", message=f"{names} have the same uid"))
     _inspect_masks(file, infos, complete, found)
-    _inspect_index(file, infos, complete, found)
+    if complete:
+        _inspect_index(file, infos, found)
 
 
 def _inspect_masks(file: h5py.File, infos: dict[str, DemoInfo], complete: bool, found: Violations) -> None:
@@ -133,22 +131,22 @@ def _inspect_masks(file: h5py.File, infos: dict[str, DemoInfo], complete: bool, 
         for key, names in masks.items():
             unknown = sorted(set(names) - set(file[schema.DATA]))
             if unknown:
-                sentence = f"names {unknown[0]}, which is not there"
-                found.append(Violation(path=f"/{schema.MASK}/{key}", sentence=sentence))
-            elif complete and key in OURS and set(names) != set(right.get(key, ())):
-                sentence = "does not name the demos of that outcome"
-                found.append(Violation(path=f"/{schema.MASK}/{key}", sentence=sentence))
+                message = f"names {unknown[0]}, which is not there"
+                found.append(Violation(path=f"/{schema.MASK}/{key}", message=message))
+            elif complete and key in OWN_MASKS and set(names) != set(right.get(key, ())):
+                message = "does not name the demos of that outcome"
+                found.append(Violation(path=f"/{schema.MASK}/{key}", message=message))
 
 
-def _inspect_index(file: h5py.File, infos: dict[str, DemoInfo], complete: bool, found: Violations) -> None:
-    if schema.INDEX not in file or not complete:
+def _inspect_index(file: h5py.File, infos: dict[str, DemoInfo], found: Violations) -> None:
+    if schema.INDEX not in file:
         return
-    lines: dict[str, IndexLine] | None = read_index(file, list(infos), file_bytes=file.id.get_filesize())
-    if lines is None:
-        sentence = "is damaged or of other demos; repair makes it anew"
-        found.append(Violation(path=f"/{schema.INDEX}", sentence=sentence))
+    rows = read_index(file, list(infos), file_bytes=file.id.get_filesize())
+    if rows is None:
+        message = "is damaged or of other demos; repair writes it again"
+        found.append(Violation(path=f"/{schema.INDEX}", message=message))
         return
-    for name, line in lines.items():
-        if line.info != infos[name]:
-            sentence = f"does not agree with /{schema.DATA}/{name}; repair makes it anew"
-            found.append(Violation(path=f"/{schema.INDEX}", sentence=sentence))
+    for name, row in rows.items():
+        if row.info != infos[name]:
+            message = f"does not agree with /{schema.DATA}/{name}; repair writes it again"
+            found.append(Violation(path=f"/{schema.INDEX}", message=message))

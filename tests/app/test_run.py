@@ -11,8 +11,8 @@ import pytest
 from layflat.app.commands.replay import compare
 from layflat.app.support.errors import UsageError
 from layflat.data import SessionRecorder, open_session, validate
-from layflat.data.format.opening import parts_folder
-from layflat.data.session.journal_reader import journals, read_journal
+from layflat.data.session.journal_reader import read_journal
+from layflat.data.session.parts import journals, parts_folder
 from layflat.data.types import DragTarget
 from layflat.policy.base import Decision
 from layflat.policy.rollout import replay_actions, rollout, run_disturbances, run_until_stop

@@ -15,7 +15,7 @@ from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.app.workstation.session.recording_session import JUDGED
 from layflat.app.workstation.session.requests import model_of, recorder_of, settings_of
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
-from layflat.data.session.episode_writer import EpisodeWriter
+from layflat.data.session.recorder import EpisodeWriter
 from layflat.data.types import DragTarget, Episode, Outcome, Phase, StoppedBy
 from layflat.policy.base import continue_after_disturbance, max_extra_steps
 from layflat.policy.runner import EpisodeRunner

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from layflat.data.format.opening import part_files
+from layflat.data.session.parts import part_files
 from layflat.data.session.reader import open_session
 
 

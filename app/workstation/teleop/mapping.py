@@ -9,9 +9,9 @@ from typing import Any
 
 import platformdirs
 
-from layflat.app.support.atomic_write import atomic_write
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, TriggerAxis
+from layflat.data.atomic_files import atomic_path
 
 SCHEMA = 1
 LARGEST_BYTES = 100_000
@@ -43,7 +43,7 @@ def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, pad: str, cou
         "pressed": {name: way.text for name, way in layout.buttons.items()},
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as part:
+    with atomic_path(path) as part:
         part.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 

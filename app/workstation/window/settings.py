@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from layflat.app.support.atomic_write import write_text
+from layflat.data.atomic_files import write_text
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
 from layflat.sim.cloth.spec import CLOTHS

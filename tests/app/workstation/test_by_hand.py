@@ -190,7 +190,7 @@ def test_a_session_of_another_robot_is_refused_and_the_terminal_is_as_before(ter
     one = terminal(*record(path))
     assert one.end() == 2
     assert one.as_before()
-    assert "holds episodes with robot hanger, not pickers" in one.text
+    assert "has robot hanger, not pickers" in one.text
     assert "Traceback" not in one.text
 
 

@@ -14,34 +14,34 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.errors import DataError
-from layflat.data.format.opening import parts_folder
-from layflat.data.session.journal import SYNC_S, JournalHandle
-from layflat.data.session.journal_reader import journals, read_journal
+from layflat.data.session.journal import MAGIC, SYNC_S, JournalHandle
+from layflat.data.session.journal_reader import read_journal
+from layflat.data.session.parts import journals, parts_folder
 from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, DragTarget, Step
-from layflat.tests.data.old_files import FILES, version_2_episode
-from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.factories import HANGER, PICKERS, differences, initial_of, make_episode, prefix_of, write_session
 
 
 @pytest.fixture
-def ticket(tmp_path) -> JournalHandle:
-    return JournalHandle(path=tmp_path / "running-a.journal", uid="a", keep_images=True)
+def handle(tmp_path) -> JournalHandle:
+    path = tmp_path / "running-a.journal"
+    return JournalHandle(path=path, uid="a", save_images=True, name="demo_0", session=tmp_path / "s.h5")
 
 
 BEFELL = DisturbanceRecord(name="push", first_step=1, last_step=2, plan={"at": [1, 2]})
 
 
 @pytest.fixture
-def written(ticket, make_episode, beginning_of):
+def written(handle):
     """A finished episode and the bytes of its journal, without the frame of its end and with it."""
     episode = make_episode(
         n_steps=4, nodes=5, images=True, with_std=True, initial_joints=[0.1, -0.2], disturbance="push"
     )
     first, *others = episode.steps
-    pulled = {"pull": DragTarget(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
+    pulled = {"drag": DragTarget(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
     changes = [pulled, {"phase": "disturb", "intervention": True}, {"hand_m": [0.1, 0.2, 0.3]}]
     steps = [first, *(replace(step, **change) for step, change in zip(others, changes, strict=True))]
     episode = replace(episode, steps=steps, disturbances=[BEFELL])
-    journal = ticket.begin(replace(beginning_of(episode), disturbances=()))
+    journal = handle.open(replace(initial_of(episode), disturbances=()))
     for step_index, step in enumerate(episode.steps):
         if step_index == BEFELL.first_step:
             journal.on_disturbance([replace(BEFELL, last_step=None)])
@@ -50,15 +50,15 @@ def written(ticket, make_episode, beginning_of):
             journal.on_disturbance([BEFELL])
     deadline = time.monotonic() + 10
     size = -1
-    while size != ticket.path.stat().st_size and time.monotonic() < deadline:
-        size = ticket.path.stat().st_size
+    while size != handle.path.stat().st_size and time.monotonic() < deadline:
+        size = handle.path.stat().st_size
         time.sleep(0.05)
-    running = ticket.path.read_bytes()
+    running = handle.path.read_bytes()
     journal.finish(episode)
-    return episode, running, ticket.path.read_bytes()
+    return episode, running, handle.path.read_bytes()
 
 
-def _left(found, prefix_of, episode):
+def _left(found, episode):
     """What is to be found of the episode in its first steps; by hand, as in prefix_of."""
     n_steps = len(found.steps)
     befell = [] if n_steps < 2 else [replace(BEFELL, last_step=None if n_steps == 2 else 2)]
@@ -70,61 +70,58 @@ def _read(path: Path, content: bytes):
     return read_journal(path)
 
 
-def test_a_finished_journal_holds_the_whole_episode(written, ticket, differences):
+def test_a_finished_journal_holds_the_whole_episode(written, handle):
     episode, _, whole = written
-    found = _read(ticket.path, whole)
-    assert (found.uid, found.whole) == ("a", True)
+    found = _read(handle.path, whole)
+    assert (found.uid, found.complete) == ("a", True)
     assert differences(found.episode, episode) == []
 
 
-def test_a_journal_cut_anywhere_holds_the_steps_before(written, ticket, prefix_of, differences):
+def test_a_journal_cut_anywhere_holds_the_steps_before(written, handle):
     episode, running, _ = written
     lengths = []
     for end in [*range(0, len(running), 13), len(running)]:
-        found = _read(ticket.path, running[:end])
+        found = _read(handle.path, running[:end])
         n_steps = 0 if found is None else len(found.episode.steps)
         lengths.append(n_steps)
         if found is not None:
-            assert not found.whole
-            assert differences(found.episode, _left(found.episode, prefix_of, episode)) == []
+            assert not found.complete
+            assert differences(found.episode, _left(found.episode, episode)) == []
     assert lengths == sorted(lengths)
     # The observation that the last step began with stands for the end.
     assert set(lengths) == set(range(len(episode.steps)))
 
 
-def test_a_wrong_bit_ends_the_journal_and_is_never_read_as_something_else(written, ticket, prefix_of, differences):
+def test_a_wrong_bit_ends_the_journal_and_is_never_read_as_something_else(written, handle):
     episode, running, _ = written
     rng = random.Random(0)
     for _ in range(150):
         damaged = bytearray(running)
         damaged[rng.randrange(len(damaged))] ^= 1 << rng.randrange(8)
-        found = _read(ticket.path, bytes(damaged))
+        found = _read(handle.path, bytes(damaged))
         if found is not None:
-            assert differences(found.episode, _left(found.episode, prefix_of, episode)) == []
+            assert differences(found.episode, _left(found.episode, episode)) == []
 
 
-def test_a_journal_of_version_2_is_read(tmp_path, make_episode, prefix_of, differences):
-    path = tmp_path / "running-b.journal"
-    path.write_bytes((FILES / "version-2.journal").read_bytes())
-    found = read_journal(path)
-    assert (found.uid, found.whole) == ("b" * 32, False)
-    wanted = prefix_of(version_2_episode(make_episode, 3), 4, wall_s=found.episode.wall_s)
-    assert differences(found.episode, wanted) == []
+def test_a_journal_of_an_unreleased_version_is_refused(handle):
+    handle.path.write_bytes(b"LAYFLAT journal 1\n" + bytes(100))
+    with pytest.raises(DataError, match="unreleased version of layflat"):
+        read_journal(handle.path)
 
 
-@pytest.mark.parametrize("content", [b"", b"x", b"LAYFLAT journal 1\n", bytes(4096)])
-def test_what_is_no_journal_holds_nothing(ticket, content):
-    assert _read(ticket.path, content) is None
+@pytest.mark.parametrize("content", [b"", b"x", MAGIC, bytes(4096)])
+def test_what_is_no_journal_holds_nothing(handle, content):
+    assert _read(handle.path, content) is None
 
 
-def test_what_does_not_fit_is_refused_and_the_rest_stays(ticket, make_episode, beginning_of):
+def test_what_does_not_fit_is_refused_and_the_rest_stays(handle):
     episode = make_episode(n_steps=3, nodes=5)
-    journal = ticket.begin(beginning_of(episode))
+    journal = handle.open(initial_of(episode))
     journal.step(episode.steps[0])
     first = episode.steps[0]
     for step, message in (
-        (make_episode(nodes=6).steps[0], "nodes"),
-        (make_episode(nodes=5, images=True).steps[0], "began with"),
+        (make_episode(nodes=6).steps[0], "started with"),
+        (make_episode(nodes=5, images=True).steps[0], "started with"),
         (replace(first, action=[0.0, ACTION_LIMIT_M * 1.01]), "within"),
         (make_episode(PICKERS, nodes=5).steps[0], "2 numbers"),
     ):
@@ -132,12 +129,12 @@ def test_what_does_not_fit_is_refused_and_the_rest_stays(ticket, make_episode, b
             journal.step(step)
     journal.step(episode.steps[1])
     journal.close()
-    assert len(read_journal(ticket.path).episode.steps) == 1
+    assert len(read_journal(handle.path).episode.steps) == 1
     with pytest.raises(DataError, match="File exists"):
-        ticket.begin(beginning_of(episode))
+        handle.open(initial_of(episode))
 
 
-def test_no_step_waits_longer_than_a_second_for_the_disk(ticket, make_episode, beginning_of, monkeypatch):
+def test_no_step_waits_longer_than_a_second_for_the_disk(handle, monkeypatch):
     """What a power cut would take: every step must be covered by a flush that ends within a second of it."""
     episode = make_episode(n_steps=1, nodes=50)
     real, flushed = os.fsync, []
@@ -148,8 +145,8 @@ def test_no_step_waits_longer_than_a_second_for_the_disk(ticket, make_episode, b
         flushed.append((time.monotonic(), size))
 
     monkeypatch.setattr(os, "fsync", watched)
-    journal = ticket.begin(beginning_of(episode))
-    header = ticket.path.stat().st_size
+    journal = handle.open(initial_of(episode))
+    header = handle.path.stat().st_size
     handed = []
     for _ in range(120):
         journal.step(episode.steps[0])
@@ -157,7 +154,7 @@ def test_no_step_waits_longer_than_a_second_for_the_disk(ticket, make_episode, b
         time.sleep(0.01)
     time.sleep(SYNC_S + 0.4)  # Without a further step, too, the last ones are flushed.
     on_disk = [(when, size) for when, size in flushed if size > header]
-    per_step = (ticket.path.stat().st_size - header) / len(handed)
+    per_step = (handle.path.stat().st_size - header) / len(handed)
     for number, when in enumerate(handed, start=1):
         assert min(t for t, size in on_disk if size >= header + number * per_step) - when < 1.0
     assert len(on_disk) < 20, "a flush for every step would wear the disk"
@@ -174,13 +171,11 @@ def _until_refused(running, step: Step, most: int = 400) -> str:
     raise AssertionError("nothing was refused")
 
 
-def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
-    tmp_path, make_episode, beginning_of, differences, prefix_of
-):
+def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(tmp_path):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=60, nodes=50, images=True)
-    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
-        recorder.keep(episode)
-        running = recorder.begin(beginning_of(episode))
+    with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
+        recorder.save(episode)
+        running = recorder.start(initial_of(episode))
         soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))
         try:
@@ -199,11 +194,11 @@ def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(
         assert differences(partial.steps[:5], prefix_of(episode, 5).steps) == []
 
 
-def test_an_error_of_the_disk_is_said(tmp_path, make_episode, beginning_of, monkeypatch, differences):
+def test_an_error_of_the_disk_is_said(tmp_path, monkeypatch):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        recorder.keep(episode)
-        running = recorder.begin(beginning_of(episode))
+        recorder.save(episode)
+        running = recorder.start(initial_of(episode))
         with monkeypatch.context() as patch:
             patch.setattr(os, "fsync", _broken)
             running.step(episode.steps[0])
@@ -211,7 +206,7 @@ def test_an_error_of_the_disk_is_said(tmp_path, make_episode, beginning_of, monk
             with pytest.raises(DataError, match="Input/output error"):
                 running.step(episode.steps[1])
             with pytest.raises(DataError, match="Input/output error"):
-                recorder.keep(episode)
+                recorder.save(episode)
     with open_session(path) as session:
         assert differences(session["demo_0"], episode) == []
 
@@ -220,16 +215,16 @@ def _broken(descriptor):
     raise OSError(5, "Input/output error")
 
 
-def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beginning_of, differences, prefix_of):
+def test_running_episodes_are_kept_discarded_or_left(tmp_path):
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=4, seed=seed, outcome="failure") for seed in range(3)]
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        runs = [recorder.begin(beginning_of(episode)) for episode in made]
+        runs = [recorder.start(initial_of(episode)) for episode in made]
         for number, (running, episode) in enumerate(zip(runs, made, strict=True)):
             for step_index, step in enumerate(episode.steps):
                 running.on_step(step, step_index + 1)
             if number == 0:
-                assert running.keep(episode).name == "demo_0"
+                assert running.save(episode).name == "demo_0"
             elif number == 1:
                 running.discard()
         assert len(journals(parts_folder(path))) == 1
@@ -241,51 +236,51 @@ def test_running_episodes_are_kept_discarded_or_left(tmp_path, make_episode, beg
         assert differences(session[1], left) == []
 
 
-def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path, make_episode, beginning_of, differences):
+def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path):
     """The journal holds the whole episode before it is kept: whichever of the two steps was reached, it is there."""
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        ticket = recorder.ticket()
-        journal = ticket.begin(beginning_of(episode))
+        handle = recorder.new_journal()
+        journal = handle.open(initial_of(episode))
         for step in episode.steps:
             journal.step(step)
         journal.finish(episode)
-        content = ticket.path.read_bytes()
-        recorder.keep(episode, ticket=ticket)
+        content = handle.path.read_bytes()
+        recorder.save(episode, journal=handle)
     parts_folder(path).mkdir()
-    ticket.path.write_bytes(content)
+    handle.path.write_bytes(content)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert recorder.recovered == ()
     path.unlink()
     parts_folder(path).mkdir()
-    ticket.path.write_bytes(content)
+    handle.path.write_bytes(content)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert [(kept.name, kept.outcome) for kept in recorder.recovered] == [("demo_0", "success")]
     with open_session(path) as session:
         assert [differences(e, episode) for e in session] == [[]]
 
 
-def test_validate_tells_of_a_recording_that_was_cut_short(tmp_path, make_session, make_episode, written, ticket):
-    path = make_session("s.h5", [make_episode()])
+def test_validate_tells_of_a_recording_that_was_cut_short(tmp_path, written, handle):
+    path = write_session(tmp_path / "s.h5", [make_episode()])
     assert validate(path) == ()
     parts_folder(path).mkdir()
-    journal = parts_folder(path) / ticket.path.name
+    journal = parts_folder(path) / handle.path.name
     journal.write_bytes(written[1])
     assert [violation.path for violation in validate(path)] == [journal.name]
     assert len(repair(path).recovered) == 1
     assert validate(path) == ()
 
 
-def test_the_clock_of_the_wall_may_jump(tmp_path, make_episode, beginning_of, monkeypatch, differences):
+def test_the_clock_of_the_wall_may_jump(tmp_path, monkeypatch):
     path, made = tmp_path / "s.h5", [make_episode(seed=i) for i in range(4)]
     clock = iter([4e9, 0.0, 1e9, 2.5e9] * 1000)
     monkeypatch.setattr(time, "time", lambda: next(clock))
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         for number, episode in enumerate(made):
-            running = recorder.begin(beginning_of(episode))
+            running = recorder.start(initial_of(episode))
             for step in episode.steps:
                 running.step(step)
-            running.keep(episode)
+            running.save(episode)
             for part in parts_folder(path).glob("*.h5"):
                 os.utime(part, (4e9 - number * 1e9, 4e9 - number * 1e9))
     with open_session(path) as session:
@@ -306,13 +301,13 @@ def small_disk(tmp_path):
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def test_a_disk_that_fills_up_at_any_moment(small_disk, make_episode, beginning_of, differences, prefix_of):
+def test_a_disk_that_fills_up_at_any_moment(small_disk):
     """Room for less and less, so that begin, steps, keep and assembly fail in turn; each time all is there that was."""
     episode = make_episode(n_steps=12, nodes=60, images=True)
     refused, partial, sentences = 0, 0, []
     for free in (4_000, 10_000, 16_000, 22_000, 28_000, 60_000, 110_000, 220_000):
         path = small_disk / f"{free}.h5"
-        kept = _fill_and_record(path, small_disk / "ballast", free, episode, beginning_of, sentences)
+        kept = _fill_and_record(path, small_disk / "ballast", free, episode, sentences)
         refused += kept < 4
         if path.exists() or parts_folder(path).exists():
             report = repair(path)
@@ -334,18 +329,18 @@ def test_a_disk_that_fills_up_at_any_moment(small_disk, make_episode, beginning_
     assert partial >= 2
 
 
-def _fill_and_record(path, ballast, free, episode, beginning_of, sentences) -> int:
+def _fill_and_record(path, ballast, free, episode, sentences) -> int:
     """How many episodes were kept before the disk was full; leaves the disk with room again."""
     room = os.statvfs(path.parent)
     ballast.write_bytes(bytes(max(0, room.f_bavail * room.f_frsize - free)))
     kept = 0
     try:
-        with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
+        with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
             for _ in range(4):
-                running = recorder.begin(beginning_of(episode))
+                running = recorder.start(initial_of(episode))
                 for step in episode.steps:
                     running.step(step)
-                running.keep(episode)
+                running.save(episode)
                 kept += 1
     except DataError as error:
         sentences.append(str(error))

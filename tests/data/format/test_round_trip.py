@@ -29,7 +29,7 @@ from layflat.data.types import (
     Provenance,
     Step,
 )
-from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS, differences, make_episode
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 text = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
@@ -84,10 +84,10 @@ def episodes(draw):
         action=arrays(np.float64, size, elements=st.floats(-ACTION_LIMIT_M, ACTION_LIMIT_M)),
         action_std=st.none() | arrays(np.float64, size, elements=finite),
         phase=st.sampled_from(PHASES),
-        pull=st.none() | st.builds(DragTarget, node=st.integers(0, 2**40), target_m=three),
+        drag=st.none() | st.builds(DragTarget, node=st.integers(0, 2**40), target_m=three),
         force_n=st.just(np.zeros(3)) | three,
         intervention=st.booleans(),
-        hand_m=st.none() | three | arrays(np.float64, (2, 3), elements=finite),
+        hand_m=st.none() | arrays(np.float64, robot.hand_shape, elements=finite),
     )
     n_steps = draw(st.integers(1, 3))
     return Episode(
@@ -115,7 +115,7 @@ def episodes(draw):
             )
         ),
         descriptor=draw(st.sampled_from(DESCRIPTORS)),
-        bench=draw(st.dictionaries(any_text, text | finite | st.booleans(), max_size=3)),
+        sim_config=draw(st.dictionaries(any_text, text | finite | st.booleans(), max_size=3)),
         initial_joints=draw(arrays(np.float64, st.integers(0, 3), elements=finite)),
         disturbances=draw(st.lists(disturbances(n_steps), max_size=3)),
         first_step=draw(st.integers(0, 2**40)),
@@ -124,36 +124,36 @@ def episodes(draw):
 
 @given(episode=episodes())
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
-def test_any_valid_episode_survives_the_file(episode, differences):
+def test_any_valid_episode_survives_the_file(episode):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "session.h5"
         with SessionRecorder(
-            path, robot=episode.robot, cloth=episode.cloth, keep_images=True, descriptor=episode.descriptor
+            path, robot=episode.robot, cloth=episode.cloth, save_images=True, descriptor=episode.descriptor
         ) as recorder:
-            kept = recorder.keep(episode)
+            kept = recorder.save(episode)
         with open_session(path) as session:
             assert differences(session.episode(kept.name), episode) == []
             assert (session.robot, session.cloth, session.step_s) == (episode.robot, episode.cloth, episode.step_s)
 
 
-def test_images_are_left_out_where_not_asked_for(tmp_path, make_episode):
+def test_images_are_left_out_where_not_asked_for(tmp_path):
     episode = make_episode(images=True)
-    for keep_images in (False, True):
-        path = tmp_path / f"{keep_images}.h5"
-        with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=keep_images) as recorder:
-            recorder.keep(episode)
+    for save_images in (False, True):
+        path = tmp_path / f"{save_images}.h5"
+        with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=save_images) as recorder:
+            recorder.save(episode)
         with open_session(path) as session:
-            assert session.info("demo_0").images is keep_images
-            assert (session.episode("demo_0").final_observation.rgb is not None) is keep_images
+            assert session.info("demo_0").images is save_images
+            assert (session.episode("demo_0").final_observation.rgb is not None) is save_images
             assert all(o.rgb is None for o in session.episode("demo_0", images=False).observations())
 
 
-def test_order_is_numeric_and_appending_goes_on(tmp_path, make_episode, differences):
+def test_order_is_numeric_and_appending_goes_on(tmp_path):
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i, outcome=OUTCOMES[i % 3], source=["scripted", "gamepad"][i % 2]) for i in range(12)]
     for batch in (made[:5], made[5:]):
         with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-            names = [recorder.keep(episode).name for episode in batch]
+            names = [recorder.save(episode).name for episode in batch]
     assert names[-1] == "demo_11"
     with open_session(path) as session:
         assert session.names == tuple(f"demo_{i}" for i in range(12))
@@ -183,12 +183,12 @@ def _as_robomimic_reads(path):
 
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
-def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, robot):
+def test_the_file_is_what_robomimic_reads(tmp_path, robot):
     path = tmp_path / "s.h5"
     made = [make_episode(robot, n_steps=3 + i, seed=i, images=True, outcome=OUTCOMES[i % 2]) for i in range(11)]
-    with SessionRecorder(path, robot=robot, cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=robot, cloth="towel", save_images=True) as recorder:
         for episode in made:
-            recorder.keep(episode)
+            recorder.save(episode)
     demos, filters, lengths, actions, meta, found, total = _as_robomimic_reads(path)
     assert lengths == [len(e.steps) for e in made]
     assert total == sum(lengths)
@@ -214,16 +214,16 @@ def test_the_file_is_what_robomimic_reads(tmp_path, make_episode, robot):
         assert not any("true" in key or "node" in key or "area" in key for key in arrays_)
 
 
-def test_what_users_add_to_a_file_stays_when_it_grows(tmp_path, make_episode):
+def test_what_users_add_to_a_file_stays_when_it_grows(tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        recorder.keep(make_episode())
+        recorder.save(make_episode())
     with h5py.File(path, "r+") as f:
         f["mask/train"] = np.array([b"demo_0"])
         f["data"].attrs["author"] = "a person"
         f["notes/text"] = "first take"
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        recorder.keep(make_episode(seed=1))
+        recorder.save(make_episode(seed=1))
     with h5py.File(path, "r") as f:
         assert f["mask/train"][()].tolist() == [b"demo_0"]
         assert f["mask/all"][()].tolist() == [b"demo_0", b"demo_1"]
@@ -232,12 +232,12 @@ def test_what_users_add_to_a_file_stays_when_it_grows(tmp_path, make_episode):
 
 
 def _changed(episode, **step_changes):
-    values = {key: getattr(episode.steps[1], key) for key in ("observation", "truth", "action", "phase")}
+    values = {key: getattr(episode.steps[1], key) for key in ("observation", "ground_truth", "action", "phase")}
     steps = [*episode.steps[:1], Step(**(values | step_changes)), *episode.steps[2:]]
     return {"steps": steps}
 
 
-def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episode, differences):
+def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path):
     path = tmp_path / "s.h5"
     good = make_episode(images=True)
     too_far = np.nextafter(ACTION_LIMIT_M, 1)
@@ -245,7 +245,7 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
     no_images = make_episode().steps[1].observation
     refused = [
         (make_episode(images=True, **_changed(good, action=[0.0, too_far])), r"step 1.*0\.02"),
-        (make_episode(images=True, **_changed(good, ground_truth=fewer_nodes)), "nodes"),
+        (make_episode(images=True, **_changed(good, ground_truth=fewer_nodes)), "states changes its shape"),
         (make_episode(images=True, **_changed(good, observation=no_images)), "rgb is missing at step 1"),
         (make_episode(steps=()), "no steps"),
         (make_episode(seed=2**64), "seed"),
@@ -255,25 +255,25 @@ def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path, make_episo
         (make_episode(step_s=0.05), "step_s is 0.05"),
         (make_episode(cloth="napkin"), "cloth is napkin"),
         (make_episode(descriptor="how"), "descriptor is how"),
-        (make_episode(bench={"camera": object()}), "bench is"),
+        (make_episode(sim_config={"camera": object()}), "sim_config is"),
         (make_episode(PICKERS), "robot is pickers"),
     ]
-    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
-        recorder.keep(good)
+    with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
+        recorder.save(good)
         for episode, message in refused:
             with pytest.raises(DataError, match=message):
-                recorder.keep(episode)
-        assert recorder.keep(good).name == "demo_1"
+                recorder.save(episode)
+        assert recorder.save(good).name == "demo_1"
     with pytest.raises(DataError, match="closed"):
-        recorder.keep(good)
+        recorder.save(good)
     with open_session(path) as session:
         assert [differences(episode, good) for episode in session] == [[], []]
 
 
-def test_no_data_set_holds_python_objects(tmp_path, make_episode):
+def test_no_data_set_holds_python_objects(tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        recorder.keep(make_episode())
+        recorder.save(make_episode())
     objects = []
     with h5py.File(path, "r") as f:
         f.visititems(lambda name, item: objects.append(item.dtype.kind) if isinstance(item, h5py.Dataset) else None)

@@ -16,11 +16,9 @@ from hypothesis import strategies as st
 
 from layflat.data import SessionRecorder, filter_session, merge, open_session, repair, split, trim, validate
 from layflat.data.errors import DataError
-from layflat.data.format.opening import parts_folder
-from layflat.data.format.schema import SCHEMA_VERSION
+from layflat.data.session.parts import parts_folder
 from layflat.data.types import DisturbanceRecord, DragTarget
-from layflat.tests.data.old_files import FILES, version_2_episodes
-from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.factories import HANGER, PICKERS, differences, make_episode, prefix_of, write_session
 
 
 def _by_uid(path):
@@ -28,7 +26,7 @@ def _by_uid(path):
         return {session.info(name).uid: session.episode(name) for name in session.names}
 
 
-def _same(found, wanted, differences):
+def _same(found, wanted):
     assert found.keys() == wanted.keys()
     assert [differences(found[uid], wanted[uid]) for uid in wanted] == [[]] * len(wanted)
 
@@ -39,19 +37,19 @@ def _same(found, wanted, differences):
     seed=st.integers(0, 2**32 - 1),
 )
 @settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
-def test_merge_and_split_conserve(make_episode, differences, counts, share, seed):
+def test_merge_and_split_conserve(counts, share, seed):
     with tempfile.TemporaryDirectory() as name:
         folder, number, wanted = Path(name), 0, {}
         files = [folder / f"{i}.h5" for i in range(len(counts))]
         for file, count in zip(files, counts, strict=True):
-            with SessionRecorder(file, robot=HANGER, cloth="towel", keep_images=True) as recorder:
+            with SessionRecorder(file, robot=HANGER, cloth="towel", save_images=True) as recorder:
                 for _ in range(count):
-                    recorder.keep(make_episode(n_steps=2, seed=number, nodes=3, images=number % 2 == 0))
+                    recorder.save(make_episode(n_steps=2, seed=number, nodes=3, images=number % 2 == 0))
                     number += 1
             wanted |= _by_uid(file)
         names = merge([*files, files[0]], folder / "all.h5")
         assert len(names) == number, "an episode that is there twice is taken once"
-        _same(_by_uid(folder / "all.h5"), wanted, differences)
+        _same(_by_uid(folder / "all.h5"), wanted)
         assert validate(folder / "all.h5") == ()
         if number < 2:
             return
@@ -62,11 +60,11 @@ def test_merge_and_split_conserve(make_episode, differences, counts, share, seed
         chosen = split(folder / "all.h5", targets, shares, seed)
         assert sorted(chosen["train"] + chosen["valid"]) == sorted(names)
         assert abs(len(chosen["train"]) - share * number) < 1
-        _same(_by_uid(targets["train"]) | _by_uid(targets["valid"]), wanted, differences)
+        _same(_by_uid(targets["train"]) | _by_uid(targets["valid"]), wanted)
 
 
-def test_a_split_depends_on_the_seed_and_on_nothing_else(make_session, make_episode, tmp_path):
-    path = make_session("s.h5", [make_episode(seed=seed) for seed in range(12)])
+def test_a_split_depends_on_the_seed_and_on_nothing_else(tmp_path):
+    path = write_session(tmp_path / "s.h5", [make_episode(seed=seed) for seed in range(12)])
     shares = {"a": 2, "b": 1}
     chosen = [
         split(path, {key: tmp_path / f"{key}{run}.h5" for key in shares}, shares, seed)
@@ -77,13 +75,13 @@ def test_a_split_depends_on_the_seed_and_on_nothing_else(make_session, make_epis
 
 
 @pytest.fixture
-def mixed(make_session, make_episode):
+def mixed(tmp_path):
     outcomes, sources = ["success", "failure", "partial"], ["scripted", "gamepad"]
     made = [
         make_episode(n_steps=2 + i, seed=i, outcome=outcomes[i % 3], source=sources[i % 2], images=True)
         for i in range(7)
     ]
-    return make_session("mixed.h5", made), made
+    return write_session(tmp_path / "mixed.h5", made), made
 
 
 @pytest.mark.parametrize(
@@ -99,7 +97,7 @@ def mixed(make_session, make_episode):
         ({"cloth": "towel", "final_contact": (0.97, 0.97)}, range(7)),
     ],
 )
-def test_filter_keeps_what_meets_all_conditions(mixed, tmp_path, differences, conditions, chosen):
+def test_filter_keeps_what_meets_all_conditions(mixed, tmp_path, conditions, chosen):
     path, made = mixed
     names = filter_session(path, tmp_path / "f.h5", **conditions)
     assert names == tuple(f"demo_{i}" for i in chosen)
@@ -117,7 +115,7 @@ def test_a_filter_that_nothing_passes_writes_nothing(mixed, tmp_path, conditions
 
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 3), (1, 4), (2, 6), (0, 6)])
-def test_trim(mixed, tmp_path, differences, prefix_of, start, stop):
+def test_trim(mixed, tmp_path, start, stop):
     path, made = mixed
     info = trim(path, tmp_path / "t.h5", name="demo_4", start=start, stop=stop)
     assert (info.n_steps, info.first_step) == (stop - start, start)
@@ -176,15 +174,15 @@ def _full(descriptor):
     raise OSError(28, "No space left on device")
 
 
-def test_only_sessions_that_agree_are_merged(make_session, make_episode, tmp_path):
-    path = make_session("a.h5", [make_episode()])
+def test_only_sessions_that_agree_are_merged(tmp_path):
+    path = write_session(tmp_path / "a.h5", [make_episode()])
     for key, episode, options in (
         ("robot", make_episode(PICKERS), {}),
         ("cloth", make_episode(cloth="napkin"), {}),
         ("step_s", make_episode(step_s=0.05), {}),
         ("descriptor", make_episode(descriptor="how"), {"descriptor": "how"}),
     ):
-        other = make_session(f"{key}.h5", [episode], **options)
+        other = write_session(tmp_path / f"{key}.h5", [episode], **options)
         with pytest.raises(DataError, match=f"has {key} .* only sessions that agree"):
             merge([path, other], tmp_path / "m.h5")
     assert not (tmp_path / "m.h5").exists()
@@ -206,38 +204,7 @@ def test_what_users_have_added_goes_along(mixed, tmp_path):
         assert set(f["mask/train"][()].tolist()) == {b"demo_0", b"demo_1", b"demo_5"}
 
 
-def _expected_version_1(make_episode):
-    return [make_episode(n_steps=3, seed=seed, nodes=4, images=True, with_std=bool(seed)) for seed in range(2)]
-
-
-@pytest.mark.parametrize(("version", "expected"), [(1, _expected_version_1), (2, version_2_episodes)])
-def test_an_older_version_is_read_as_it_was_and_written_anew(version, expected, tmp_path, make_episode, differences):
-    path, wanted = tmp_path / "old.h5", expected(make_episode)
-    path.write_bytes((FILES / f"version-{version}.h5").read_bytes())
-    with open_session(path) as session:
-        assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[]] * len(wanted)
-        assert {info.version for info in session.infos().values()} == {version}
-        uids = [info.uid for info in session.infos().values()]
-        assert session.info("demo_0").contact_final == wanted[0].final_observation.contact_portion
-    assert validate(path) == ()
-    for number, operation in enumerate(OPERATIONS.values()):
-        target = tmp_path / f"{number}.h5"
-        operation(path, target)
-        assert validate(target) == ()
-        with open_session(target) as session:
-            assert {info.version for info in session.infos().values()} == {SCHEMA_VERSION}
-            assert differences(session["demo_1"], wanted[1]) == []
-            assert session.info("demo_1").uid == uids[1]
-    with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        assert recorder.keep(make_episode(seed=9)).name == f"demo_{len(wanted)}"
-    with open_session(path) as session:
-        assert [differences(a, b) for a, b in zip(session, wanted, strict=False)] == [[]] * len(wanted)
-        assert [info.uid for info in session.infos().values()][: len(wanted)] == uids
-        assert {info.version for info in session.infos().values()} == {SCHEMA_VERSION}
-    assert validate(path) == ()
-
-
-def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path, differences):
+def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path):
     path, made = mixed
     with h5py.File(path, "r+") as f:
         del f["data/demo_1/actions"]
@@ -252,7 +219,7 @@ def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path, differ
         open_session(path)
     report = repair(path, tmp_path / "r.h5")
     assert {loss.path for loss in report.lost} == {f"/data/demo_{i}" for i in (1, 2, 3)}
-    assert report.kept == ("demo_0", "demo_4", "demo_5", "demo_6")
+    assert report.intact == ("demo_0", "demo_4", "demo_5", "demo_6")
     assert validate(tmp_path / "r.h5") == ()
     with open_session(tmp_path / "r.h5") as session:
         assert [differences(session[f"demo_{i}"], made[i]) for i in (0, 4, 5, 6)] == [[]] * 4
@@ -266,10 +233,10 @@ def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path, differ
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed.h5", "mixed.h5.damaged", "r.h5"]
 
 
-def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path, make_episode):
+def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        recorder.keep(make_episode())
+        recorder.save(make_episode())
         with pytest.raises(DataError, match="being written by another program"):
             repair(path)
         with pytest.raises(DataError, match="being written by another program"):
@@ -278,21 +245,21 @@ def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path, make_episode
             repair(path, tmp_path / "r.h5")
 
 
-def test_repair_leaves_nothing_of_a_killed_writer_behind(mixed, tmp_path, make_session, make_episode):
+def test_repair_leaves_nothing_of_a_killed_writer_behind(mixed, tmp_path):
     path, folder = mixed[0], parts_folder(mixed[0])
-    other = make_session("other.h5", [make_episode(seed=50)])
+    other = write_session(tmp_path / "other.h5", [make_episode(seed=50)])
     folder.mkdir()
     other.rename(folder / "demo_7.h5")
     (folder / "demo_8.h5.part").write_bytes(b"half an episode")
     (folder / "session.h5.part").write_bytes(b"half a session")
     report = repair(path)
-    assert report.kept == tuple(f"demo_{i}" for i in range(8))
+    assert report.intact == tuple(f"demo_{i}" for i in range(8))
     assert [p.name for p in tmp_path.iterdir()] == ["mixed.h5"]
 
 
-def test_a_damaged_part_is_set_aside(mixed, tmp_path, make_session, make_episode):
+def test_a_damaged_part_is_set_aside(mixed, tmp_path):
     path, folder = mixed[0], parts_folder(mixed[0])
-    damaged = bytearray(make_session("other.h5", [make_episode(seed=50)]).read_bytes())
+    damaged = bytearray(write_session(tmp_path / "other.h5", [make_episode(seed=50)]).read_bytes())
     (tmp_path / "other.h5").unlink()
     damaged[600:3000] = bytes(2400)
     folder.mkdir()
@@ -301,7 +268,7 @@ def test_a_damaged_part_is_set_aside(mixed, tmp_path, make_session, make_episode
         list(session)
     report = repair(path)
     assert [loss.path for loss in report.lost] == ["mixed.h5.parts/demo_7.h5"]
-    assert len(report.kept) == 7
+    assert len(report.intact) == 7
     assert validate(path) == ()
     assert (tmp_path / "mixed.h5.damaged-demo_7.h5").read_bytes() == damaged
     assert not folder.exists()
@@ -319,7 +286,7 @@ def test_what_may_only_be_read_is_repaired_elsewhere(mixed):
         child = os.fork()
         if child == 0:
             os.setuid(65534)
-            os._exit(len(repair(folder / "s.h5", folder / "out" / "r.h5").kept) != 7)
+            os._exit(len(repair(folder / "s.h5", folder / "out" / "r.h5").intact) != 7)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
         assert [p.name for p in folder.iterdir() if p.suffix] == ["s.h5"]
     finally:
@@ -334,11 +301,11 @@ def test_nothing_to_repair(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
 
-def test_what_befell_the_cloth_is_counted_from_the_steps_that_are_kept(tmp_path, make_session, make_episode):
+def test_what_befell_the_cloth_is_counted_from_the_steps_that_are_kept(tmp_path):
     """Of three disturbances in the steps 1 to 2, 4 to 6, and from 8 on."""
     lasting = [(1, 2), (4, 6), (8, None)]
     befell = [DisturbanceRecord(name=str(n), first_step=a, last_step=b) for n, (a, b) in enumerate(lasting)]
-    path = make_session("s.h5", [make_episode(n_steps=10, disturbances=befell)])
+    path = write_session(tmp_path / "s.h5", [make_episode(n_steps=10, disturbances=befell)])
     for (start, stop), wanted in {
         (0, 10): [("0", 1, 2), ("1", 4, 6), ("2", 8, None)],
         (3, 10): [("1", 1, 3), ("2", 5, None)],
@@ -351,20 +318,20 @@ def test_what_befell_the_cloth_is_counted_from_the_steps_that_are_kept(tmp_path,
             assert [(r.name, r.first_step, r.last_step) for r in session[0].disturbances] == wanted
 
 
-def test_what_few_episodes_have_costs_the_others_nothing(make_session, make_episode):
+def test_what_few_episodes_have_costs_the_others_nothing(tmp_path):
     plain, pulled = make_episode(n_steps=4), make_episode(n_steps=4, seed=1)
     steps = [
         *pulled.steps[:3],
-        replace(pulled.steps[3], pull=DragTarget(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0]),
+        replace(pulled.steps[3], drag=DragTarget(node=2, target_m=[0, 0, 0.1]), force_n=[0, 0, 2.0]),
     ]
-    path = make_session("s.h5", [plain, replace(pulled, steps=steps)])
+    path = write_session(tmp_path / "s.h5", [plain, replace(pulled, steps=steps)])
     with h5py.File(path) as f:
-        assert not {"force_n", "pull_node", "pull_target_m", "intervention", "hand_m"} & set(f["data/demo_0"])
-        assert {"force_n", "pull_node", "pull_target_m"} <= set(f["data/demo_1"])
+        assert not {"force_n", "drag_node", "drag_target_m", "intervention", "hand_m"} & set(f["data/demo_0"])
+        assert {"force_n", "drag_node", "drag_target_m"} <= set(f["data/demo_1"])
     with open_session(path) as session:
-        rows = session.arrays(["force_n", "pull_node", "pull_target_m", "intervention"])
+        rows = session.arrays(["force_n", "drag_node", "drag_target_m", "intervention"])
     assert rows["force_n"].tolist() == [[0, 0, 0]] * 7 + [[0, 0, 2]]
-    assert rows["pull_node"].tolist() == [-1] * 7 + [2]
-    assert np.isnan(rows["pull_target_m"][:7]).all()
-    assert rows["pull_target_m"][7].tolist() == [0, 0, 0.1]
+    assert rows["drag_node"].tolist() == [-1] * 7 + [2]
+    assert np.isnan(rows["drag_target_m"][:7]).all()
+    assert rows["drag_target_m"][7].tolist() == [0, 0, 0.1]
     assert not rows["intervention"].any()

@@ -12,15 +12,15 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session
 from layflat.data.errors import DataError
-from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.factories import HANGER, PICKERS, differences, make_episode
 
 
 @pytest.fixture
-def session_path(tmp_path, make_episode):
+def session_path(tmp_path):
     path = tmp_path / "session.h5"
-    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
         for seed in range(2):
-            recorder.keep(make_episode(n_steps=3, seed=seed, nodes=4, images=True))
+            recorder.save(make_episode(n_steps=3, seed=seed, nodes=4, images=True))
     return path
 
 
@@ -67,7 +67,7 @@ def test_cut_short_anywhere(session_path, tmp_path):
         _refused(path)
 
 
-def test_one_wrong_bit_is_never_read_as_something_else(session_path, tmp_path, differences):
+def test_one_wrong_bit_is_never_read_as_something_else(session_path, tmp_path):
     with open_session(session_path) as session:
         ground_truth = list(session)
     whole, path = session_path.read_bytes(), tmp_path / "flipped.h5"
@@ -96,9 +96,9 @@ def test_foreign_hdf5_is_refused_and_not_touched(tmp_path):
             f["data"].attrs["total"] = 2
             f["data"].attrs["env_args"] = json.dumps({"type": 1, "env_name": "Lift", "env_kwargs": {}})
             if path is newer:
-                f["data"].attrs.update({"schema": "layflat-session", "schema_version": 99})
+                f["data"].attrs.update({"schema": np.bytes_("layflat-episodes"), "schema_version": 99})
     foreign = "another program"
-    for path, message in ((plain, foreign), (robomimic, foreign), (newer, "version 99.*versions 1 to 3")):
+    for path, message in ((plain, foreign), (robomimic, foreign), (newer, "version 99.*version 1")):
         before = path.read_bytes()
         _refused(path, message)
         with pytest.raises(DataError, match=message):
@@ -144,16 +144,16 @@ HOSTILE = {
     "empty data space": lambda f: _replace(f, "data/demo_0/actions", h5py.Empty("<f8")),
     "three columns": lambda f: _replace(f, "data/demo_0/actions", np.zeros((3, 3))),
     "fewer rows": lambda f: _replace(f, "data/demo_0/obs/word", np.zeros((2, 2))),
-    "other node count": lambda f: _replace(f, "data/demo_0/truth/final_state", np.zeros(9)),
+    "other node count": lambda f: _replace(f, "data/demo_0/ground_truth/final_state", np.zeros(9)),
     "not three per node": lambda f: (
         _replace(f, "data/demo_0/states", np.zeros((3, 4))),
-        _replace(f, "data/demo_0/truth/final_state", np.zeros(4)),
+        _replace(f, "data/demo_0/ground_truth/final_state", np.zeros(4)),
     ),
     "nan": lambda f: f["data/demo_0/obs/word"].write_direct(np.full((3, 2), np.nan)),
     "phase": lambda f: f["data/demo_0/phase"].write_direct(np.array([b"x"] * 3, "S8")),
     "actions that are not action_m": lambda f: f["data/demo_0/actions"].write_direct(np.full((3, 2), 0.5)),
     "group for data set": lambda f: (f.__delitem__("data/demo_0/rewards"), f.create_group("data/demo_0/rewards")),
-    "data set for group": lambda f: _replace(f, "data/demo_0/truth", np.zeros(3)),
+    "data set for group": lambda f: _replace(f, "data/demo_0/ground_truth", np.zeros(3)),
     "rgb in obs only": lambda f: f.__delitem__("data/demo_0/next_obs/rgb"),
     "virtual": _virtual,
     "huge": _huge,
@@ -169,11 +169,11 @@ HOSTILE = {
     "no uid": lambda f: f["data/demo_0"].attrs.__delitem__("uid"),
     "total": lambda f: f["data"].attrs.__setitem__("total", 7),
     "total as array": lambda f: f["data"].attrs.__setitem__("total", np.arange(3)),
-    "other robot": lambda f: f["data"].attrs.__setitem__("robot", PICKERS),
+    "other robot": lambda f: f["data"].attrs.__setitem__("robot", "pickers"),
     "unknown robot": lambda f: f["data"].attrs.__setitem__("robot", "fold"),
     "other step": lambda f: f["data"].attrs.__setitem__("step_s", 0.2),
     "other action limit": lambda f: f["data"].attrs.__setitem__("action_limit_m", 0.05),
-    "schema as array": lambda f: f["data"].attrs.__setitem__("schema", ["layflat-session"] * 2),
+    "schema as array": lambda f: f["data"].attrs.__setitem__("schema", ["layflat-episodes"] * 2),
 }
 
 
@@ -184,18 +184,18 @@ def test_hostile_or_edited(session_path, change):
     _refused(session_path)
 
 
-def test_append_must_agree(session_path, make_episode):
+def test_append_must_agree(session_path):
     before = session_path.read_bytes()
-    with pytest.raises(DataError, match="with robot hanger, not pickers"):
+    with pytest.raises(DataError, match="has robot hanger, not pickers"):
         SessionRecorder(session_path, robot=PICKERS, cloth="towel")
-    with pytest.raises(DataError, match="with cloth towel, not napkin"):
+    with pytest.raises(DataError, match="has cloth towel, not napkin"):
         SessionRecorder(session_path, robot=HANGER, cloth="napkin")
     with (
         SessionRecorder(session_path, robot=HANGER, cloth="towel") as recorder,
         pytest.raises(DataError, match=r"step_s is 0\.05"),
     ):
-        recorder.keep(make_episode(step_s=0.05))
-    with pytest.raises(DataError, match="robot is 'fold'; it must be one of hanger, pickers"):
+        recorder.save(make_episode(step_s=0.05))
+    with pytest.raises(DataError, match="robot is 'fold'; it must be a RobotSpec"):
         SessionRecorder(session_path, robot="fold", cloth="towel")
     assert session_path.read_bytes() == before
     assert [p.name for p in session_path.parent.iterdir()] == [session_path.name]

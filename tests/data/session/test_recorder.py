@@ -18,13 +18,13 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session
 from layflat.data.errors import DataError
-from layflat.data.format.opening import parts_folder
+from layflat.data.session.parts import parts_folder
 from layflat.data.types import Episode
-from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.factories import HANGER, PICKERS, differences, make_episode
 
 
 @pytest.fixture
-def numbered(make_episode) -> Callable[[int], Episode]:
+def numbered() -> Callable[[int], Episode]:
     """The same number always gives the same episode, here and in a child."""
     return lambda number: make_episode(seed=number, n_steps=4, nodes=10)
 
@@ -35,7 +35,7 @@ def _record(path: Path, report: int, first: int, runs: int, per_run: int, number
     for _ in range(runs):
         with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
             for _ in range(per_run):
-                name = recorder.keep(numbered(number)).name
+                name = recorder.save(numbered(number)).name
                 os.write(report, f"kept {name} {number}\n".encode())
                 number += 1
 
@@ -66,7 +66,7 @@ def _child(work: Callable[[int], None], kill_after_s: float | None = None) -> tu
 
 
 @pytest.mark.parametrize("series", range(3))
-def test_every_kept_episode_survives_kill_9(tmp_path, differences, numbered, series):
+def test_every_kept_episode_survives_kill_9(tmp_path, numbered, series):
     """Six kills in a row of one growing session; each run first finds what the last left."""
     path, rng = tmp_path / "s.h5", random.Random(series)
     kept: dict[str, int] = {}
@@ -89,7 +89,7 @@ def test_every_kept_episode_survives_kill_9(tmp_path, differences, numbered, ser
 
 
 @pytest.mark.parametrize("call", ["os.replace", "os.unlink", "os.fsync", "os.rmdir", "fcntl.flock"])
-def test_a_death_at_each_system_call_loses_nothing(tmp_path, call, differences, numbered):
+def test_a_death_at_each_system_call_loses_nothing(tmp_path, call, numbered):
     """Dies before the n-th call of one kind, for every n: the moments that random kills would rarely hit."""
     module, name = {"os": os, "fcntl": fcntl}[call.split(".")[0]], call.split(".")[1]
     real = getattr(module, name)
@@ -118,13 +118,13 @@ def test_a_death_at_each_system_call_loses_nothing(tmp_path, call, differences, 
     assert len(reported) == 4
 
 
-def test_a_session_exists_from_the_first_kept_episode_on(tmp_path, make_episode, differences):
+def test_a_session_exists_from_the_first_kept_episode_on(tmp_path):
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i) for i in range(9)]
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         assert not path.exists()
         for count, episode in enumerate(made, start=1):
-            recorder.keep(episode)
+            recorder.save(episode)
             with open_session(path) as session:  # Beside the writer.
                 assert [differences(a, b) for a, b in zip(session, made, strict=False)] == [[]] * count
 
@@ -135,25 +135,25 @@ def test_a_session_without_an_episode_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_reader_keeps_its_view_while_the_writer_goes_on(tmp_path, make_episode, differences):
+def test_a_reader_keeps_its_view_while_the_writer_goes_on(tmp_path):
     path = tmp_path / "s.h5"
     recorder = SessionRecorder(path, robot=HANGER, cloth="towel")
     made = [make_episode(seed=i) for i in range(20)]
     for episode in made[:3]:
-        recorder.keep(episode)
+        recorder.save(episode)
     with open_session(path) as session:
         for episode in made[3:]:
-            recorder.keep(episode)
+            recorder.save(episode)
         recorder.close()
         assert [differences(a, b) for a, b in zip(session, made[:3], strict=True)] == [[]] * 3
 
 
-def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_path, make_episode, differences):
+def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_path):
     path = tmp_path / "s.h5"
     old, new = make_episode(seed=1), make_episode(seed=2)
     for episode in (old, new):
         with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-            recorder.keep(episode)
+            recorder.save(episode)
         path.rename(tmp_path / f"{episode.seed}.h5")
     parts_folder(path).mkdir()
     (tmp_path / "1.h5").rename(parts_folder(path) / "demo_0.h5")
@@ -164,12 +164,12 @@ def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_pat
         SessionRecorder(path, robot=HANGER, cloth="towel").close()
 
 
-def test_leftovers_of_another_session_are_named(tmp_path, make_episode):
+def test_leftovers_of_another_session_are_named(tmp_path):
     path = tmp_path / "s.h5"
     other = tmp_path / "other.h5"
     for file, robot in ((other, PICKERS), (path, HANGER)):
         with SessionRecorder(file, robot=robot, cloth="towel") as recorder:
-            recorder.keep(make_episode(robot))
+            recorder.save(make_episode(robot))
     before = path.read_bytes()
     parts_folder(path).mkdir()
     other.rename(parts_folder(path) / "demo_4.h5")
@@ -192,31 +192,31 @@ def _files_end_at(limit: int):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_no_room_for_an_episode(tmp_path, make_episode, differences):
+def test_no_room_for_an_episode(tmp_path):
     path = tmp_path / "s.h5"
     episode = make_episode(n_steps=30, nodes=100)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        recorder.keep(episode)
+        recorder.save(episode)
         before = path.read_bytes()
         for limit in (0, 1, 4096, 50_000):
             with _files_end_at(limit), pytest.raises(DataError, match=r"s\.h5 cannot be written: File too large"):
-                recorder.keep(episode)
+                recorder.save(episode)
             assert path.read_bytes() == before
             assert [p.name for p in parts_folder(path).iterdir()] == ["lock"]
-        assert recorder.keep(episode).name == "demo_1"
+        assert recorder.save(episode).name == "demo_1"
     with open_session(path) as session:
         assert [differences(e, episode) for e in session] == [[], []]
 
 
-def test_no_room_to_assemble(tmp_path, make_episode, differences):
+def test_no_room_to_assemble(tmp_path):
     """Each part fits, the whole does not: all is kept, reading works, closing says it, and room makes it whole."""
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=30, nodes=100, seed=i) for i in range(4)]
     recorder = SessionRecorder(path, robot=HANGER, cloth="towel")
-    size = recorder.keep(made[0]).size_bytes
+    size = recorder.save(made[0]).size_bytes
     with _files_end_at(int(size * 1.5)):
         for episode in made[1:]:
-            recorder.keep(episode)
+            recorder.save(episode)
         with pytest.raises(DataError, match=r"s\.h5 cannot be written: File too large; .* are safe$"):
             recorder.close()
     for _ in range(2):
@@ -227,7 +227,7 @@ def test_no_room_to_assemble(tmp_path, make_episode, differences):
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
 
-def test_a_second_writer_is_refused(tmp_path, make_episode):
+def test_a_second_writer_is_refused(tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         with pytest.raises(DataError, match=rf"being written by another program \(process {os.getpid()}\)"):
@@ -235,11 +235,11 @@ def test_a_second_writer_is_refused(tmp_path, make_episode):
         (tmp_path / "alias.h5").symlink_to(path)
         with pytest.raises(DataError, match="being written"):
             SessionRecorder(tmp_path / "alias.h5", robot=HANGER, cloth="towel")
-        recorder.keep(make_episode())
+        recorder.save(make_episode())
     SessionRecorder(path, robot=HANGER, cloth="towel").close()
 
 
-def test_interrupted_while_keeping(tmp_path, make_episode, monkeypatch, differences):
+def test_interrupted_while_keeping(tmp_path, monkeypatch):
     path, episode = tmp_path / "s.h5", make_episode()
 
     def interrupted(*_):
@@ -247,10 +247,10 @@ def test_interrupted_while_keeping(tmp_path, make_episode, monkeypatch, differen
 
     def interrupted_run():
         with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-            recorder.keep(episode)
+            recorder.save(episode)
             with monkeypatch.context() as patch:
                 patch.setattr(os, "replace", interrupted)
-                recorder.keep(episode)
+                recorder.save(episode)
 
     with pytest.raises(KeyboardInterrupt):
         interrupted_run()

@@ -18,27 +18,27 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.types import Episode
-from layflat.tests.factories import HANGER
+from layflat.tests.factories import HANGER, differences, initial_of, make_episode, prefix_of
 
 STEPS = 12
 
 
 @pytest.fixture
-def numbered(make_episode) -> Callable[[int], Episode]:
+def numbered() -> Callable[[int], Episode]:
     """The same number always gives the same episode, here and in a child."""
     return lambda number: make_episode(seed=number, n_steps=STEPS, nodes=10, images=True)
 
 
-def _record(path: Path, report: int, first: int, step_s: float, numbered, beginning_of) -> None:
-    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
+def _record(path: Path, report: int, first: int, step_s: float, numbered) -> None:
+    with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
         for number in itertools.count(first):
             episode = numbered(number)
-            running = recorder.begin(beginning_of(episode))
+            running = recorder.start(initial_of(episode))
             for step_index, step in enumerate(episode.steps):
                 running.step(step)
                 os.write(report, f"step {number} {step_index} {time.monotonic()}\n".encode())
                 time.sleep(step_s)
-            kept = running.keep(episode)
+            kept = running.save(episode)
             os.write(report, f"kept {number} {kept.name} {time.monotonic()}\n".encode())
 
 
@@ -62,7 +62,7 @@ def _killed(work: Callable[[int], None], after_s: float) -> tuple[list[list[str]
     return lines, killed_at
 
 
-def _check_whole(path: Path, kept: dict[int, str], numbered, prefix_of, differences) -> dict[int, int]:
+def _check_whole(path: Path, kept: dict[int, str], numbered) -> dict[int, int]:
     """All that was kept is equal, and whatever else is there is a true beginning; steps by number."""
     lengths = {}
     with open_session(path) as session:
@@ -77,27 +77,25 @@ def _check_whole(path: Path, kept: dict[int, str], numbered, prefix_of, differen
     return lengths
 
 
-def _kill_again_and_again(
-    path, kills, longest_s, step_s, numbered, beginning_of, prefix_of, differences
-) -> list[float]:
+def _kill_again_and_again(path, kills, longest_s, step_s, numbered) -> list[float]:
     """Seconds of the running episode that each kill cost."""
     rng, kept, costs = random.Random(kills), {}, []
     for kill in range(kills):
         first = 1000 * kill
 
         def work(report, first=first):
-            _record(path, report, first, step_s, numbered, beginning_of)
+            _record(path, report, first, step_s, numbered)
 
         lines, killed_at = _killed(work, rng.uniform(0.0, longest_s))
         kept |= {int(line[1]): line[2] for line in lines if line[0] == "kept"}
         if path.exists():
-            _check_whole(path, kept, numbered, prefix_of, differences)
+            _check_whole(path, kept, numbered)
         if kill % 2 and path.exists():
             assert repair(path).lost == ()
         else:
-            SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True).close()
+            SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True).close()
         assert [p.name for p in path.parent.iterdir() if p != path] == []
-        lengths = _check_whole(path, kept, numbered, prefix_of, differences) if path.exists() else {}
+        lengths = _check_whole(path, kept, numbered) if path.exists() else {}
         handed = [(int(n), int(step_index), float(when)) for kind, n, step_index, when in lines if kind == "step"]
         # The step whose outcome nobody has seen yet is not over.
         missing = [when for n, step_index, when in handed if n not in kept and step_index > lengths.get(n, 0)]
@@ -109,16 +107,16 @@ def _kill_again_and_again(
     return costs
 
 
-def test_twenty_kills(tmp_path, numbered, beginning_of, prefix_of, differences):
+def test_twenty_kills(tmp_path, numbered):
     path = tmp_path / "s.h5"
-    costs = _kill_again_and_again(path, 20, 0.12, 0.002, numbered, beginning_of, prefix_of, differences)
+    costs = _kill_again_and_again(path, 20, 0.12, 0.002, numbered)
     assert max(costs) < 1.0
 
 
 @pytest.mark.slow
-def test_two_hundred_kills(tmp_path, numbered, beginning_of, prefix_of, differences):
+def test_two_hundred_kills(tmp_path, numbered):
     """With steps as long as real ones (scaled by half), so that a second of the running episode could be lost."""
     path = tmp_path / "s.h5"
-    costs = _kill_again_and_again(path, 200, 1.5, 0.05, numbered, beginning_of, prefix_of, differences)
+    costs = _kill_again_and_again(path, 200, 1.5, 0.05, numbered)
     print(f"seconds lost: mean {sum(costs) / len(costs):.4f}, most {max(costs):.4f} of {len(costs)} kills")
     assert max(costs) < 1.0

@@ -19,7 +19,7 @@ from layflat.data.errors import DataError
 from layflat.data.exchange import optional_imports
 from layflat.data.exchange.lerobot import export_lerobot
 from layflat.data.types import OUTCOMES
-from layflat.tests.factories import HANGER, ROBOT_SPECS
+from layflat.tests.factories import HANGER, ROBOT_SPECS, make_episode, write_session
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 pandas = pytest.importorskip("pandas")
@@ -28,26 +28,12 @@ Image = pytest.importorskip("PIL.Image")
 RGB, DEPTH = "observation.images.camera", "observation.images.depth"
 
 
-def _session(path: Path, episodes):
-    first = episodes[0]
-    with SessionRecorder(path, robot=first.robot, cloth=first.cloth, keep_images=True) as recorder:
-        for episode in episodes:
-            recorder.keep(episode)
-    return open_session(path)
-
-
-@pytest.fixture
-def session_of(tmp_path):
-    """``session_of(episodes)``: the open session ``s.h5`` with these episodes, images included."""
-    return lambda episodes: _session(tmp_path / "s.h5", episodes)
-
-
 @pytest.fixture(params=ROBOT_SPECS, scope="module")
-def exported(request, make_episode, tmp_path_factory):
+def exported(request, tmp_path_factory):
     """The folder, and the episodes that went into it."""
     folder = tmp_path_factory.mktemp("exported")
     made = [make_episode(request.param, n_steps=3 + 2 * i, seed=i, images=True) for i in range(4)]
-    with _session(folder / "s.h5", made) as session:
+    with open_session(write_session(folder / "s.h5", made)) as session:
         done = export_lerobot(session, folder / "lr")
     assert (done.episodes, done.frames, done.images) == (4, 24, True)
     return folder / "lr", made
@@ -191,8 +177,8 @@ def test_hugging_face_datasets_loads_it(exported, tmp_path, monkeypatch):
     assert episodes["episode_index"][:] == [0, 1, 2, 3]
 
 
-def test_without_images(session_of, make_episode, tmp_path):
-    with session_of([make_episode(images=True)]) as session:
+def test_without_images(tmp_path):
+    with open_session(write_session(tmp_path / "s.h5", [make_episode(images=True)])) as session:
         assert not export_lerobot(session, tmp_path / "lr", images=False).images
     assert not any(key.startswith("observation.images") for key in _frames(tmp_path / "lr").column_names)
 
@@ -204,9 +190,9 @@ def test_nothing_that_only_the_simulator_knows_is_exported(exported):
     assert not any(word in name for name in named for word in ("true", "node", "area", "states"))
 
 
-def test_the_sidecar_tells_which_episode_is_which(session_of, make_episode, tmp_path):
+def test_the_sidecar_tells_which_episode_is_which(tmp_path):
     made = [make_episode(seed=10 + i, outcome=OUTCOMES[i], source=["scripted", "gamepad"][i]) for i in range(2)]
-    with session_of(made) as session:
+    with open_session(write_session(tmp_path / "s.h5", made)) as session:
         export_lerobot(session, tmp_path / "lr", names=("demo_1",))
         uid = session.info("demo_1").uid
     told = json.loads((tmp_path / "lr/meta/layflat.json").read_text())["episodes"]
@@ -224,10 +210,10 @@ def test_the_sidecar_tells_which_episode_is_which(session_of, make_episode, tmp_
     ]
 
 
-def test_a_new_file_begins_where_one_has_become_large(session_of, make_episode, tmp_path, monkeypatch):
+def test_a_new_file_begins_where_one_has_become_large(tmp_path, monkeypatch):
     monkeypatch.setattr("layflat.data.exchange.lerobot.DATA_FILE_MB", 0)
     monkeypatch.setattr("layflat.data.exchange.lerobot.CHUNKS_SIZE", 2)
-    with session_of([make_episode(seed=i) for i in range(5)]) as session:
+    with open_session(write_session(tmp_path / "s.h5", [make_episode(seed=i) for i in range(5)])) as session:
         export_lerobot(session, tmp_path / "lr")
     files = sorted(str(path.relative_to(tmp_path / "lr/data")) for path in (tmp_path / "lr/data").glob("*/*"))
     assert files == [f"chunk-{i // 2:03d}/file-{i % 2:03d}.parquet" for i in range(5)]
@@ -237,27 +223,30 @@ def test_a_new_file_begins_where_one_has_become_large(session_of, make_episode, 
     assert table["index"].to_pylist() == list(range(25))
 
 
-def test_what_lerobot_cannot_hold_is_refused(session_of, make_episode, tmp_path):
-    with session_of([make_episode(step_s=0.03)]) as session, pytest.raises(DataError, match=r"0\.03 s"):
+def test_what_lerobot_cannot_hold_is_refused(tmp_path):
+    with (
+        open_session(write_session(tmp_path / "s.h5", [make_episode(step_s=0.03)])) as session,
+        pytest.raises(DataError, match=r"0\.03 s"),
+    ):
         export_lerobot(session, tmp_path / "lr")
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
 
 
-def test_images_are_there_in_all_episodes_or_in_none(make_episode, tmp_path):
+def test_images_are_there_in_all_episodes_or_in_none(tmp_path):
     for images in (True, False):
-        with SessionRecorder(tmp_path / "s.h5", task=HANGER, cloth="towel", keep_images=images) as recorder:
-            recorder.keep(make_episode(images=True))
+        with SessionRecorder(tmp_path / "s.h5", robot=HANGER, cloth="towel", save_images=images) as recorder:
+            recorder.save(make_episode(images=True))
     with open_session(tmp_path / "s.h5") as session:
         with pytest.raises(DataError, match="demo_1 has no images"):
             export_lerobot(session, tmp_path / "lr")
         export_lerobot(session, tmp_path / "lr", images=False)
 
 
-def test_a_folder_of_something_else_is_left_alone_and_an_old_export_replaced(session_of, make_episode, tmp_path):
+def test_a_folder_of_something_else_is_left_alone_and_an_old_export_replaced(tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "letter.txt").write_text("precious")
-    with session_of([make_episode(seed=i) for i in range(2)]) as session:
-        with pytest.raises(DataError, match="something else"):
+    with open_session(write_session(tmp_path / "s.h5", [make_episode(seed=i) for i in range(2)])) as session:
+        with pytest.raises(DataError, match="not a LeRobot data set"):
             export_lerobot(session, tmp_path / "home")
         export_lerobot(session, tmp_path / "lr")
         export_lerobot(session, tmp_path / "lr", names=("demo_1",))
@@ -266,8 +255,8 @@ def test_a_folder_of_something_else_is_left_alone_and_an_old_export_replaced(ses
     assert sorted(p.name for p in tmp_path.iterdir()) == ["home", "lr", "s.h5"]
 
 
-def test_an_export_that_fails_leaves_the_old_one(session_of, make_episode, tmp_path, monkeypatch):
-    with session_of([make_episode()]) as session:
+def test_an_export_that_fails_leaves_the_old_one(tmp_path, monkeypatch):
+    with open_session(write_session(tmp_path / "s.h5", [make_episode()])) as session:
         export_lerobot(session, tmp_path / "lr")
         before = (tmp_path / "lr/meta/info.json").read_bytes()
         monkeypatch.setattr(
@@ -279,11 +268,14 @@ def test_an_export_that_fails_leaves_the_old_one(session_of, make_episode, tmp_p
     assert sorted(p.name for p in tmp_path.iterdir()) == ["lr", "s.h5"]
 
 
-def test_a_missing_package_is_one_sentence(session_of, make_episode, tmp_path, monkeypatch):
+def test_a_missing_package_is_one_sentence(tmp_path, monkeypatch):
     def missing(name):
         raise ImportError(name)
 
     monkeypatch.setattr(optional_imports.importlib, "import_module", missing)
-    with session_of([make_episode()]) as session, pytest.raises(DataError, match=r"pyarrow.*pip install 'layflat\[ex"):
+    with (
+        open_session(write_session(tmp_path / "s.h5", [make_episode()])) as session,
+        pytest.raises(DataError, match=r"pyarrow.*pip install 'layflat\[ex"),
+    ):
         export_lerobot(session, tmp_path / "lr")
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]

@@ -20,20 +20,20 @@ from layflat.data.format.schema import SCHEMA_VERSION
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.types import DESCRIPTORS
 from layflat.perception.descriptors import registry
-from layflat.tests.factories import HANGER
+from layflat.tests.factories import HANGER, differences, make_episode, write_session
 
 
 @pytest.fixture
-def made(make_episode):
+def made():
     return [make_episode(n_steps=2 + i, seed=i, images=i < 2, with_std=True) for i in range(6)]
 
 
 @pytest.fixture
-def path(make_session, made):
-    return make_session("s.h5", made)
+def path(made, tmp_path):
+    return write_session(tmp_path / "s.h5", made)
 
 
-def test_it_is_a_sequence_that_reads_what_is_asked_for(path, made, differences):
+def test_it_is_a_sequence_that_reads_what_is_asked_for(path, made):
     with open_session(path) as session:
         assert len(session) == len(made)
         for which in (0, 5, -1, -6):
@@ -83,7 +83,7 @@ def test_rows_of_one_episode_and_keys_that_are_none(path, made):
         with pytest.raises(DataError, match="'obs/x' is no data set"):
             session.array("demo_3", "obs/x")
         with pytest.raises(DataError, match="has no row per step"):
-            session.arrays(["truth/final_state"])
+            session.arrays(["ground_truth/final_state"])
         assert session.arrays(["action_m"], []).keys() == {"episode", "step"}
 
 
@@ -111,21 +111,21 @@ def _fewer(f):
 
 
 def _wrong_row(f):
-    text = bytes(f["index"][()]).replace(b'"steps":4', b'"steps":"4"')
+    text = bytes(f["index"][()]).replace(b'"n_steps":4', b'"n_steps":"4"')
     del f["index"]
     f["index"] = np.frombuffer(text, np.uint8)
 
 
 @pytest.mark.parametrize("change", [_without_index, _fewer, _wrong_row])
-def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, differences, change, make_episode):
+def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, change):
     with h5py.File(path, "r+") as f:
         change(f)
     wanted = [e for i, e in enumerate(made) if change is not _fewer or i != 3]
     with open_session(path) as session:
         assert not session.indexed
         assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[]] * len(wanted)
-    with SessionRecorder(path, robot=HANGER, cloth="towel", keep_images=True) as recorder:
-        recorder.keep(make_episode(seed=77))
+    with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
+        recorder.save(make_episode(seed=77))
     with open_session(path) as session:
         assert session.indexed
         assert len(session) == len(wanted) + 1
@@ -178,14 +178,14 @@ def test_statistics_are_those_of_all_rows_together(path, made):
     for key in ("action_m", "obs/contact_portion"):
         column = stats.columns[key]
         assert column.count == stats.n_steps
-        np.testing.assert_array_equal(column.minimum, rows[key].min(axis=0))
-        np.testing.assert_array_equal(column.maximum, rows[key].max(axis=0))
+        np.testing.assert_array_equal(column.min, rows[key].min(axis=0))
+        np.testing.assert_array_equal(column.max, rows[key].max(axis=0))
         np.testing.assert_allclose(column.mean, rows[key].mean(axis=0), rtol=1e-12)
         np.testing.assert_allclose(column.std, rows[key].std(axis=0), rtol=1e-9)
     assert not any("rgb" in key or "next_obs" in key for key in stats.columns)
 
 
-def test_memory_stays_flat_while_iterating(tmp_path, make_episode):
+def test_memory_stays_flat_while_iterating(tmp_path):
     episode = make_episode(n_steps=8, nodes=400)
     path = tmp_path / "s.h5"
     with h5py.File(path, "x", libver=LIBVER) as file:
@@ -204,7 +204,7 @@ def test_memory_stays_flat_while_iterating(tmp_path, make_episode):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody who may not write")
-def test_a_folder_that_may_only_be_read(path, made, differences):
+def test_a_folder_that_may_only_be_read(path, made):
     """As nobody: reading works and leaves nothing; recording and repair are refused at once, in one sentence."""
     folder = Path(tempfile.mkdtemp(dir="/tmp"))
     try:
@@ -213,14 +213,14 @@ def test_a_folder_that_may_only_be_read(path, made, differences):
         (folder / "s.h5").chmod(0o444)
         status = os.fork()
         if status == 0:
-            os._exit(_as_nobody(folder / "s.h5", made, differences))
+            os._exit(_as_nobody(folder / "s.h5", made))
         assert os.waitstatus_to_exitcode(os.waitpid(status, 0)[1]) == 0
         assert [p.name for p in folder.iterdir()] == ["s.h5"]
     finally:
         shutil.rmtree(folder)
 
 
-def _as_nobody(path, made, differences) -> int:
+def _as_nobody(path, made) -> int:
     """How many of the expectations failed; runs in a child."""
     os.setgid(65534)
     os.setuid(65534)

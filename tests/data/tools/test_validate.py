@@ -15,14 +15,17 @@ import pytest
 from layflat.data import open_session, repair, validate
 from layflat.data.atomic_files import PART_SUFFIX
 from layflat.data.errors import DataError
-from layflat.data.format.opening import parts_folder
-from layflat.data.tools.sandbox import CallOutcome, isolated
+from layflat.data.session.parts import parts_folder
+from layflat.data.tools.sandbox import CallError, call_in_sandbox
 from layflat.data.tools.validate import violations
+from layflat.tests.factories import differences, make_episode, write_session
 
 
 @pytest.fixture
-def path(make_session, make_episode):
-    return make_session("s.h5", [make_episode(n_steps=3, seed=seed, nodes=4, images=True) for seed in range(2)])
+def path(tmp_path):
+    return write_session(
+        tmp_path / "s.h5", [make_episode(n_steps=3, seed=seed, nodes=4, images=True) for seed in range(2)]
+    )
 
 
 def _everything(path, target):
@@ -49,13 +52,13 @@ def test_a_sound_session_has_no_violation(path):
     assert validate(path) == ()
 
 
-def test_cut_short_at_every_page(path, tmp_path, differences):
+def test_cut_short_at_every_page(path, tmp_path):
     """What comes back, if anything does, is as it was."""
     whole, cut, mended = path.read_bytes(), tmp_path / "cut.h5", tmp_path / "mended.h5"
     ground_truth = {episode.seed: episode for episode in _read(path)}
     for length in range(0, len(whole), 4096):
         cut.write_bytes(whole[:length])
-        found = isolated(lambda: _everything(cut, mended), limit_s=60, memory_bytes=1 << 30)
+        found = call_in_sandbox(lambda: _everything(cut, mended), limit_s=60, memory_bytes=1 << 30)
         assert found["check"]
         assert isinstance(found["read"], str)
         if not isinstance(found["repair"], str):
@@ -64,15 +67,15 @@ def test_cut_short_at_every_page(path, tmp_path, differences):
 
 
 @pytest.mark.parametrize(("missing", "least"), [(1, 6), (64, 6), (600, 1)])
-def test_a_file_without_its_last_bytes_is_repaired(make_session, make_episode, differences, missing, least):
+def test_a_file_without_its_last_bytes_is_repaired(missing, least, tmp_path):
     ground_truth = [make_episode(n_steps=4, seed=seed) for seed in range(6)]
-    path = make_session("long.h5", ground_truth)
+    path = write_session(tmp_path / "long.h5", ground_truth)
     path.write_bytes(path.read_bytes()[:-missing])
     with pytest.raises(DataError):
         open_session(path)
     report = repair(path)
-    assert len(report.kept) >= least
-    assert (len(report.kept) < 6) == bool(report.lost)
+    assert len(report.intact) >= least
+    assert (len(report.intact) < 6) == bool(report.lost)
     assert validate(path) == ()
     assert all(differences(episode, ground_truth[episode.seed]) == [] for episode in _read(path))
 
@@ -86,10 +89,10 @@ def _flip(rng, whole):
 @pytest.mark.parametrize(
     ("batches", "per_batch"), [(2, 60), pytest.param(20, 100, marks=pytest.mark.slow)], ids=["few", "many"]
 )
-def test_wrong_bits(make_session, make_episode, tmp_path, differences, batches, per_batch):
+def test_wrong_bits(tmp_path, batches, per_batch):
     """In batches that share a process, for speed; one that crashes or hangs would fail its whole batch."""
     ground_truth = make_episode(n_steps=2, nodes=4, images=True)
-    whole, flipped = make_session("one.h5", [ground_truth]).read_bytes(), tmp_path / "flipped.h5"
+    whole, flipped = write_session(tmp_path / "one.h5", [ground_truth]).read_bytes(), tmp_path / "flipped.h5"
 
     def batch(rng):
         results = []
@@ -107,7 +110,7 @@ def test_wrong_bits(make_session, make_episode, tmp_path, differences, batches, 
     noticed = 0
     for seed in range(batches):
         work = functools.partial(batch, random.Random(seed))
-        for result, count in isolated(work, limit_s=100, memory_bytes=1 << 30):
+        for result, count in call_in_sandbox(work, limit_s=100, memory_bytes=1 << 30):
             assert (count and "\n" not in result) if isinstance(result, str) else result == [[]]
             noticed += count > 0
     assert noticed > batches * per_batch / 2, "only what HDF5 leaves unused may go unnoticed"
@@ -184,7 +187,7 @@ def test_what_is_wrong_is_said_with_its_place(path, tmp_path, monkeypatch, chang
     found = validate(path)
     assert time.monotonic() - began < 20
     assert any(where in violation.path for violation in found), found
-    assert all("\n" not in violation.sentence for violation in found)
+    assert all("\n" not in violation.message for violation in found)
 
 
 def test_all_that_is_wrong_is_said_at_once(path):
@@ -209,7 +212,7 @@ def test_missing_folder_foreign_and_newer(tmp_path):
         f["x"] = np.arange(3)
     for name, words in (("none.h5", "does not exist"), ("", "is not a file"), ("foreign.h5", "another program")):
         (violation,) = validate(tmp_path / name)
-        assert words in violation.sentence
+        assert words in violation.message
 
 
 def test_episodes_that_wait_beside_the_file_are_checked_too(path):
@@ -233,7 +236,7 @@ def test_a_crash_a_hang_and_a_glutton_are_held_off():
         (lambda: 1 / 0, "division by zero"),
     ):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        with pytest.raises(CallOutcome, match=words):
-            isolated(work, limit_s=1, memory_bytes=1 << 28)
+        with pytest.raises(CallError, match=words):
+            call_in_sandbox(work, limit_s=1, memory_bytes=1 << 28)
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
-    assert isolated(lambda: [1, 2], limit_s=10, memory_bytes=1 << 28) == [1, 2]
+    assert call_in_sandbox(lambda: [1, 2], limit_s=10, memory_bytes=1 << 28) == [1, 2]
