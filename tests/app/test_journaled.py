@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from layflat.data import open_session, validate
-from layflat.data.session.parts import journals, parts_folder
 from layflat.data.session.journal_reader import read_journal
+from layflat.data.session.parts import journals, parts_folder
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.rollout import rollout
 from layflat.policy.scripted.baselines import ZeroPolicy
