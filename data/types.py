@@ -239,6 +239,16 @@ class Episode:
                     f"step {step_index}: action has shape {step.action.shape}; robot {self.robot} needs ({size},)"
                 )
 
+    @property
+    def contact_final(self) -> float:
+        """Camera's contact portion after the last step, at most 1."""
+        return min(1.0, self.final_observation.contact_portion)
+
+    @property
+    def flat_area_final(self) -> float | None:
+        """Signed flat area of the mesh after the last step; None where there is no ground truth."""
+        return None if self.final_ground_truth is None else self.final_ground_truth.flat_area
+
     def observations(self) -> tuple[Observation, ...]:
         """Observations at the start of each step and the one after the last: len(steps) + 1."""
         return (*(step.observation for step in self.steps), self.final_observation)

@@ -2,8 +2,8 @@
 
 Seed 4100: both robots, two cloths, the scripted demonstrator and gp-finish+recovery+steady (five demonstrations, seeds
 1000-1004) through the suite ``thesis``. On a machine like the one that recorded them nodes, actions and percepts are
-equal to the bit. On another processor numpy's and OpenCV's last bits differ and a cloth amplifies them: there they agree within
-1e-9 until the cloth first touches the table, and in how the episode ends.
+equal to the bit. On another processor numpy's and OpenCV's last bits differ, and a cloth amplifies them: there they
+agree within 1e-9 until the cloth first touches the table, and in how the episode ends.
 """
 
 from __future__ import annotations
