@@ -22,7 +22,7 @@ from layflat.policy.base import PolicyError
 from layflat.policy.gp import init, sparse
 from layflat.policy.gp.kernel import Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
-from layflat.policy.trained_model import STOP_STEPS, STOP_THRESHOLD_M, Progress
+from layflat.policy.trained_model import Progress
 from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, TrainingSet
 
 LENGTH_SCALE_BOUNDS = (0.1, 5.0)
@@ -57,10 +57,6 @@ class FitOptions:
     """Number of steps above which the sparse form is used."""
     inducing_points: int = INDUCING_POINTS
     """Number of points of the sparse form."""
-    stop_threshold_m: float = STOP_THRESHOLD_M
-    """Norm of the output below which the policy stops, m per step."""
-    stop_steps: int = STOP_STEPS
-    """Number of steps for which the output must be that small."""
     intervention_weight: int = 1
     """Weight of the steps in which a person corrected a policy: with 4 each counts as if it was shown four times."""
 
@@ -114,8 +110,6 @@ def fit(
         inner=inner,
         output_scale_m=OUTPUT_SCALE_M,
         hyper=hyper,
-        stop_threshold_m=options.stop_threshold_m,
-        stop_steps=options.stop_steps,
         heldout_rmse_m=None if single else tuple(OUTPUT_SCALE_M * np.sqrt((errors**2).mean(axis=0))),
     )
 

@@ -1,17 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.data.types import Observation
 from layflat.policy.base import PolicyError
 from layflat.policy.features import INPUT_SETS, FeatureLayout, columns_of, input_set
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 from layflat.tests.policy.factories import episode_of, observe
-
-finite = st.floats(-1, 1)
 
 
 @pytest.mark.parametrize(
@@ -31,14 +30,8 @@ def test_hanger_layout_is_x_z_word_contact():
 
 def test_pickers_layout_begins_with_the_corners():
     corners = np.arange(6.0).reshape(2, 3) / 10
-    observation = Observation(
-        time_s=0.0,
-        corner_positions=corners,
-        holder_position=corners.mean(axis=0),
-        word=np.array([0.6, 0.8]),
-        word_strength=1.0,
-        contact_portion=0.25,
-    )
+    seen = observe(contact=0.25, word=(0.6, 0.8))
+    observation = replace(seen, corner_positions=corners, holder_position=corners.mean(axis=0))
     vector = input_set(PICKERS, "all").vector(observation)
     np.testing.assert_array_equal(vector, [*corners.ravel(), 0.6, 0.8, 0.25])
 

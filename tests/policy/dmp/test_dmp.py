@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from layflat.policy import registry
 from layflat.policy.base import PolicyError, continue_after_disturbance
-from layflat.policy.dmp import fit as dmp
 from layflat.policy.dmp.model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, basis, path
 from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
 from layflat.policy.stopping import AnyOf
-from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 from layflat.tests.policy.factories import episode_of, observe
 
@@ -83,7 +82,7 @@ def rolled_out(model: DmpModel, start, n_steps: int) -> np.ndarray:
 
 def test_reproduces_its_demonstration():
     episode, way = demonstration()
-    model = dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
+    model = registry.train("dmp", [episode])
     assert model.duration_s == pytest.approx(0.1 * STEPS)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), way[0], STEPS)
     assert len(got) == len(way)
@@ -92,7 +91,7 @@ def test_reproduces_its_demonstration():
 
 def test_from_another_start_it_ends_at_the_mean_of_the_ends():
     taught = [demonstration(x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
-    model = dmp.fit(build_training_set(taught, input_set(HANGER, "position")), policy="dmp")
+    model = registry.train("dmp", taught)
     np.testing.assert_allclose(model.goal, [0.42, 0.0], atol=1e-9)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), (-0.1, 0.45), 3 * STEPS)
     np.testing.assert_allclose(got[-1], [0.42, 0.0], atol=1e-4)
@@ -102,13 +101,13 @@ def test_from_another_start_it_ends_at_the_mean_of_the_ends():
 
 def test_demonstrations_of_different_length_are_one_way():
     slow, fast = (demonstration(n_steps=n)[0] for n in (100, 60))
-    model = dmp.fit(build_training_set([slow, fast], input_set(HANGER, "position")), policy="dmp")
+    model = registry.train("dmp", [slow, fast])
     assert model.duration_s == pytest.approx(8.0)
 
 
 def test_what_the_limit_cuts_off_is_made_up_for():
     episode, way = demonstration()
-    model = dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
+    model = registry.train("dmp", [episode])
     slow = replace(model, action_limit_m=0.006, stop_threshold_m=1e-9)
     got = rolled_out(slow, way[0], 2 * STEPS)
     assert np.abs(np.diff(got, axis=0)).max() <= 0.006 + 1e-12
@@ -118,9 +117,7 @@ def test_what_the_limit_cuts_off_is_made_up_for():
 def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it():
     """A trajectory knows nothing of the cloth: after a disturbance it stays where it is."""
     episode, way = demonstration()
-    policy = DmpPolicy(
-        dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp"), guard=AnyOf()
-    )
+    policy = DmpPolicy(registry.train("dmp", [episode]), guard=AnyOf())
     policy.reset(0)
     decisions = [policy.act(observe(*way[-1])) for _ in range(2 * STEPS)]
     assert next(d.stop for d in decisions if d.stop) == "threshold"
@@ -140,7 +137,7 @@ def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it():
     ],
 )
 def test_a_primitive_that_makes_no_sense_is_refused(changes, message):
-    model = dmp.fit(build_training_set([demonstration()[0]], input_set(HANGER, "position")), policy="dmp")
+    model = registry.train("dmp", [demonstration()[0]])
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)
 
@@ -149,4 +146,4 @@ def test_a_demonstration_without_placing_is_refused():
     seen = [observe() for _ in range(12)]
     episode = episode_of(seen, np.zeros((12, 2)), phases=["place"] + ["repair"] * 11)
     with pytest.raises(PolicyError, match="seed 0 holds 1 steps of placing"):
-        dmp.fit(build_training_set([episode], input_set(HANGER, "position")), policy="dmp")
+        registry.train("dmp", [episode])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gmr import fit
 from layflat.policy.gmr.model import GmrModel
-from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 from layflat.tests.policy.factories import episode_of, observe
 
@@ -126,7 +126,7 @@ def test_two_ways_of_acting_need_two_components():
     heights = np.concatenate([rng.uniform(0.3, 0.4, 60), rng.uniform(0.0, 0.1, 60)])
     seen = [observe(rng.uniform(0, 0.1), z) for z in heights]
     moves = np.where(heights[:, None] > 0.2, [0.008, 0.0], [0.0, -0.008]) + rng.normal(0, 2e-4, (120, 2))
-    model = fit.fit(build_training_set([episode_of(seen, moves)], input_set(HANGER, "position")), policy="gmr")
+    model = fit_with(fit.fit, [episode_of(seen, moves)], "position", policy="gmr")
     assert model.n_points >= 2
     high, low = model.predict([[0.05, 0.35], [0.05, 0.05]])[0]
     np.testing.assert_allclose([high, low], [[0.008, 0.0], [0.0, -0.008]], atol=5e-4)
@@ -137,9 +137,7 @@ def test_same_seed_same_model():
     rng = np.random.default_rng(6)
     seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
     episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))
-    first, again = (
-        fit.fit(build_training_set([episode], input_set(HANGER, "all")), policy="gmr", seed=3) for _ in range(2)
-    )
+    first, again = (registry.train("gmr", [episode], seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.covariances, again.covariances)
 
 

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from layflat.policy.base import Policy
-from layflat.policy.features import input_set
 from layflat.policy.gp import finishing_policy, fit
 from layflat.policy.gp.finishing_policy import FinishingPolicy
 from layflat.policy.model_policy import ModelPolicy
 from layflat.policy.stopping import AnyOf
-from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
-from layflat.tests.policy.factories import episode_of, gp_model, observe
+from layflat.tests.policy.factories import episode_of, fit_with, gp_model, observe
 
 GOAL = np.array([0.4, 0.02])
 STARTS = 20
@@ -43,7 +41,7 @@ def model():
             moves.append(towards(place) + rng.normal(0, 2e-4, 2))
             place = place + moves[-1]
         episodes.append(episode_of(seen, np.array(moves), seed=seed))
-    return fit.fit(build_training_set(episodes, input_set(HANGER, "position")), policy="gp-finish")
+    return fit_with(fit.fit, episodes, "position", policy="gp-finish")
 
 
 def starts(model, distance: float) -> np.ndarray:

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.policy import model_io as model_file
+from layflat.policy import model_io
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gp import fit, sparse
 from layflat.policy.gp.kernel import Hyperparameters, weights
 from layflat.policy.gp.model import GpModel
-from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
-from layflat.tests.policy.factories import episode_of, observe
+from layflat.tests.policy.factories import episode_of, fit_with, observe
 
 NOISE_STD = 0.05
 
@@ -114,7 +113,7 @@ def test_held_out_errors_are_those_of_models_trained_without_the_group():
 
 
 @pytest.fixture(scope="module")
-def long_lesson():
+def long_demonstrations():
     """More than 2,000 steps: drags whose speed depends on x and on contact."""
     rng, episodes = np.random.default_rng(0), []
     for seed in range(3):
@@ -125,20 +124,20 @@ def long_lesson():
     return episodes
 
 
-def test_beyond_two_thousand_steps_training_switches_by_itself(long_lesson, tmp_path):
+def test_beyond_two_thousand_steps_training_switches_by_itself(long_demonstrations, tmp_path):
     options = fit.FitOptions(inducing_points=40)
-    model = fit.fit(build_training_set(long_lesson, input_set(HANGER, "all")), policy="gp-word", options=options)
+    model = fit_with(fit.fit, long_demonstrations, options=options)
     assert fit.MAX_POINTS == 2000 < model.points_available == 2100
     assert model.n_points == 40
     assert "sparse" in model.point_name
     assert model.heldout_rmse_m is not None
     assert model.heldout_rmse_m[0] < 4e-4  # the noise of the demonstrator is 3e-4
-    model_file.save(model, tmp_path / "m.npz")
-    again = model_file.load(tmp_path / "m.npz")
+    model_io.save(model, tmp_path / "m.npz")
+    again = model_io.load(tmp_path / "m.npz")
     assert isinstance(again, GpModel)
     for ours, theirs in zip(model.predict(model.inputs), again.predict(model.inputs), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    few = fit.fit(build_training_set(long_lesson[:1], input_set(HANGER, "all")), policy="gp-word")
+    few = fit_with(fit.fit, long_demonstrations[:1])
     assert few.inner is None
     assert few.n_points == 700
 

@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
 
+from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.nearest import model as nearest_model
-from layflat.policy.training_set import build_training_set
 from layflat.tests.factories import HANGER
 from layflat.tests.policy.factories import episode_of, observe
 
+LAYOUT = input_set(HANGER, "all")
+
 
 @pytest.fixture
-def taught():
+def episodes():
     rng = np.random.default_rng(0)
 
     def episode(seed: int):
@@ -25,36 +27,31 @@ def taught():
     return [episode(seed) for seed in range(3)]
 
 
-def test_is_scikit_learns_nearest_neighbour(taught):
-    layout = input_set(HANGER, "all")
-    model = nearest_model.fit(build_training_set(taught, layout), policy="nearest")
-    inputs = np.concatenate([layout.matrix(e.steps) for e in taught]) / layout.scales()
-    actions = np.array([step.action for e in taught for step in e.steps])
+def test_is_scikit_learns_nearest_neighbour(episodes):
+    model = registry.train("nearest", episodes)
+    inputs = np.concatenate([LAYOUT.matrix(e.steps) for e in episodes]) / LAYOUT.scales()
+    actions = np.array([step.action for e in episodes for step in e.steps])
     queries = np.random.default_rng(1).uniform(-0.2, 0.6, (50, 5))
     mean, std = model.predict(queries)
     oracle = KNeighborsRegressor(1).fit(inputs, actions)
-    np.testing.assert_array_equal(mean, oracle.predict(queries / layout.scales()))
+    np.testing.assert_array_equal(mean, oracle.predict(queries / LAYOUT.scales()))
     assert (std >= nearest_model.MIN_STD_M).all()
 
 
-def test_a_demonstrated_step_is_answered_with_its_action(taught):
-    layout = input_set(HANGER, "all")
-    model = nearest_model.fit(build_training_set(taught, layout), policy="nearest")
-    for step in taught[1].steps:
-        np.testing.assert_array_equal(model.predict([layout.vector(step.observation)])[0][0], step.action)
+def test_a_demonstrated_step_gives_its_own_action(episodes):
+    model = registry.train("nearest", episodes)
+    for step in episodes[1].steps:
+        np.testing.assert_array_equal(model.predict([LAYOUT.vector(step.observation)])[0][0], step.action)
 
 
-def test_held_out_error_is_that_of_the_others_steps(taught):
-    layout = input_set(HANGER, "all")
+def test_held_out_error_is_that_of_the_others_steps(episodes):
     errors = []
-    for k, episode in enumerate(taught):
-        rest = nearest_model.fit(
-            build_training_set([e for e in taught if e is not taught[k]], layout), policy="nearest"
-        )
-        errors.append(np.array([s.action for s in episode.steps]) - rest.predict(layout.matrix(episode.steps))[0])
-    model = nearest_model.fit(build_training_set(taught, layout), policy="nearest")
+    for k, episode in enumerate(episodes):
+        rest = registry.train("nearest", [e for e in episodes if e is not episodes[k]])
+        errors.append(np.array([s.action for s in episode.steps]) - rest.predict(LAYOUT.matrix(episode.steps))[0])
+    model = registry.train("nearest", episodes)
     np.testing.assert_allclose(model.heldout_rmse_m, np.sqrt((np.concatenate(errors) ** 2).mean(axis=0)))
-    assert nearest_model.fit(build_training_set(taught[:1], layout), policy="nearest").heldout_rmse_m is None
+    assert registry.train("nearest", episodes[:1]).heldout_rmse_m is None
 
 
 @pytest.mark.parametrize(
@@ -65,7 +62,7 @@ def test_held_out_error_is_that_of_the_others_steps(taught):
         ({"inputs": np.zeros((0, 5)), "actions": np.zeros((0, 2))}, "at least one point"),
     ],
 )
-def test_a_model_that_makes_no_sense_is_refused(taught, changes, message):
-    model = nearest_model.fit(build_training_set(taught, input_set(HANGER, "all")), policy="nearest")
+def test_a_model_that_makes_no_sense_is_refused(episodes, changes, message):
+    model = registry.train("nearest", episodes)
     with pytest.raises(PolicyError, match=message):
         replace(model, **changes)
