@@ -12,7 +12,7 @@ from layflat.policy.features import input_set
 from layflat.policy.gmr import fit
 from layflat.policy.gmr.model import GmrModel
 from layflat.tests.factories import HANGER
-from layflat.tests.policy.factories import episode_of, observe
+from layflat.tests.policy.factories import episode_of, fit_with, observe
 
 SCALE_M = 0.01
 
