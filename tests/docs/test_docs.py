@@ -95,6 +95,15 @@ def test_the_page_of_the_command_line_is_complete() -> None:
                 assert option in sections[name], f"{name} {option}"
 
 
+def test_the_page_of_the_session_file_lists_every_data_set() -> None:
+    schema = pytest.importorskip("layflat.data.format.schema")
+    if schema.SCHEMA_VERSION != 1:
+        pytest.skip("the schema of the redesign is not there yet")
+    text = (ROOT / "docs/reference/session-file.md").read_text(encoding="utf-8").split("## Attributes")[0]
+    listed = set(re.findall(r"^\| `([^`]+)` \| \(", text, re.M))
+    assert listed == {re.sub(r"^(next_)?obs/", "", key) for key in schema.FIELDS}
+
+
 @PENDING
 def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
