@@ -9,9 +9,11 @@ from typing import Protocol, TypeAlias
 
 from layflat.app.workers.work_item import DisturbanceCase, WorkItem
 from layflat.data.types import Episode, StoppedBy
+from layflat.policy.environment import Environment
 from layflat.policy.rollout import run_disturbances, run_until_stop
 from layflat.policy.runner import EpisodeRunner, StepCallback
 from layflat.policy.schedule import DisturbanceScheduler
+from layflat.sim.config import SimConfig
 from layflat.sim.simulation import ClothSimulation
 
 
@@ -32,8 +34,14 @@ EpisodeFactory: TypeAlias = Callable[[WorkItem, Callable[[Episode], StepCallback
 class SimulatedEpisode:
     """An episode in a simulation that ends with its process, which must not have stepped a simulation before."""
 
-    def __init__(self, item: WorkItem, on_start: Callable[[Episode], StepCallback] | None = None) -> None:
-        env = ClothSimulation(item.config)
+    def __init__(
+        self,
+        item: WorkItem,
+        on_start: Callable[[Episode], StepCallback] | None = None,
+        *,
+        make_env: Callable[[SimConfig], Environment] = ClothSimulation,
+    ) -> None:
+        env = make_env(item.config)
         env.reset(item.seed)
         started_s = time.monotonic()
         names = {case.name for case in item.cases}
