@@ -15,7 +15,7 @@ from layflat.app.workers.simulated_episode import SimulatedEpisode
 from layflat.data import SessionRecorder, open_session, validate
 from layflat.data.arrays import FloatArray
 from layflat.data.environment_spec import EnvironmentSpec
-from layflat.data.session.episode_writer import EpisodeWriter
+from layflat.data.session.recorder import EpisodeWriter
 from layflat.data.types import Episode, Observation
 from layflat.policy.base import Decision
 from layflat.policy.environment import Environment
