@@ -137,4 +137,6 @@ def _write_frames(path: Path, results: EvaluationResults, robot: str) -> None:
     placing, repair = placing_steps(episode), disturbance_steps(episode)
     steps = [[placing[k] for k in PLACING_FRAMES], [repair[k] for k in REPAIR_FRAMES] if repair else []]
     with EpisodeRenderer() as renderer:
-        write_png(path, contact_sheet([renderer.frame_strip(episode, row, FRAME_WIDTH) for row in steps if row]))
+        strips = [strip for row in steps if (strip := renderer.frame_strip(episode, row, FRAME_WIDTH))]
+    if strips:
+        write_png(path, contact_sheet(strips))

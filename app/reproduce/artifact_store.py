@@ -13,6 +13,7 @@ from layflat.app.support.progress import Progress
 from layflat.app.workers.process import process_pool
 from layflat.app.workers.run_items import demonstrations, record_all
 from layflat.data.provenance import capture_provenance
+from layflat.data.format.opening import part_files
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
@@ -48,7 +49,7 @@ class ArtifactStore:
     def attempts(self, robot: str, cloth: str) -> list[Episode]:
         """Return every recorded demonstration by seed, failures too; without images."""
         path = self.session_path(robot, cloth)
-        if not (path.exists() or path.with_name(path.name + ".parts").exists()):
+        if not (path.exists() or part_files(path)):  # after a crash there may be journals alone
             return []
         with open_session(path) as session:
             return sorted(session.episodes(images=False), key=lambda episode: episode.seed)

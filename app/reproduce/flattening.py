@@ -33,8 +33,8 @@ HEADER = (
 )  # fmt: skip
 NOTE = (
     "The thesis's contact at the start is stated once, for all (74 % of the particles, 74.34 % in Figure 3-6). Ours "
-    "begin from the crumpled starts of docs/flatten.md, other ones for every seed; a controller's episode ends at 99 % "
-    "for six steps, at the end of the view, or after 60 steps."
+    "begin from the crumpled starts of docs/explanation/results/wrinkle-removal.md, other ones for every seed; a "
+    "controller's episode ends at 99 % for six steps, at the end of the view, or after 60 steps."
 )
 WORD, RIGHT, RANDOM = CONTROLLERS
 

@@ -84,5 +84,5 @@ def disturbance_outcomes(episode: Episode) -> tuple[DisturbanceOutcome, ...]:
         DisturbanceOutcome(
             name=name, before=float(contact[first]), disturbed=float(contact[end]), final=float(contact[final])
         )
-        for name, (first, end), final in zip(names, spans, finals, strict=True)
+        for name, (first, end), final in zip(names, spans, finals, strict=False)
     )
