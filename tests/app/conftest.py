@@ -79,12 +79,12 @@ def _fake_episode(
     def step(step_index: int) -> Step:
         here, after = observation(step_index), observation(step_index + 1)
         move = np.vstack([after.corner_positions - here.corner_positions])
-        action = move[0, [0, 2]] if robot == "hanger" else move.ravel()
+        action = robot_spec(robot).pack(move[0] if robot_spec(robot).n_points == 1 else move)
         phase = "place" if step_index < PLACE else "disturb" if step_index < PLACE + DISTURB else "repair"
         return Step(observation=here, ground_truth=ground_truth(step_index), action=action, phase=phase)
 
     values: dict[str, Any] = {
-        "robot": robot,
+        "robot": robot_spec(robot),
         "cloth": "towel",
         "seed": seed,
         "source": source,
@@ -111,7 +111,7 @@ class NearestModel:
         distance = np.linalg.norm(np.asarray(inputs)[:, None] - self._inputs[None], axis=2)
         near = distance.argmin(axis=1)
         fade = np.exp(-((distance.min(axis=1) / 0.1) ** 2))[:, None]
-        outputs = len(robot_spec(self.layout.robot).action_names)
+        outputs = self.layout.robot.size
         return fade * self._actions[near], np.repeat(0.001 + 0.008 * (1 - fade), outputs, axis=1)
 
 
@@ -122,7 +122,7 @@ def make_episode() -> EpisodeMaker:
 
 @pytest.fixture(scope="session")
 def make_model() -> Callable[[str, str, list[Episode]], NearestModel]:
-    return lambda robot, inputs, episodes: NearestModel(input_set(robot, inputs), episodes)
+    return lambda robot, inputs, episodes: NearestModel(input_set(robot_spec(robot), inputs), episodes)
 
 
 @pytest.fixture(scope="session")
