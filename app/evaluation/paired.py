@@ -10,7 +10,7 @@ import pandas as pd
 from layflat.app.support.statistics import SampleStatistics, describe
 from layflat.data.arrays import FloatArray
 
-CONDITION = ("robot", "cloth", "disturbance")
+CONDITION = ("robot", "task", "cloth", "physics", "disturbance")
 """Columns within which policies are compared."""
 PAIR = (*CONDITION, "seed")
 """Columns that two paired episodes share."""

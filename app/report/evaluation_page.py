@@ -33,9 +33,13 @@ from layflat.app.report.thesis_tables import (
 from layflat.app.support.formatting import list_numbers, percent, points, ratio
 from layflat.app.support.phases import disturbance_outcomes
 from layflat.data.types import Episode
+from layflat.sim.physics.registry import DEFAULT_PHYSICS
+from layflat.sim.tasks.registry import DEFAULT_TASK
 
 UNDISTURBED, THESIS = "none", "thesis"
 """Disturbances whose sections can have the thesis's tables."""
+USUAL = {"task": DEFAULT_TASK, "physics": DEFAULT_PHYSICS}
+"""Values that a section's title leaves out."""
 EXAMPLES = ("best", "median", "worst")
 STRIP_FRAMES = 6
 STRIP_WIDTH = 220
@@ -179,7 +183,8 @@ def _section(
 ) -> Section:
     disturbance = condition["disturbance"]
     case = "undisturbed" if disturbance == UNDISTURBED else f"disturbance {disturbance}"
-    title = f"{condition['robot']}, {condition['cloth']}, {case}"
+    unusual = [condition[name] for name, usual in USUAL.items() if condition[name] != usual]
+    title = ", ".join((condition["robot"], condition["cloth"], *unusual, case))
     blocks: list[Block | None] = [TableBlock(table=group_table(rows), note=GROUP_NOTE)]
     if options.thesis_tables:
         blocks.append(_thesis_table(results, rows, disturbance))

@@ -13,7 +13,7 @@ from layflat.app.support.progress import Progress
 from layflat.app.workers.process import process_pool
 from layflat.app.workers.run_items import demonstrations, record_all
 from layflat.data.provenance import capture_provenance
-from layflat.data.format.opening import part_files
+from layflat.data.session.parts import part_files
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode

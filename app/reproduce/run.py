@@ -17,7 +17,6 @@ from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
-from layflat.sim.starts.registry import STARTS
 
 CONFIG = "reproduction.json"
 MODEL_S = 40.0
@@ -58,10 +57,10 @@ def reproduce(
 
 
 def trials_of(experiments: Sequence[Experiment], scale: ScaleConfig) -> list[Trial]:
-    """Return every trial that the experiments need and the simulation can begin, once, the most important first."""
+    """Return every trial that the experiments need, once, the most important first."""
     by_priority = sorted(experiments, key=lambda experiment: experiment.priority)
     needed = {trial.name: trial for experiment in by_priority for trial in experiment.plan(scale)}
-    return [trial for trial in needed.values() if trial.start in STARTS and trial.policies]
+    return list(needed.values())
 
 
 def check_config(out: Path, scale: ScaleConfig, seed: int) -> None:

@@ -12,6 +12,7 @@ from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import SMOOTH
 from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.tasks.registry import DEFAULT_TASK
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"
 RULE = "drag-rule"
@@ -88,8 +89,9 @@ class Trial:
     policies: tuple[TrialPolicy, ...]
     cloth: str = TOWEL
     seeds: int
-    task: str = "place"
-    start: str = "hanging"
+    task: str = DEFAULT_TASK
+    start: str | None = None
+    """By default as usual for the task."""
     repeats: int = 0
     """Times that DISTURBANCE comes, each after the policy has stopped; 0: not at all."""
     others: tuple[str, ...] = ()

@@ -12,8 +12,8 @@ from layflat.app.report.comparison_sentences import comparison_sentence, verdict
 
 def _rows(contact_final):
     n = len(contact_final)
-    condition = {"robot": "hanger", "cloth": "towel", "disturbance": "none", "seed": np.arange(n)}
-    return pd.DataFrame(condition).assign(contact_final=contact_final)
+    condition = {"robot": "hanger", "task": "place", "cloth": "towel", "physics": "bullet", "disturbance": "none"}
+    return pd.DataFrame({"seed": np.arange(n)}).assign(**condition, contact_final=contact_final)
 
 
 def test_pairs_are_matched_by_start_in_any_order():

@@ -18,7 +18,9 @@ def _rows(*lines: dict) -> pd.DataFrame:
     usual = {
         "policy": "a",
         "robot": "hanger",
+        "task": "place",
         "cloth": "towel",
+        "physics": "bullet",
         "disturbance": "none",
         "contact_disturbed": math.nan,
         "contact_final": 0.9,

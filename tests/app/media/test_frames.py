@@ -70,8 +70,8 @@ def test_captions_name_what_acts_on_the_cloth(make_episode):
         DisturbanceRecord(name="wind", first_step=5, last_step=8), DisturbanceRecord(name="push", first_step=60)
     ]  # fmt: skip
     steps = list(make_episode().steps)
-    pull = DragTarget(node=1, target_m=[0, 0, 0])
-    steps[20] = replace(steps[20], pull=pull, force_n=[0.0, 0.3, 0.4])
+    drag = DragTarget(node=1, target_m=[0, 0, 0])
+    steps[20] = replace(steps[20], drag=drag, force_n=[0.0, 0.3, 0.4])
     steps[31] = replace(steps[31], intervention=True)
     episode = replace(make_episode(), steps=steps, disturbances=records)
     acting = {k: frames.active_disturbances(episode, k) for k in (4, 5, 9, 20, 31, len(steps))}

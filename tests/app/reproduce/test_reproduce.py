@@ -189,7 +189,8 @@ def _rows(effect: dict[str, float], rng: np.random.Generator) -> pd.DataFrame:
             for disturbance in ("none", "thesis", "tug"):
                 lines.append(
                     {
-                        "policy": policy, "robot": "hanger", "cloth": "towel", "seed": seed, "disturbance": disturbance,
+                        "policy": policy, "robot": "hanger", "task": "place", "cloth": "towel", "physics": "bullet",
+                        "seed": seed, "disturbance": disturbance,
                         "contact_final": of_start, "flat_area_final": of_start, "crashed": False, "unstable": False,
                         "regained_1": gain + rng.normal(0, 0.01) if disturbance == "thesis" else 0.05,
                         "regained_2": 0.05 if disturbance == "thesis" else np.nan,
@@ -222,7 +223,7 @@ def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_ep
     with SessionRecorder(path, robot=robot_spec("hanger"), cloth="towel", descriptor=DEFAULT_DESCRIPTOR) as recorder:
         for seed, outcome in ((1003, "success"), (1000, "success"), (1001, "failure"), (1002, "success")):
             episode = make_episode(source="scripted", seed=seed, disturbed=False, outcome=outcome)
-            recorder.keep(replace(episode, descriptor=DEFAULT_DESCRIPTOR))
+            recorder.save(replace(episode, descriptor=DEFAULT_DESCRIPTOR))
     assert [episode.seed for episode in store.demonstrations("hanger", "towel", 2)] == [1000, 1002]
     spec = studies.ModelSpec(policy="nearest", robot="hanger", cloth="towel", demonstrations=2)
     with Progress({"models": 1.0}) as progress:

@@ -14,7 +14,9 @@ from layflat.data.types import DisturbanceRecord, Observation
 CONTRACT = [
     "policy",
     "robot",
+    "task",
     "cloth",
+    "physics",
     "seed",
     "disturbance",
     "contact_start",
