@@ -11,7 +11,6 @@ import hashlib
 import io
 import json
 import math
-import os
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.atomic_files import atomic_path
+from layflat.data.atomic_files import write_bytes
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
@@ -82,8 +81,7 @@ def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
     members: dict[str, Any] = {"header": np.frombuffer(text, dtype=np.uint8), **arrays}
     np.savez(buffer, **members)
     try:
-        with atomic_path(target, target.with_name(f".{target.name}.{os.getpid()}.tmp")) as temporary:
-            temporary.write_bytes(buffer.getvalue())
+        write_bytes(target, buffer.getvalue())
     except OSError as error:
         raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
 

@@ -36,7 +36,7 @@ NOISE_BOUNDS = (1e-4, 0.25)
 MAX_POINTS = 2000
 """Training costs N^3 and a step N^2; with more steps the sparse form is used, in which both cost N once."""
 INDUCING_POINTS = 300
-"""Of the sparse form; on ten demonstrations (766 steps) its moves are within 1.3 % of the full form's (rms)."""
+"""Points of the sparse form; on ten demonstrations (766 steps) its moves are within 1.3 % of the full form's (rms)."""
 LIKELIHOOD_POINTS = 1000
 """Most steps, evenly subsampled, from which the full form learns its hyperparameters; its points are all steps."""
 START_POINTS = 300

@@ -34,9 +34,9 @@ air, and turns it over: it lands behind the held edge and stays folded (3 of 10 
 LAND_GAIN = 0.3
 LAND_STEP_M = 0.0015
 ASIDE_X_M = (-0.07, 0.08)
-"""Where along x the descent begins, drawn for each demonstration. This spreads few demonstrations over all starts. And
-from a single x everything that follows would happen at the same x, so that a learner could not tell what was done
-because of x from what was done because of contact."""
+"""Range of x in which the descent begins, drawn for each demonstration. This spreads few demonstrations over all
+starts. And from a single x everything that follows would happen at the same x, so that a learner could not tell what
+was done because of x from what was done because of contact."""
 ASIDE_STEP_M = (0.008, 0.004)
 """Sideways and down in one step on the way there."""
 ASIDE_STEPS = 12

@@ -78,6 +78,7 @@ class MotionTakeoverTrigger:
         self._rested = self._rest_steps
 
     def __call__(self) -> ControlRequest | None:
+        """Return the request of this step."""
         if self._moving():
             self._rested = 0
             return "take"

@@ -34,7 +34,7 @@ def test_without_a_force_it_is_the_critically_damped_spring():
     np.testing.assert_allclose(got, want, atol=1e-5 * 0.4)
 
 
-def test_whatever_was_learned_it_ends_at_the_goal():
+def test_any_weights_end_at_the_goal():
     rng = np.random.default_rng(0)
     goal = np.array([0.5, 0.01])
     got = path(np.array([0.1, 0.4]), goal, rng.normal(0, 0.5, (2, 25)), step_u=1 / STEPS, n_steps=4 * STEPS)
@@ -68,7 +68,7 @@ def demonstration(*, x0: float = 0.0, x1: float = 0.45, n_steps: int = STEPS, se
 
 
 def rolled_out(model: DmpModel, start, n_steps: int) -> np.ndarray:
-    """(T + 1, 2) m: a holder that does what it is told."""
+    """(T + 1, 2) m: a holder that follows its commands."""
     policy = DmpPolicy(model, guard=AnyOf())
     policy.reset(0)
     places = [np.array(start, dtype=float)]
@@ -90,8 +90,8 @@ def test_reproduces_its_demonstration():
 
 
 def test_from_another_start_it_ends_at_the_mean_of_the_ends():
-    taught = [demonstration(x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
-    model = registry.train("dmp", taught)
+    episodes = [demonstration(x0=0.02 * k, x1=0.4 + 0.02 * k, seed=k)[0] for k in range(3)]
+    model = registry.train("dmp", episodes)
     np.testing.assert_allclose(model.goal, [0.42, 0.0], atol=1e-9)
     got = rolled_out(replace(model, stop_threshold_m=1e-9), (-0.1, 0.45), 3 * STEPS)
     np.testing.assert_allclose(got[-1], [0.42, 0.0], atol=1e-4)
@@ -99,13 +99,13 @@ def test_from_another_start_it_ends_at_the_mean_of_the_ends():
     assert max(model.heldout_rmse_m) < 0.004
 
 
-def test_demonstrations_of_different_length_are_one_way():
+def test_the_duration_is_the_mean_of_the_demonstrations():
     slow, fast = (demonstration(n_steps=n)[0] for n in (100, 60))
     model = registry.train("dmp", [slow, fast])
     assert model.duration_s == pytest.approx(8.0)
 
 
-def test_what_the_limit_cuts_off_is_made_up_for():
+def test_later_steps_make_up_for_what_the_limit_cuts_off():
     episode, way = demonstration()
     model = registry.train("dmp", [episode])
     slow = replace(model, action_limit_m=0.006, stop_threshold_m=1e-9)
@@ -114,7 +114,7 @@ def test_what_the_limit_cuts_off_is_made_up_for():
     np.testing.assert_allclose(got[-1], way[-1], atol=2e-3)
 
 
-def test_it_stops_at_the_goal_and_a_wrinkle_does_not_wake_it():
+def test_it_stops_at_the_goal_and_stays_there_after_a_disturbance():
     """A trajectory knows nothing of the cloth: after a disturbance it stays where it is."""
     episode, way = demonstration()
     policy = DmpPolicy(registry.train("dmp", [episode]), guard=AnyOf())

@@ -55,7 +55,7 @@ def test_one_component_is_the_gaussian_conditional():
         np.testing.assert_allclose((std / SCALE_M) ** 2, variance, atol=1e-10)
 
 
-def test_separated_components_answer_alone_each_where_it_is():
+def test_far_from_the_others_a_component_predicts_alone():
     rng = np.random.default_rng(1)
     means = rng.normal(size=(2, 7))
     means[1, :5] += 60.0
@@ -91,7 +91,7 @@ def test_density_of_the_output_is_that_of_the_joint_over_that_of_the_input():
     assert std[0] / SCALE_M == pytest.approx(np.sqrt((density * (y - mean) ** 2).sum()), abs=1e-6)
 
 
-def test_far_from_all_components_the_answer_is_finite_and_goes_on_along_a_plane():
+def test_far_from_all_components_the_prediction_is_finite_and_linear():
     rng = np.random.default_rng(3)
     model = model_with([0.5, 0.5], rng.normal(size=(2, 7)), [random_covariance(rng, 7) for _ in range(2)])
     away = np.ones(5) * model.input_scale

@@ -87,13 +87,13 @@ def test_the_mean_alone_fades_and_this_does_not(model):
     assert list(alone) == sorted(alone, reverse=True)
 
 
-def test_where_it_was_taught_it_does_what_the_processes_say(model):
+def test_near_the_demonstrations_it_follows_the_processes(model):
     policy = FinishingPolicy(model, stop=AnyOf())
     useful = np.linalg.norm(HANGER.pack([finishing_policy.USEFUL_M, 0.0, 0.0]))
     places = model.inputs + 0.003
-    taught = places[np.linalg.norm(model.predict(places)[0], axis=1) >= useful]
-    assert len(taught) > 20
-    for place in taught[::7]:
+    near = places[np.linalg.norm(model.predict(places)[0], axis=1) >= useful]
+    assert len(near) > 20
+    for place in near[::7]:
         decision = policy.act(observe(*place))
         want, std = model.predict([place])
         np.testing.assert_allclose(decision.action, want[0], atol=1e-12)
@@ -102,7 +102,7 @@ def test_where_it_was_taught_it_does_what_the_processes_say(model):
 
 
 @pytest.mark.parametrize("away_m", [0.2, 1.0, 20.0])
-def test_outside_it_is_asked_at_the_radius_drawn_back_and_says_so(model, away_m):
+def test_outside_it_queries_at_the_radius_moves_back_and_says_so(model, away_m):
     policy = FinishingPolicy(model, stop=AnyOf())
     place = model.inputs[0] + np.array([-away_m, away_m])
     near = policy.nearest(place)
@@ -130,7 +130,7 @@ def test_it_makes_a_useful_move_until_the_cloth_is_flat(model):
 
 
 def test_a_held_edge_that_hovers_over_the_table_is_drawn_down():
-    """To the height at which the cloth was flat when it was taught; never up, slowly, and not while it is laid."""
+    """To the height of the flat cloth in the demonstrations; never up, slowly, and not while it is laid."""
     model = gp_model(HANGER, "all")
     n_steps = model.inputs.copy()
     n_steps[:, 1], n_steps[:, 4] = 0.3, 0.4
@@ -140,7 +140,7 @@ def test_a_held_edge_that_hovers_over_the_table_is_drawn_down():
         assert policy.act(observe(0.2, z, contact=0.9)).action[1] == pytest.approx(want, abs=1e-9)
 
 
-def test_a_landing_is_as_fast_as_it_was_taught():
+def test_a_landing_is_as_fast_as_in_the_demonstrations():
     """Nothing is added to what the processes say on the table, where they say something."""
     model = gp_model(HANGER, "all")
     n_steps = model.inputs.copy()

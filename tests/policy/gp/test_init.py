@@ -44,7 +44,7 @@ def test_outputs_share_the_work_and_nothing_else():
         np.testing.assert_allclose(np.array(init.best_start(inputs, targets[:, [a]]))[:, 0], together[:, a])
 
 
-def test_targets_of_zero_have_a_start_too():
+def test_targets_of_zero_have_a_start():
     length, variance, noise = init.best_start(np.random.default_rng(0).normal(size=(20, 3)), np.zeros((20, 1)))
     for value in (length, variance, noise):
         assert np.isfinite(value).all()

@@ -66,7 +66,7 @@ def test_held_out_errors_are_those_of_models_trained_without_the_group(ard):
             np.testing.assert_allclose(errors[out, a], targets[out, a] - regressor.predict(inputs[out]), atol=1e-8)
 
 
-def test_nothing_is_known_without_the_only_demonstration():
+def test_held_out_errors_of_a_single_demonstration_are_the_targets():
     inputs, targets, hyper = random_problem(5, 15, 2, False)
     np.testing.assert_allclose(held_out_errors(inputs, targets, np.zeros(15), hyper), targets, atol=1e-8)
 

@@ -142,7 +142,7 @@ def test_beyond_two_thousand_steps_training_switches_by_itself(long_demonstratio
     assert few.n_points == 700
 
 
-def test_an_inner_factor_that_is_none_is_refused():
+def test_an_invalid_inner_factor_is_refused():
     _, sparse = full_and_sparse(count=20)
     for inner, message in ((np.zeros((2, 20, 20)), "lower factor"), (np.ones((2, 19, 20)), "inner has shape")):
         with pytest.raises(PolicyError, match=message):

@@ -175,7 +175,7 @@ def test_two_pickers_come_back_to_their_lines():
 @given(
     laid=st.floats(0.0, 0.27), height=st.floats(0.003, 0.27), dx=st.floats(0.004, 0.012), dz=st.floats(-0.012, -0.0015)
 )
-def test_a_small_cloth_is_laidkeep_taut(laid, height, dx, dz):
+def test_a_small_cloth_is_laid_tautly(laid, height, dx, dz):
     """The step leaves the edges as far apart as they should be, or goes there as fast as any; it always descends."""
     taut = 0.82 * 0.275
     ahead, down = keep_taut(dx, dz, laid, height, taut)
