@@ -1,14 +1,15 @@
-"""The one place where the input of a learned policy is laid out.
+"""Layout of the input of a learned policy.
 
 Thesis, chapter 4-1-2: holder position, WORD and contact portion in; the baseline takes the position only. The sets in
 between are the ablations. Columns are in natural units: positions in m (world), WORD a unit vector, contact portion
-in 0..1; ``scales`` gives what to divide them by before they meet a kernel.
+in 0..1; `FeatureLayout.scales` divides them before they enter a kernel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,15 +18,18 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import Observation, Step
 from layflat.policy.base import PolicyError
 
-Column = Callable[[Observation], float]
+ObservationColumns: TypeAlias = Mapping[str, FloatArray]
+"""Rows (T, ...) by attribute of Observation, flat as in a session's file."""
 
-_CLOTH_COLUMNS: dict[str, Column] = {
+_WIDTHS = {"corner_positions": 6, "holder_position": 3, "word": 2, "contact_portion": 1}
+_CLOTH_COLUMNS = {
     # WORD enters as perception gives it: (0, 0) where the wrinkles are below its noise floor. Its strength is not
     # multiplied in: the strength's unit belongs to one camera and one kernel, so a model would not survive either.
-    "word_x": lambda o: float(o.word[0]),
-    "word_y": lambda o: float(o.word[1]),
-    "contact": lambda o: o.contact_portion,
+    "word_x": ("word", 0),
+    "word_y": ("word", 1),
+    "contact": ("contact_portion", 0),
 }
+"""Attribute of Observation, and index in its row."""
 
 
 WORD_COLUMNS = ("word_x", "word_y")
@@ -37,12 +41,12 @@ INPUT_SETS: Mapping[str, tuple[str, ...]] = {
     "position+word": WORD_COLUMNS,
     "all": WORD_COLUMNS + CONTACT_COLUMNS,
 }
-"""What each set adds to the position; ``all`` is the thesis's proposed method, ``position`` its baseline."""
+"""Columns that each set adds to the position; ``all`` is the thesis's proposed method, ``position`` its baseline."""
 
 POSITION_SCALE_M = 0.1
 WORD_SCALE = 1.0
 CONTACT_SCALE = 0.2
-"""A change of each column that matters alike, so that one length scale can serve metres, unit vectors and portions.
+"""Equally important changes of each column, so that one length scale can serve metres, unit vectors and portions.
 
 Constants, not the spread of the data: 1 then means the same in every model, a column that hardly moved in the
 demonstrations (the y of symmetrical pickers) does not have its noise blown up, and the long way of the contact portion
@@ -53,7 +57,7 @@ through the air does not hide the last tenth that counts. On a planar toy with a
 
 @dataclass(frozen=True, kw_only=True)
 class FeatureLayout:
-    """Which columns a model sees, in which order."""
+    """The columns of a model's input, in order."""
 
     robot: RobotSpec
     names: tuple[str, ...]
@@ -69,35 +73,54 @@ class FeatureLayout:
 
     @property
     def size(self) -> int:
+        """Number of columns, D."""
         return len(self.names)
 
     def vector(self, observation: Observation) -> FloatArray:
-        """(D,) columns of one observation, in natural units."""
-        known = columns_of(self.robot)
-        return np.array([known[name](observation) for name in self.names])
+        """Return (D,) columns of one observation, in natural units."""
+        sources = [columns_of(self.robot)[name] for name in self.names]
+        return np.array([float(np.ravel(getattr(observation, key))[index]) for key, index in sources])
+
+    def select(self, observations: ObservationColumns) -> FloatArray:
+        """Return (T, D) columns of many observations, in natural units."""
+        sources = [columns_of(self.robot)[name] for name in self.names]
+        return np.column_stack([observations[key][:, index] for key, index in sources])
 
     def matrix(self, steps: Sequence[Step]) -> FloatArray:
-        """(T, D) columns of what was seen at the start of each step."""
-        return np.array([self.vector(step.observation) for step in steps]).reshape(len(steps), self.size)
+        """Return (T, D) columns of the observation at the start of each step."""
+        return self.select(observation_columns([step.observation for step in steps], observation_keys(self.robot)))
 
     def scales(self) -> FloatArray:
-        """(D,) what to divide each column by before a kernel with one length scale for all meets it (Eq. 4-6)."""
+        """Return (D,) divisors of the columns for a kernel with one length scale for all (Eq. 4-6)."""
         return np.array([_scale(name) for name in self.names])
 
 
-def columns_of(robot: RobotSpec) -> Mapping[str, Column]:
-    """Return every column that a layout may use: the coordinates that an action displaces, and what is seen of the
-    cloth."""
-    return {name: _coordinate(robot, k) for k, name in enumerate(robot.coordinates)} | _CLOTH_COLUMNS
+def columns_of(robot: RobotSpec) -> Mapping[str, tuple[str, int]]:
+    """Return the source of every column of a layout: the coordinates that an action displaces, and the cloth's."""
+    key = position_key(robot)
+    return {axis.coordinate: (key, 3 * axis.point + axis.axis) for axis in robot.axes} | _CLOTH_COLUMNS
 
 
-def _coordinate(robot: RobotSpec, k: int) -> Column:
-    axis = robot.axes[k]
-    return lambda o: float(robot.points(o)[axis.point, axis.axis])
+def position_key(robot: RobotSpec) -> str:
+    """Return the attribute of Observation that holds the positions of the robot's points, see `RobotSpec.points`."""
+    return "holder_position" if robot.n_points == 1 else "corner_positions"
+
+
+def observation_keys(robot: RobotSpec) -> tuple[str, ...]:
+    """Return the attributes of Observation that a layout may use."""
+    return (position_key(robot), "word", "contact_portion")
+
+
+def observation_columns(observations: Sequence[Observation], keys: Sequence[str]) -> ObservationColumns:
+    """Return these attributes of observations as columns."""
+    return {
+        key: np.array([np.ravel(getattr(o, key)) for o in observations]).reshape(len(observations), _WIDTHS[key])
+        for key in keys
+    }
 
 
 def input_set(robot: RobotSpec, name: str) -> FeatureLayout:
-    """The layout of a named input set: position, position+contact, position+word or all."""
+    """Return the layout of a named input set: position, position+contact, position+word or all."""
     if name not in INPUT_SETS:
         raise PolicyError(f"input set {name!r} is unknown; it must be one of {', '.join(INPUT_SETS)}")
     return FeatureLayout(robot=robot, names=robot.coordinates + INPUT_SETS[name])

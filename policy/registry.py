@@ -10,6 +10,7 @@ from typing import Any
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Episode, Provenance
 from layflat.policy.base import Policy, PolicyError
+from layflat.policy.demonstrations import Demonstrations
 from layflat.policy.dmp.model import DmpModel
 from layflat.policy.dmp.policy import DmpPolicy
 from layflat.policy.features import input_set
@@ -89,7 +90,7 @@ def make(name: str, robot: RobotSpec) -> Policy:
 
 def train(
     name: str,
-    episodes: Sequence[Episode],
+    demonstrations: Demonstrations | Sequence[Episode],
     *,
     seed: int = 0,
     provenance: Provenance | None = None,
@@ -102,7 +103,7 @@ def train(
     ----------
     name : str
         One of TRAINABLE_POLICIES.
-    episodes : sequence of Episode
+    demonstrations : Demonstrations or sequence of Episode
         Demonstrations of one robot, task, cloth and step. Steps of the phase ``disturb`` are left out. The caller
         chooses which episodes are worth learning from.
     seed : int
@@ -132,9 +133,8 @@ def train(
         from layflat.policy.gp.fit import FitOptions
 
         options["options"] = FitOptions(intervention_weight=intervention_weight)
-    if not episodes:
-        raise PolicyError("there are no demonstrations to learn from; at least one is needed")
-    training = build_training_set(episodes, input_set(episodes[0].robot, learner.inputs))
+    source = Demonstrations.of(demonstrations)
+    training = build_training_set(source, input_set(source.robot, learner.inputs))
     fit = import_module(f"layflat.policy.{learner.fit}").fit
     model: TrainedModel = fit(training, policy=name, seed=seed, provenance=provenance, progress=progress, **options)
     return model

@@ -16,9 +16,9 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
-from layflat.data.types import Episode
 from layflat.policy import model_io as model_files
 from layflat.policy import registry
+from layflat.policy.demonstrations import Demonstrations
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import TrainedModel
 
@@ -43,16 +43,16 @@ def train(config: TrainConfig, *, force: bool) -> TrainedModel:
     if model.suffix != ".npz":
         raise UsageError(f"{model} is not an .npz file; models are written as .npz")
     validators.writable_file(model, force=force)
-    episodes = successful_demonstrations(data)
-    corrected = sum(step.intervention for episode in episodes for step in episode.steps)
+    demonstrations = successful_demonstrations(data)
+    corrected = int(demonstrations.interventions.sum())
     if intervention_weight != 1 and not corrected:
         raise UsageError(f"{data} has no intervention steps; remove --intervention-weight")
     # GPy prints when it is interrupted; stdout is for results.
     with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
-        progress.phase("training", items=len(episodes[0].steps[0].action))
+        progress.phase("training", items=demonstrations.robot.size)
         learned = registry.train(
             policy,
-            episodes,
+            demonstrations,
             seed=config.seed,
             provenance=capture_provenance(),
             progress=lambda done, of, clause: progress.advance(status=clause),
@@ -66,18 +66,15 @@ def train(config: TrainConfig, *, force: bool) -> TrainedModel:
     return learned
 
 
-def successful_demonstrations(path: Path) -> list[Episode]:
-    """The successful episodes of a session, without images; UsageError where there is none."""
+def successful_demonstrations(path: Path) -> Demonstrations:
+    """Read the steps of a session's successful episodes; UsageError where there is none."""
     with open_session(path) as session:
         names = session.select(outcome="success")
         if not len(session):
             raise UsageError(f"{path} holds no demonstrations; record some with `layflat record {path}`")
         if not names:
             raise UsageError(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
-        episodes = [session.episode(name, images=False) for name in names]
-    if not any(episode.steps for episode in episodes):
-        raise UsageError(f"the demonstrations in {path} hold no steps; record some with `layflat record`")
-    return [episode for episode in episodes if episode.steps]
+        return Demonstrations.from_session(session, names)
 
 
 def show(model: TrainedModel, path: Path) -> None:

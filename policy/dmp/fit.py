@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import Episode, Provenance, actions_of
+from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
+from layflat.policy.demonstrations import Demonstrations
 from layflat.policy.dmp.model import DmpModel, path
 from layflat.policy.features import FeatureLayout
 from layflat.policy.trained_model import Progress
@@ -33,8 +34,8 @@ def fit(
     Each demonstration has its own start, end and duration; the weights are common to all. Positions are linear in the
     weights, which therefore follow from least squares on positions, without second derivatives.
     """
-    episodes, step_s = training.episodes, training.episodes[0].step_s
-    paths = [_demonstrated_path(episode, training.layout) for episode in episodes]
+    source, step_s = training.demonstrations, training.demonstrations.step_s
+    paths = [_demonstrated_path(source, number, training.layout) for number in range(len(source))]
     goal, weights, duration_s = _fit_paths(paths, step_s)
     if progress is not None:
         progress(1, 1, f"{len(paths)} paths of {duration_s:.1f} s on average")
@@ -43,19 +44,20 @@ def fit(
         goal=goal,
         weights=weights,
         duration_s=duration_s,
-        heldout_rmse_m=_held_out_rmse(episodes, paths, step_s),
+        heldout_rmse_m=_held_out_rmse(source, paths),
     )
 
 
-def _demonstrated_path(episode: Episode, layout: FeatureLayout) -> FloatArray:
+def _demonstrated_path(source: Demonstrations, number: int, layout: FeatureLayout) -> FloatArray:
     """Return the coordinates (T + 1, A) m before each step of placing and after the last."""
-    placed = [step for step in episode.steps if step.phase == "place"]
+    own = np.flatnonzero(source.numbers == number)
+    placed = own[source.phases[own] == b"place"]
     if len(placed) < 2:
         raise PolicyError(
-            f"the demonstration of seed {episode.seed} holds {len(placed)} steps of placing; 2 are needed"
+            f"the demonstration of seed {source.seeds[number]} holds {len(placed)} steps of placing; 2 are needed"
         )
-    after = [step.observation for step in episode.steps[len(placed) :]] or [episode.final_observation]
-    return np.vstack([layout.matrix(placed), layout.vector(after[0])])
+    before, after = layout.select(source.observations), layout.select(source.next_positions)
+    return np.vstack([before[placed], after[own[len(placed) - 1]]])
 
 
 def _fit_paths(paths: Sequence[FloatArray], step_s: float) -> tuple[FloatArray, FloatArray, float]:
@@ -78,14 +80,14 @@ def _fit_paths(paths: Sequence[FloatArray], step_s: float) -> tuple[FloatArray, 
     return goal, weights, step_s * float(np.mean([len(way) - 1 for way in paths]))
 
 
-def _held_out_rmse(episodes: Sequence[Episode], paths: Sequence[FloatArray], step_s: float) -> tuple[float, ...] | None:
+def _held_out_rmse(source: Demonstrations, paths: Sequence[FloatArray]) -> tuple[float, ...] | None:
     """Return (A,) m per step: error of the moves from each demonstration's start, learned from the others."""
     if len(paths) < 2:
         return None
     errors = []
-    for k, (episode, way) in enumerate(zip(episodes, paths, strict=True)):
-        goal, weights, duration_s = _fit_paths([*paths[:k], *paths[k + 1 :]], step_s)
+    for k, way in enumerate(paths):
+        goal, weights, duration_s = _fit_paths([*paths[:k], *paths[k + 1 :]], source.step_s)
         n_steps = len(way) - 1
-        moves = np.diff(path(way[0], goal, weights, step_u=step_s / duration_s, n_steps=n_steps), axis=0)
-        errors.append(actions_of(episode.steps[:n_steps]) - moves)
+        moves = np.diff(path(way[0], goal, weights, step_u=source.step_s / duration_s, n_steps=n_steps), axis=0)
+        errors.append(source.actions[source.numbers == k][:n_steps] - moves)
     return tuple(float(value) for value in np.sqrt((np.vstack(errors) ** 2).mean(axis=0)))

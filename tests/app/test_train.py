@@ -39,9 +39,9 @@ def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session,
     assert "2 demonstrations" in out
     assert "held-out" in out
     learned = model_files.load(model)
-    episode = successful_demonstrations(data)[0]
-    mean, _ = learned.predict(learned.layout.matrix(episode.steps))
-    wanted = np.array([step.action for step in episode.steps])
+    demonstrations = successful_demonstrations(data)
+    mean, _ = learned.predict(learned.layout.select(demonstrations.observations))
+    wanted = demonstrations.actions
     assert np.sqrt(((mean - wanted) ** 2).mean()) < 0.25 * wanted.std()
     assert learned.provenance.versions["python"]
 
