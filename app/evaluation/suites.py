@@ -118,7 +118,7 @@ def _trigger(value: object, where: str) -> Trigger:
                 return Trigger(kind=kind, value=number)
             except PolicyError as error:
                 raise UsageError(f"{where}: {error}") from None
-    raise UsageError(f'{where}: when is {value!r}; it must be "stopped", {{ step_index = 30 }} or {{ contact = 0.5 }}')
+    raise UsageError(f'{where}: when is {value!r}; it must be "stopped", {{ step = 30 }} or {{ contact = 0.5 }}')
 
 
 def _spec(table: Mapping[str, Any], name: str, where: str) -> DisturbanceSpec:

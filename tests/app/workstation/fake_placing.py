@@ -11,10 +11,10 @@ from layflat.app.workstation.session.place_task import PlaceTask
 from layflat.data.types import GroundTruth
 from layflat.policy.base import Policy
 from layflat.policy.registry import wrap
-from layflat.tests.app.fake_bench import FakeBench, Forward
+from layflat.tests.fake_environment import FakeEnvironment, ForwardPolicy
 
 
-class LyingBench(FakeBench):
+class LyingBench(FakeEnvironment):
     """Its cloth lies flat where its holder is, so that it can be drawn."""
 
     def ground_truth(self) -> GroundTruth:
@@ -23,7 +23,7 @@ class LyingBench(FakeBench):
 
 
 def _forward(job: EpisodeConfig, bench: LyingBench) -> Policy:
-    return wrap(Forward(enough=2.0), job.decorators)
+    return wrap(ForwardPolicy(enough=2.0), job.decorators)
 
 
 def make_fake(order: Request, desk: Endpoint) -> PlaceTask:

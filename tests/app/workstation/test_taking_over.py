@@ -26,7 +26,7 @@ from layflat.data.types import ACTION_LIMIT_M, DragTarget
 from layflat.policy.registry import wrap
 from layflat.policy.wrappers.takeover import REST_STEPS
 from layflat.sim.robots.registry import robot_spec
-from layflat.tests.app.fake_bench import FakeBench, Forward
+from layflat.tests.fake_environment import FakeEnvironment, ForwardPolicy
 
 PUSH = TeleopInput(motion=np.array([-1.0, 0.0]), speed=0.5, device="a pad")
 REST = zero_input(robot_spec("hanger"), device="a pad")
@@ -36,7 +36,7 @@ GONE = zero_input(robot_spec("hanger"), connected=False, problem="a pad is gone;
 class Table:
     """A placing whose bench is a few numbers, and the window's end of its channels."""
 
-    def __init__(self, record: Path | None, source: str, policy: Forward, around: tuple[str, ...] = ()) -> None:
+    def __init__(self, record: Path | None, source: str, policy: ForwardPolicy, around: tuple[str, ...] = ()) -> None:
         context = get_context("spawn")
         self.channels = Channels(context, robot_spec("hanger"))
         self._connection, theirs = context.Pipe()
@@ -85,8 +85,8 @@ def table(monkeypatch) -> Iterator[Callable[..., Table]]:
     def make(
         record: Path | None = None, *, source: str = "gamepad", enough: float = 2.0, around: tuple[str, ...] = ()
     ) -> Table:
-        policy = Forward(enough)
-        monkeypatch.setattr(place_task, "Placing", FakeBench)
+        policy = ForwardPolicy(enough)
+        monkeypatch.setattr(place_task, "Placing", FakeEnvironment)
         monkeypatch.setattr(place_task, "policy_of", lambda job, bench: wrap(policy, job.decorators))
         made.append(Table(record, source, policy, around))
         return made[-1]
@@ -281,7 +281,7 @@ def test_where_nothing_is_recorded_keeping_is_a_sentence(table):
 
 def test_a_cloth_that_came_apart_is_no_success(table, tmp_path):
     one = table(tmp_path / "s.h5")
-    one.work.bench.breaks_at = 3
+    one.work.bench.diverges_at = 3
     one.go(PUSH, 5)
     assert one.status["state"] == "over"
     assert one.work.does(Command.KEEP_SUCCESS) is None

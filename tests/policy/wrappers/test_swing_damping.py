@@ -8,7 +8,7 @@ import pytest
 from layflat.data.robot import RobotSpec
 from layflat.policy.wrappers.swing_damping import WAIT_STEPS, SwingDampingWrapper
 from layflat.tests.factories import HANGER, ROBOT_SPECS
-from layflat.tests.lowering import Down
+from layflat.tests.fake_environment import DownPolicy
 from layflat.tests.policy.factories import observe
 
 LENGTH_M = 0.35
@@ -16,7 +16,7 @@ PERIOD_STEPS = 10.0
 
 
 def damped(robot: RobotSpec) -> SwingDampingWrapper:
-    policy = SwingDampingWrapper(Down(robot))
+    policy = SwingDampingWrapper(DownPolicy(robot))
     policy.reset(0)
     return policy
 

@@ -9,13 +9,13 @@ import psutil
 import pytest
 
 from layflat.app.evaluation import results_csv
-from layflat.app.evaluation.local_engine import WorkResult
-from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan
-from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.plan import EvaluationPlan
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.support.metrics import episode_metrics
+from layflat.app.workers.work_item import DisturbanceCase, WorkResult
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.tests.fakeplay import Scripted, fake_episode, fake_plan
+from layflat.tests.app.fake_episodes import FakeEpisodes, fake_episode, fake_plan
 
 pytestmark = pytest.mark.slow
 
@@ -42,9 +42,9 @@ class Memory:
             print(f"{self.done} rows, {took_s:.0f} s: {self.seen[self.done] / 1e6:.1f} MB", flush=True)
 
     def check_flat(self) -> None:
-        """No episode and no row is kept, and no pipe of a group that has ended."""
+        """No episode and no row is kept, and no pipe of a item that has ended."""
         assert max(self.seen) == TEN_THOUSAND
-        # What the first groups load and allocate for good is not growth.
+        # What the first items load and allocate for good is not growth.
         grown = max(self.seen.values()) - self.seen[500]
         assert grown < BYTES_A_ROW * (TEN_THOUSAND - 500)
         assert self.files[TEN_THOUSAND] <= self.files[500]
@@ -57,24 +57,23 @@ def _ten_thousand() -> EvaluationPlan:
         fake_plan(seeds=500),
         cases=tuple(DisturbanceCase(name=f"push-{number}", schedule=(push,)) for number in range(1, 10)),
     )
-    assert plan.episodes == TEN_THOUSAND
+    assert plan.n_episodes == TEN_THOUSAND
     return plan
 
 
-def _at_once(next_group, folder, play):
+def _at_once(next_group, folder, make):
     """An engine without processes: what a batch keeps is in this one."""
-    while (group := next_group()) is not None:
+    while (item := next_group()) is not None:
         rows = {
-            run: episode_metrics(fake_episode(group, case))
-            for run, case in zip(group.run_ids, group.cases, strict=True)
+            run: episode_metrics(fake_episode(item, case)) for run, case in zip(item.run_ids, item.cases, strict=True)
         }
-        yield WorkResult(group, {}, rows)
+        yield WorkResult(item, {}, rows)
 
 
 def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundred(tmp_path, monkeypatch):
     monkeypatch.setattr(results_csv.os, "fsync", lambda descriptor: None)  # Of memory, not of the disk.
     memory = Memory()
-    results = run_batch(_ten_thousand(), tmp_path, engine=_at_once, progress=memory)  # type: ignore[arg-type]
+    results = run_evaluation(_ten_thousand(), tmp_path, engine=_at_once, progress=memory)  # type: ignore[arg-type]
     assert len(results.rows) == TEN_THOUSAND
     memory.check_flat()
 
@@ -82,7 +81,7 @@ def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundre
 @pytest.mark.timeout(3600)
 def test_ten_thousand_real_processes_in_flat_memory(tmp_path):
     memory = Memory()
-    results = run_batch(_ten_thousand(), tmp_path, workers=2, play=Scripted(), progress=memory)  # type: ignore[arg-type]
+    results = run_evaluation(_ten_thousand(), tmp_path, workers=2, make=FakeEpisodes(), progress=memory)  # type: ignore[arg-type]
     assert len(results.rows) == TEN_THOUSAND
     assert results.rows["run"].is_unique
     assert not results.rows["crashed"].any()

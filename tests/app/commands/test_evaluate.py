@@ -9,16 +9,21 @@ import pytest
 
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli.main import main
-from layflat.app.commands.evaluate import entrants_of
-from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
-from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
+from layflat.app.workers.work_item import DisturbanceCase
 from layflat.data.types import Episode
+from layflat.policy.base import PolicyError
 from layflat.policy.model_io import save
 from layflat.policy.schedule import ScheduledDisturbance, Trigger
+from layflat.policy.spec import PolicySpec
 from layflat.sim.disturbances.presets import DISTURBANCES
+
+USUAL = random_model("hanger", 20).policy
+"""Label of a model whose label is not given."""
 
 
 @pytest.fixture(scope="module")
@@ -30,41 +35,37 @@ def models(tmp_path_factory):
     return folder
 
 
-def _who(entrants) -> list[tuple]:
-    return [(e.robot, e.name, e.model is not None, e.made) for e in entrants]
+def _described(texts, robots=()) -> tuple[list[tuple], tuple[str, ...]]:
+    """Label, whether there is a model, built-in name and wrappers of each policy; and the robots."""
+    policies, wanted = plan_policies(texts, robots)
+    return [(p.label, p.model is not None, p.builtin, p.wrappers) for p in policies], wanted
 
 
-def test_a_model_takes_part_in_its_robot_and_a_rule_in_all(models):
-    name = random_model("hanger", 20).policy
-    found = entrants_of([f"{models}/hanger.npz", f"{models}/pickers.npz", "hold"], [])
-    assert _who(found) == [
-        ("hanger", name, True, None),
-        ("hanger", "hold", False, "hold"),
-        ("pickers", name, True, None),
-        ("pickers", "hold", False, "hold"),
-    ]
+def test_a_model_takes_part_with_its_robot_and_a_built_in_policy_with_all(models):
+    policies, robots = plan_policies([f"{models}/hanger.npz", f"{models}/pickers.npz", "hold"], [])
+    plan = EvaluationPlan(policies=policies, robots=robots, cloths=("towel",), seeds=(0,))
+    assert [(robot, policy.stem) for robot, policy in plan.entries] == [
+        ("hanger", "hanger"), ("hanger", "hold"), ("pickers", "pickers"), ("pickers", "hold"),
+    ]  # fmt: skip
 
 
-def test_a_rule_may_repair_what_a_model_has_placed(models):
-    (found,) = entrants_of([f"{models}/hanger.npz+drag-rule"], [])
-    assert (found.name, found.made) == (f"{random_model('hanger', 20).policy}+drag-rule", "drag-rule")
-
-
-def test_what_is_around_a_policy_comes_last_and_keeps_its_order(models):
-    usual = random_model("hanger", 20).policy
-    (found,) = entrants_of([f"{models}/hanger.npz+drag-rule+recovery+steady"], [])
-    assert found.name == f"{usual}+drag-rule+recovery+steady"
-    assert (found.made, found.decorators) == ("drag-rule", ("recovery", "steady"))
-    (found,) = entrants_of([f"mine={models}/hanger.npz+steady"], [])
-    assert (found.name, found.made, found.decorators) == ("mine", None, ("steady",))
-    (found,) = entrants_of(["hold+recovery"], ["pickers"])
-    assert (found.name, found.model, found.made, found.decorators) == ("hold+recovery", None, "hold", ("recovery",))
+def test_rules_and_wrappers_keep_their_order(models):
+    model = f"{models}/hanger.npz"
+    texts = [f"{model}+drag-rule", f"{model}+drag-rule+recovery+steady", f"mine={model}+steady", "hold+recovery"]
+    assert _described(texts) == (
+        [
+            (f"{USUAL}+drag-rule", True, "drag-rule", ()),
+            (f"{USUAL}+drag-rule+recovery+steady", True, "drag-rule", ("recovery", "steady")),
+            ("mine", True, None, ("steady",)),
+            ("hold+recovery", False, "hold", ("recovery",)),
+        ],
+        ("hanger",),
+    )
 
 
 def test_names_are_given_or_else_told_apart_by_the_files(models):
-    one, two, three = entrants_of([f"{models}/hanger.npz", f"{models}/hanger_2.npz", f"mine={models}/hanger.npz"], [])
-    usual = random_model("hanger", 20).policy
-    assert [one.name, two.name, three.name] == [f"{usual}@hanger", f"{usual}@hanger-2", "mine"]
+    policies, _ = _described([f"{models}/hanger.npz", f"{models}/hanger_2.npz", f"mine={models}/hanger.npz"])
+    assert [label for label, *_ in policies] == [f"{USUAL}@hanger", f"{USUAL}@hanger-2", "mine"]
 
 
 @pytest.mark.parametrize(
@@ -72,27 +73,27 @@ def test_names_are_given_or_else_told_apart_by_the_files(models):
     [
         (["hold"], [], "give --robot"),
         (["hold"], ["arm"], "robot 'arm' is unknown"),
-        (["nope"], ["hanger"], "neither a model's file"),
+        (["nope"], ["hanger"], "neither a model file"),
         (["nope.npz"], ["hanger"], "does not exist"),
         (["nope.npz+drag-rule"], ["hanger"], "does not exist"),
-        (["{}/hanger.npz+iron"], [], "neither a model's file"),
-        (["{}/hanger.npz+recovery+drag-rule"], [], "one rule may come"),
-        (["{}/hanger.npz+hold+drag-rule"], [], "one rule may come"),
-        (["hold+drag-rule"], ["hanger"], "neither a model's file"),
-        (["{}/hanger.npz"], ["pickers"], "was taught another robot"),
+        (["{}/hanger.npz+iron"], [], "neither a model file"),
+        (["{}/hanger.npz+recovery+drag-rule"], [], "one rule may follow"),
+        (["{}/hanger.npz+hold+drag-rule"], [], "one rule may follow"),
+        (["hold+drag-rule"], ["hanger"], "neither a model file"),
+        (["{}/hanger.npz"], ["pickers"], "trained for robot hanger, not pickers"),
         (["../x={}/hanger.npz"], [], "does not exist"),
-        (["a--b={}/hanger.npz"], [], "cannot be part of a file's name"),
+        (["a--b={}/hanger.npz"], [], "cannot be part of a file name"),
     ],
 )
-def test_who_cannot_take_part(models, given, robots, words):
-    with pytest.raises(UsageError, match=words):
-        entrants_of([text.format(models) for text in given], robots)
+def test_policies_that_cannot_take_part(models, given, robots, words):
+    with pytest.raises((UsageError, PolicyError), match=words):
+        plan_policies([text.format(models) for text in given], robots)
 
 
-def test_nobody_takes_part_twice(models):
-    entrants = entrants_of([f"a={models}/hanger.npz", f"a={models}/hanger_2.npz"], [])
+def test_no_policy_takes_part_twice(models):
+    policies, robots = plan_policies([f"a={models}/hanger.npz", f"a={models}/hanger_2.npz"], [])
     with pytest.raises(UsageError, match="policy hanger a is there twice"):
-        EvaluationPlan(entrants=entrants, cloths=("towel",), seeds=(0,))
+        EvaluationPlan(policies=policies, robots=robots, cloths=("towel",), seeds=(0,))
 
 
 def _call(*words: object) -> int:
@@ -105,7 +106,7 @@ def test_the_command_leaves_rows_summary_and_report_and_does_nothing_twice(tmp_p
     words = ("drag-rule", "--robot", "pickers", "--start", "folded-corner", "--episodes", 1, "--out", tmp_path)
     assert _call("evaluate", *words, "--disturb", "poke", "--workers", 1) == 0
     out, err = capsys.readouterr()
-    assert all(word in out for word in ("drag-rule", "poke", "success", str(tmp_path)))
+    assert all(word in out for word in ("drag-rule", "poke", "flat", str(tmp_path)))
     assert "poke" in err
     rows = pd.read_csv(tmp_path / "episodes.csv")
     assert list(rows.columns[: len(COLUMNS)]) == list(COLUMNS)
@@ -124,17 +125,18 @@ def _placed(episode: Episode) -> Episode:
 
 
 def test_twins_are_exact_and_those_of_an_episode_of_its_own(tmp_path, differences):
-    entrants = (PolicySpec(name="rule", robot="pickers", made="drag-rule"),)
-    usual = {"entrants": entrants, "cloths": ("towel",), "seeds": (3,), "start": "folded-corner"}
+    policies = (PolicySpec(builtin="drag-rule"),)
+    usual = {"policies": policies, "robots": ("pickers",), "cloths": ("towel",), "seeds": (3,)}
+    usual["start"] = "folded-corner"
     plan = EvaluationPlan(**usual, cases=(*cases_of("poke"), _never()))
-    together = run_batch(plan, tmp_path / "together", workers=1)
+    together = run_evaluation(plan, tmp_path / "together", workers=1)
     none, poke, never = (together.episode(run) for run in together.rows["run"])
     assert differences(_placed(none), none.steps) == []
     assert differences(_placed(none), _placed(poke)) == []
     assert len(poke.steps) > len(none.steps)
     # A case that watches from the start, whose moment never comes, is the same placing once more, in another fork.
     assert differences(_placed(none), _placed(never)) == []
-    alone = run_batch(EvaluationPlan(**usual), tmp_path / "alone", workers=1)
+    alone = run_evaluation(EvaluationPlan(**usual), tmp_path / "alone", workers=1)
     assert differences(alone.episode(alone.rows["run"][0]).steps, none.steps) == []
     assert sum(abs(step.force_n).sum() for step in poke.steps) > 0
     assert sum(abs(step.force_n).sum() for step in none.steps) == 0
@@ -144,5 +146,5 @@ def _never() -> DisturbanceCase:
     """Waits from the start on for a contact that a cloth with a corner folded over does not come to."""
     return DisturbanceCase(
         name="never",
-        schedule=(ScheduledDisturbance(disturbance=DISTURBANCES["push"], when=Trigger(kind="contact", value=1.0)),),
+        schedule=(ScheduledDisturbance(disturbance=DISTURBANCES["push"], trigger=Trigger(kind="contact", value=1.0)),),
     )

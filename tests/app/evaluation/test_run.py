@@ -13,38 +13,40 @@ import pandas as pd
 import pytest
 
 from layflat.app.evaluation import results_csv
-from layflat.app.evaluation.plan import DisturbanceCase, EvaluationPlan, PolicySpec
+from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.metrics import COLUMNS, episode_metrics
+from layflat.app.workers.work_item import DisturbanceCase
 from layflat.data import validate
 from layflat.data.atomic_files import WriterLock
 from layflat.data.errors import DataError
 from layflat.data.session.reader import open_session
 from layflat.policy.model_io import load, save
 from layflat.policy.schedule import ScheduledDisturbance
+from layflat.policy.spec import PolicySpec
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.tests.fakeplay import PLACING, Looking, Scripted, fake_episode, fake_plan, key_of
+from layflat.tests.app.fake_episodes import PLACING, FakeEpisodes, OpencvEpisodes, fake_episode, fake_plan, key_of
 
-FAKE = Scripted()
+FAKE = FakeEpisodes()
 
 
 def _run(plan: EvaluationPlan, out, **options) -> EvaluationResults:
-    return run_batch(plan, out, **{"workers": 3, "play": FAKE, **options})
+    return run_evaluation(plan, out, **{"workers": 3, "make": FAKE, **options})
 
 
 def _wanted(plan: EvaluationPlan) -> list[str]:
-    return [run for group in plan.groups() for run in group.run_ids]
+    return [run for item in plan.items() for run in item.run_ids]
 
 
 def test_every_policy_meets_every_start_and_every_case_once(tmp_path):
     plan = fake_plan(seeds=3)
     rows = _run(plan, tmp_path).rows
-    met = {name: set(zip(group["seed"], group["disturbance"], strict=True)) for name, group in rows.groupby("policy")}
+    met = {name: set(zip(item["seed"], item["disturbance"], strict=True)) for name, item in rows.groupby("policy")}
     assert met["hold"] == met["drag-rule"]
     assert met["hold"] == {(seed, case) for seed in range(3) for case in ("none", "push", "mix/early")}
-    assert len(rows) == plan.episodes == 18
+    assert len(rows) == plan.n_episodes == 18
     assert list(rows.columns[: len(COLUMNS)]) == list(COLUMNS)
 
 
@@ -54,9 +56,9 @@ def test_rows_are_those_of_the_episodes_in_the_plans_order_whoever_was_first(tmp
     pd.testing.assert_frame_equal(many, one)
     assert (tmp_path / "many" / "episodes.csv").read_bytes() == (tmp_path / "one" / "episodes.csv").read_bytes()
     assert list(many["run"]) == _wanted(plan)
-    group = next(plan.groups())
-    for case, (_, row) in zip(group.cases, many.iterrows(), strict=False):
-        expected = episode_metrics(replace(fake_episode(group, case), source="hold", disturbance=case.name))
+    item = next(plan.items())
+    for case, (_, row) in zip(item.cases, many.iterrows(), strict=False):
+        expected = episode_metrics(replace(fake_episode(item, case), source="hold", disturbance=case.name))
         assert {name: None if pd.isna(row[name]) else row[name] for name in COLUMNS} == expected
 
 
@@ -66,7 +68,7 @@ def test_every_episode_is_a_session_that_says_who_and_what(tmp_path):
         episode = results.episode(run)
         assert (episode.source, episode.disturbance, episode.seed) == (policy, case, 0)
         assert validate(tmp_path / "runs" / f"{run}.h5") == ()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["batch.json", "episodes.csv", "runs", "summary.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "episodes.csv", "runs", "summary.json"]
 
 
 def test_the_summary_has_groups_pairs_twins_and_where_they_come_from(tmp_path):
@@ -86,17 +88,17 @@ def test_the_same_command_does_nothing_twice(tmp_path):
     plan = fake_plan(seeds=2)
     before = _run(plan, tmp_path).rows
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()}
-    pd.testing.assert_frame_equal(_run(plan, tmp_path, play=None).rows, before)
+    pd.testing.assert_frame_equal(_run(plan, tmp_path, make=None).rows, before)
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").iterdir()} == files
 
 
 def test_what_is_added_later_gives_the_rows_of_all_at_once(tmp_path):
     plan = fake_plan(seeds=4)
-    _run(replace(plan, seeds=(0, 1), entrants=plan.entrants[:1], cases=plan.cases[:1]), tmp_path / "parts")
+    _run(replace(plan, seeds=(0, 1), policies=plan.policies[:1], cases=plan.cases[:1]), tmp_path / "parts")
     _run(replace(plan, cases=plan.cases[:1]), tmp_path / "parts")
     parts = _run(plan, tmp_path / "parts").rows
     pd.testing.assert_frame_equal(parts, _run(plan, tmp_path / "once").rows)
-    asked = json.loads((tmp_path / "parts" / "batch.json").read_text())
+    asked = json.loads((tmp_path / "parts" / "config.json").read_text())
     assert asked["seeds"] == [0, 1, 2, 3]
     assert len(asked["invocations"]) == 3
 
@@ -113,17 +115,16 @@ def _other_case(plan: EvaluationPlan) -> EvaluationPlan:
 
 
 def _other_policy(plan: EvaluationPlan) -> EvaluationPlan:
-    return replace(plan, entrants=(PolicySpec(name="hold", robot="hanger", made="random"),))
+    return replace(plan, policies=(PolicySpec(label="hold", builtin="random"),))
 
 
 def _other_start(plan: EvaluationPlan) -> EvaluationPlan:
-    pickers = tuple(replace(entrant, robot="pickers") for entrant in plan.entrants)
-    return replace(plan, entrants=pickers, start="crumpled")
+    return replace(plan, robots=("pickers",), start="crumpled")
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [(_other_case, "disturbance push"), (_other_policy, "policy hanger hold"), (_other_start, "starts are hanging")],
+    [(_other_case, "disturbance push"), (_other_policy, "policy hanger hold"), (_other_start, "start is hanging")],
 )
 def test_another_thing_under_the_same_name_is_refused_and_force_begins_anew(tmp_path, change, words):
     plan = fake_plan(seeds=1)
@@ -131,7 +132,7 @@ def test_another_thing_under_the_same_name_is_refused_and_force_begins_anew(tmp_
     with pytest.raises(UsageError, match=f"{words}.*give another --out, or --force"):
         _run(change(plan), tmp_path)
     pd.testing.assert_frame_equal(EvaluationResults.open(tmp_path).rows, before)
-    assert len(_run(change(plan), tmp_path, force=True).rows) == change(plan).episodes
+    assert len(_run(change(plan), tmp_path, force=True).rows) == change(plan).n_episodes
 
 
 def test_a_model_is_known_by_its_numbers_not_by_its_file(tmp_path):
@@ -141,9 +142,8 @@ def test_a_model_is_known_by_its_numbers_not_by_its_file(tmp_path):
     save(model, tmp_path / "m.npz")
 
     def plan(of) -> EvaluationPlan:
-        return EvaluationPlan(
-            entrants=(PolicySpec(name="gp", robot="hanger", model=of),), cloths=("towel",), seeds=(0,)
-        )
+        policies = (PolicySpec(label="gp", model=of),)
+        return EvaluationPlan(policies=policies, robots=("hanger",), cloths=("towel",), seeds=(0,))
 
     _run(plan(model), tmp_path / "out")
     _run(plan(load(tmp_path / "m.npz")), tmp_path / "out")
@@ -151,7 +151,7 @@ def test_a_model_is_known_by_its_numbers_not_by_its_file(tmp_path):
         _run(plan(replace(model, alpha=model.alpha * 1.0001)), tmp_path / "out")
 
 
-@pytest.mark.parametrize("name", ["episodes.csv", "batch.json"])
+@pytest.mark.parametrize("name", ["episodes.csv", "config.json"])
 def test_a_folder_with_other_results_is_left_alone(tmp_path, name):
     (tmp_path / name).write_text("policy,seed\nhold,0\n")
     with pytest.raises(UsageError, match="choose another --out"):
@@ -176,7 +176,7 @@ def test_a_torn_table_is_healed_from_the_episodes(tmp_path, tear):
     table = tmp_path / "episodes.csv"
     table.write_bytes(tear(table.read_bytes()))
     (tmp_path / "runs" / "half.h5.part").write_bytes(b"half")
-    pd.testing.assert_frame_equal(_run(plan, tmp_path, play=None).rows, before)
+    pd.testing.assert_frame_equal(_run(plan, tmp_path, make=None).rows, before)
     assert not list((tmp_path / "runs").glob("*.part"))
 
 
@@ -197,13 +197,13 @@ def test_one_writer_at_a_time(tmp_path):
 
 def test_a_full_disk_ends_the_batch_in_one_sentence_and_loses_nothing(tmp_path):
     plan = fake_plan(seeds=3)
-    group = list(plan.groups())[2]
-    full = Scripted({(key_of(group), "push"): ("disk",)}, marks=tmp_path)
-    with pytest.raises(LayflatError, match=r"takes no more files: File too large.*goes on from there") as caught:
-        _run(plan, tmp_path, play=full, workers=1)
+    item = list(plan.items())[2]
+    full = FakeEpisodes({(key_of(item), "push"): ("disk",)}, marks=tmp_path)
+    with pytest.raises(LayflatError, match=r"takes no more files: File too large.*continues from there") as caught:
+        _run(plan, tmp_path, make=full, workers=1)
     assert caught.value.exit_status == 1
     rows = EvaluationResults.open(tmp_path).rows
-    assert list(rows["run"]) == [*_wanted(plan)[:6], group.run_ids[0], group.run_ids[2]]
+    assert list(rows["run"]) == [*_wanted(plan)[:6], item.run_ids[0], item.run_ids[2]]
     assert not rows["crashed"].any()
     pd.testing.assert_frame_equal(_run(plan, tmp_path).rows, _run(plan, tmp_path / "whole").rows)
 
@@ -211,7 +211,7 @@ def test_a_full_disk_ends_the_batch_in_one_sentence_and_loses_nothing(tmp_path):
 def test_no_room_for_the_table_itself(tmp_path, monkeypatch):
     plan = fake_plan(seeds=3)
     monkeypatch.setattr(results_csv.os, "fsync", _full_at_the_fourth())
-    with pytest.raises(LayflatError, match=r"takes no more files: No space left.*goes on from there"):
+    with pytest.raises(LayflatError, match=r"takes no more files: No space left.*continues from there"):
         _run(plan, tmp_path)
     monkeypatch.undo()
     assert (tmp_path / "episodes.csv").read_bytes().endswith(b"\n")
@@ -233,15 +233,15 @@ def _full_at_the_fourth():
 
 def test_a_crash_costs_one_row_after_two_attempts(tmp_path):
     plan = fake_plan(seeds=2)
-    first, second, third, _ = plan.groups()
-    play = Scripted(
+    first, second, third, _ = plan.items()
+    make = FakeEpisodes(
         {
             (key_of(first), "push"): ("segfault", "kill"),
             (key_of(second), "none"): ("exception",),
             (key_of(third), PLACING): ("exit", "exception"),
         }
     )
-    rows = _run(plan, tmp_path, play=play).rows.set_index("run")
+    rows = _run(plan, tmp_path, make=make).rows.set_index("run")
     crashed = rows[rows["crashed"]]
     assert set(crashed.index) == {first.run_ids[1], first.run_ids[2], *third.run_ids} - {first.run_ids[2]}
     assert "SIGKILL" in crashed.loc[first.run_ids[1], "reason"]
@@ -259,9 +259,9 @@ def test_a_crash_costs_one_row_after_two_attempts(tmp_path):
 
 def test_what_hangs_is_ended_in_time(tmp_path):
     plan = fake_plan(seeds=1, limit_s=1.0)
-    first, second = plan.groups()
-    play = Scripted({(key_of(first), "push"): ("hang", "hang"), (key_of(second), PLACING): ("hang",)})
-    rows = _run(plan, tmp_path, play=play).rows.set_index("run")
+    first, second = plan.items()
+    make = FakeEpisodes({(key_of(first), "push"): ("hang", "hang"), (key_of(second), PLACING): ("hang",)})
+    rows = _run(plan, tmp_path, make=make).rows.set_index("run")
     assert rows.index[rows["crashed"]].tolist() == [first.run_ids[1]]
     assert rows.loc[first.run_ids[1], "reason"] == "took more than 1 s"
 
@@ -277,6 +277,6 @@ def test_a_program_that_has_used_opencvs_threads_may_run_batches(tmp_path):
     picture = np.random.default_rng(0).random((800, 800), dtype=np.float32)
     for _ in range(3):
         cv2.resize(cv2.filter2D(picture, -1, np.ones((11, 11), np.float32)), (2000, 2000))
-    rows = _run(fake_plan(seeds=2, limit_s=20.0), tmp_path, play=Looking()).rows
+    rows = _run(fake_plan(seeds=2, limit_s=20.0), tmp_path, make=OpencvEpisodes()).rows
     assert not rows["crashed"].any()
     assert (rows["attempts"] == 1).all()

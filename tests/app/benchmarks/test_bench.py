@@ -21,7 +21,7 @@ from layflat.data.types import STEP_S
 from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG
 from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS
 from layflat.sim.robots.registry import ROBOTS
-from layflat.tests.fakeplay import Scripted
+from layflat.tests.app.fake_episodes import Scripted
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]

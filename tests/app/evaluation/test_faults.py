@@ -21,11 +21,11 @@ import pytest
 
 from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import COLUMNS, episode_metrics
 from layflat.data.atomic_files import WriterLock
-from layflat.tests.fakeplay import FAULTS, PLACING, Fault, Scripted, fake_episode, fake_plan, key_of
+from layflat.tests.app.fake_episodes import FAULTS, PLACING, FakeEpisodes, Fault, fake_episode, fake_plan, key_of
 
 DISK_SHARE, HANG_SHARE = 0.04, 0.05
 LIMIT_S = 4.0
@@ -39,7 +39,7 @@ def _faults(
     ordinary = [fault for fault in FAULTS if fault not in ("disk", "hang")]
     planned: dict[tuple[str, str], tuple[Fault | None, ...]] = {}
     places = [
-        (key_of(group), where) for group in plan.groups() for where in (PLACING, *(case.name for case in group.cases))
+        (key_of(item), where) for item in plan.items() for where in (PLACING, *(case.name for case in item.cases))
     ]
     rng.shuffle(places)
     for place in map(tuple, places):
@@ -56,11 +56,11 @@ def _shares(ordinary: int) -> list[float]:
     return [DISK_SHARE, HANG_SHARE, *[(1 - DISK_SHARE - HANG_SHARE) / ordinary] * ordinary]
 
 
-def _until_done(plan: EvaluationPlan, out: Path, play: Scripted, workers: int) -> tuple[EvaluationResults, int]:
+def _until_done(plan: EvaluationPlan, out: Path, make: FakeEpisodes, workers: int) -> tuple[EvaluationResults, int]:
     """As a person would: the same command again, with room made, until it ends well; how often the disk was full."""
     for full in itertools.count():
         with contextlib.suppress(LayflatError):
-            return run_batch(plan, out, workers=workers, play=play), full
+            return run_evaluation(plan, out, workers=workers, make=make), full
     raise AssertionError
 
 
@@ -68,28 +68,28 @@ def _check(plan: EvaluationPlan, results: EvaluationResults) -> Counter:
     """Each planned row once, each as it must be; which ends there were."""
     rows = results.rows.set_index("run")
     assert rows.index.is_unique
-    assert list(rows.index) == [run for group in plan.groups() for run in group.run_ids]
-    for group in plan.groups():
-        for case, run in zip(group.cases, group.run_ids, strict=True):
+    assert list(rows.index) == [run for item in plan.items() for run in item.run_ids]
+    for item in plan.items():
+        for case, run in zip(item.cases, item.run_ids, strict=True):
             row, file = rows.loc[run], results.folder / "runs" / f"{run}.h5"
             if row["crashed"]:
                 assert row["attempts"] == 2
                 assert row["reason"]
                 assert not file.exists()
             else:
-                made = replace(fake_episode(group, case), source=group.entrant.name, disturbance=case.name)
+                made = replace(fake_episode(item, case), source=item.policy.label, disturbance=case.name)
                 assert {name: None if pd.isna(row[name]) else row[name] for name in COLUMNS} == episode_metrics(made)
                 assert file.exists()
     return Counter(rows["reason"])
 
 
-def _inject(out: Path, count: int, groups: int, workers: int, seed: int) -> None:
-    plan = fake_plan(seeds=groups // 2, limit_s=LIMIT_S)
+def _inject(out: Path, count: int, items: int, workers: int, seed: int) -> None:
+    plan = fake_plan(seeds=items // 2, limit_s=LIMIT_S)
     faults = _faults(plan, count, np.random.default_rng(seed))
     injected = Counter(fault for given in faults.values() for fault in given)
     assert sum(injected.values()) >= count
     assert set(injected) == set(FAULTS)
-    results, full = _until_done(plan, out / "out", Scripted(faults, marks=out), workers)
+    results, full = _until_done(plan, out / "out", FakeEpisodes(faults, marks=out), workers)
     reasons = _check(plan, results)
     print(f"injected {dict(injected)}; disk full {full} times; crashed rows by reason: {dict(reasons)}")
     assert full > 0
@@ -97,25 +97,25 @@ def _inject(out: Path, count: int, groups: int, workers: int, seed: int) -> None
 
 
 def test_a_hundred_faults_lose_no_row_and_double_none(tmp_path):
-    _inject(tmp_path, 100, groups=60, workers=8, seed=1)
+    _inject(tmp_path, 100, items=60, workers=8, seed=1)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_thousand_faults_lose_no_row_and_double_none(tmp_path):
-    _inject(tmp_path, 1000, groups=500, workers=8, seed=2)
+    _inject(tmp_path, 1000, items=500, workers=8, seed=2)
 
 
 @pytest.fixture
 def start(tmp_path) -> Iterator:
-    """``start(seeds, workers, step_s)``: a batch as a program, in a process group of its own."""
+    """``start(seeds, workers, step_s)``: a batch as a program, in a process item of its own."""
     running: list[subprocess.Popen] = []
 
     def run(seeds: int = 6, workers: int = 2, step_s: float = 0.3) -> subprocess.Popen:
         words = [
             sys.executable,
             "-m",
-            "layflat.tests.fakeplay",
+            "layflat.tests.app.fake_episodes",
             str(tmp_path / "out"),
             str(seeds),
             str(workers),
@@ -139,19 +139,19 @@ def _until(stream, words: str) -> None:
     raise AssertionError(f"the program ended without saying {words!r}")
 
 
-def _left(group: int) -> list[psutil.Process]:
+def _left(item: int) -> list[psutil.Process]:
     def there(process: psutil.Process) -> bool:
         try:
-            return process.status() != psutil.STATUS_ZOMBIE and os.getpgid(process.pid) == group
+            return process.status() != psutil.STATUS_ZOMBIE and os.getpgid(process.pid) == item
         except (ProcessLookupError, psutil.NoSuchProcess):
             return False
 
     return [process for process in psutil.process_iter() if there(process)]
 
 
-def _none_left(group: int, patience_s: float = 10.0) -> bool:
+def _none_left(item: int, patience_s: float = 10.0) -> bool:
     give_up = time.monotonic() + patience_s
-    while left := _left(group):
+    while left := _left(item):
         if time.monotonic() > give_up:
             print(left)
             return False
@@ -161,13 +161,13 @@ def _none_left(group: int, patience_s: float = 10.0) -> bool:
 
 def _whole(plan: EvaluationPlan, folder: Path) -> pd.DataFrame:
     """The rows of a batch that nobody disturbs."""
-    return run_batch(plan, folder, workers=4, play=Scripted()).rows
+    return run_evaluation(plan, folder, workers=4, make=FakeEpisodes()).rows
 
 
 def test_kill_9_of_the_batch_leaves_no_process_and_the_same_command_goes_on(start, tmp_path):
     child = start()
     _until(child.stderr, "4/36")
-    # Between two groups there may be none for a moment; killed are those that are at work.
+    # Between two items there may be none for a moment; killed are those that are at work.
     give_up = time.monotonic() + 10
     while len(_left(child.pid)) <= 2:
         assert time.monotonic() < give_up, "no worker was ever seen"
@@ -178,7 +178,7 @@ def test_kill_9_of_the_batch_leaves_no_process_and_the_same_command_goes_on(star
     assert len(kept) >= 4
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").glob("*.h5")}
     assert {f"{run}.h5" for run in kept["run"]} <= {path.name for path in files}
-    rows = run_batch(fake_plan(6), tmp_path / "out", workers=4, play=Scripted()).rows
+    rows = run_evaluation(fake_plan(6), tmp_path / "out", workers=4, make=FakeEpisodes()).rows
     pd.testing.assert_frame_equal(rows, _whole(fake_plan(6), tmp_path / "whole"))
     assert {path: path.stat().st_mtime_ns for path in files} == files
 
@@ -195,8 +195,8 @@ def test_ctrl_c_keeps_what_is_finished_sums_it_up_and_ends_with_130(start, tmp_p
     results = EvaluationResults.open(tmp_path / "out")
     assert 3 <= len(results.rows) < 36
     assert not results.rows["crashed"].any()
-    assert sum(group["n"] for group in results.summary["groups"]) == len(results.rows)
-    rows = run_batch(fake_plan(6), tmp_path / "out", workers=4, play=Scripted()).rows
+    assert sum(item["n"] for item in results.summary["groups"]) == len(results.rows)
+    rows = run_evaluation(fake_plan(6), tmp_path / "out", workers=4, make=FakeEpisodes()).rows
     pd.testing.assert_frame_equal(rows, _whole(fake_plan(6), tmp_path / "whole"))
 
 

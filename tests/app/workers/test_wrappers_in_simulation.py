@@ -16,7 +16,7 @@ from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
-from layflat.tests.lowering import Down
+from layflat.tests.fake_environment import DownPolicy
 
 
 def episode(robot: str, start: str, seed: int, *around: str) -> Episode:
@@ -36,7 +36,7 @@ def ahead_at_touch(robot: str, around: Callable[[Policy], Policy]) -> float:
     bench = ClothSimulation(SimConfig(robot=robot, start="swinging"))
     try:
         bench.reset(2)
-        policy, columns = around(Down(robot)), bench.config.cloth_spec.columns
+        policy, columns = around(DownPolicy(robot)), bench.config.cloth_spec.columns
         policy.reset(2)
         down = False
         for _ in range(60):

@@ -20,7 +20,7 @@ from layflat.policy.runner import EpisodeRunner
 from layflat.policy.schedule import DisturbanceScheduler, ScheduledDisturbance, Trigger
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
-from layflat.tests.app.fake_bench import ACTING_STEPS, FakeBench, Forward
+from layflat.tests.fake_environment import ACTING_STEPS, FakeEnvironment, ForwardPolicy
 
 SEED = 3
 
@@ -28,7 +28,7 @@ SEED = 3
 @pytest.fixture
 def make_bench():
     def made(robot="hanger"):
-        bench = FakeBench(SimConfig(robot=robot, cloth="towel"))
+        bench = FakeEnvironment(SimConfig(robot=robot, cloth="towel"))
         bench.reset(SEED)
         return bench
 
@@ -60,7 +60,7 @@ def _through_a_file(episode, path):
 
 
 def test_a_named_disturbance_comes_once_after_the_stop(bench):
-    policy = Forward()
+    policy = ForwardPolicy()
     episode = rollout(bench, policy, seed=SEED, disturbance="thesis")
     (befell,) = episode.disturbances
     first, end = episode.phase_bounds("disturb")
@@ -80,7 +80,7 @@ def test_a_named_disturbance_comes_once_after_the_stop(bench):
 
 
 def test_repeats_come_one_after_another_each_with_its_chance(bench):
-    episode = rollout(bench, Forward(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=3)])
+    episode = rollout(bench, ForwardPolicy(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=3)])
     told = [step.phase for step in episode.steps]
     changes = [a for a, b in zip(told, ["", *told], strict=False) if a != b]
     assert changes == ["place", *["disturb", "repair"] * 3]
@@ -90,7 +90,7 @@ def test_repeats_come_one_after_another_each_with_its_chance(bench):
 
 
 def test_one_at_a_step_acts_while_the_policy_goes_on(bench):
-    episode = rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("step", 5)])
+    episode = rollout(bench, ForwardPolicy(), seed=SEED, disturbance="gust", schedule=[_at("step", 5)])
     (befell,) = episode.disturbances
     assert (befell.name, befell.first_step, befell.last_step) == ("wind", 5, 4 + ACTING_STEPS)
     assert {step.phase for step in episode.steps} == {"place"}
@@ -99,7 +99,7 @@ def test_one_at_a_step_acts_while_the_policy_goes_on(bench):
 
 
 def test_one_at_a_contact_begins_when_the_camera_first_sees_it(bench):
-    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.25)])
+    episode = rollout(bench, ForwardPolicy(), seed=SEED, schedule=[_at("contact", 0.25)])
     (befell,) = episode.disturbances
     assert episode.disturbance == "wind"
     contact = episode.contact()
@@ -108,7 +108,7 @@ def test_one_at_a_contact_begins_when_the_camera_first_sees_it(bench):
 
 
 def test_one_that_still_acts_when_the_policy_stops_is_waited_for(bench):
-    policy, acts = Forward(), iter([*[None] * 10, "threshold", *[None] * 3, "converged"])
+    policy, acts = ForwardPolicy(), iter([*[None] * 10, "threshold", *[None] * 3, "converged"])
     policy.act = lambda seen: Decision(action=[0.01, 0.0], stop=next(acts))
     episode = rollout(bench, policy, seed=SEED, schedule=[_at("step", 9)])
     (befell,) = episode.disturbances
@@ -120,7 +120,7 @@ def test_one_that_still_acts_when_the_policy_stops_is_waited_for(bench):
 
 def test_what_falls_due_together_comes_one_after_another(bench):
     episode = rollout(
-        bench, Forward(), seed=SEED, schedule=[_at("step", 5), _at("step", 5, "push"), _scheduled("poke")]
+        bench, ForwardPolicy(), seed=SEED, schedule=[_at("step", 5), _at("step", 5, "push"), _scheduled("poke")]
     )
     told = [(record.name, record.first_step) for record in episode.disturbances]
     assert told[:2] == [("wind", 5), ("push", 5 + ACTING_STEPS)]
@@ -129,7 +129,7 @@ def test_what_falls_due_together_comes_one_after_another(bench):
 
 
 def test_a_step_that_was_not_reached_comes_after_the_stop_and_a_contact_never(bench):
-    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("contact", 0.9), _at("step", 900, repeats=2)])
+    episode = rollout(bench, ForwardPolicy(), seed=SEED, schedule=[_at("contact", 0.9), _at("step", 900, repeats=2)])
     assert [record.name for record in episode.disturbances] == ["wind", "wind"]
     assert episode.phase_bounds("place")[1] == episode.disturbances[0].first_step
 
@@ -137,8 +137,8 @@ def test_a_step_that_was_not_reached_comes_after_the_stop_and_a_contact_never(be
 def test_chance_is_the_schedules_whatever_comes_first(make_bench):
     """Two policies that reach the same moments in another order meet the same disturbances."""
     schedule = [_at("contact", 0.3), _at("step", 8, "push"), _scheduled("poke", repeats=2)]
-    slow, quick = Forward(), Forward()
-    quick.act = lambda seen: replace(Forward.act(quick, seen), action=np.array([0.02, 0.0]))
+    slow, quick = ForwardPolicy(), ForwardPolicy()
+    quick.act = lambda seen: replace(ForwardPolicy.act(quick, seen), action=np.array([0.02, 0.0]))
     plans, orders = [], []
     for policy in (slow, quick):
         befell = rollout(make_bench(), policy, seed=SEED, schedule=schedule).disturbances
@@ -149,21 +149,21 @@ def test_chance_is_the_schedules_whatever_comes_first(make_bench):
 
 
 def test_copies_of_a_placing_go_on_as_an_episode_that_was_never_copied(make_bench):
-    run = EpisodeRunner(make_bench(), Forward(), seed=SEED)
+    run = EpisodeRunner(make_bench(), ForwardPolicy(), seed=SEED)
     stopped_by = run_until_stop(run)
     for name in ("none", "push", "wind"):
         twin = copy.deepcopy(run)
         twin.disturbance = name
         schedule = [] if name == "none" else [_scheduled(name)]
         episode = twin.episode(run_disturbances(twin, DisturbanceScheduler(schedule), stopped_by))
-        whole = rollout(make_bench(), Forward(), seed=SEED, disturbance=name)
+        whole = rollout(make_bench(), ForwardPolicy(), seed=SEED, disturbance=name)
         assert compare(whole, episode).identical
         assert (episode.disturbance, episode.disturbances) == (name, whole.disturbances)
 
 
 def test_an_unstable_cloth_ends_the_episode_and_its_disturbance_was_never_over(bench):
-    bench.breaks_at = 7
-    episode = rollout(bench, Forward(), seed=SEED, schedule=[_at("step", 5), _scheduled()])
+    bench.diverges_at = 7
+    episode = rollout(bench, ForwardPolicy(), seed=SEED, schedule=[_at("step", 5), _scheduled()])
     (befell,) = episode.disturbances
     assert (episode.stopped_by, episode.outcome, len(episode.steps)) == ("unstable", "failure", 7)
     assert (befell.first_step, befell.last_step) == (5, None)
@@ -188,7 +188,7 @@ def test_a_schedule_that_makes_no_sense_is_one_sentence(wrong, sentence):
 
 def _driven(bench, n_steps=12):
     """By a person: pulls for three steps, lets go, pulls elsewhere, disturbs; the hand leads the holder at the end."""
-    policy = Forward()
+    policy = ForwardPolicy()
     run = EpisodeRunner(bench, policy, seed=SEED)
     for step_index in range(n_steps):
         pull = (
@@ -220,23 +220,23 @@ def test_what_a_person_does_is_recorded_step_by_step(bench):
 
 
 def _disturbed_in_the_middle(bench):
-    return rollout(bench, Forward(), seed=SEED, disturbance="gust", schedule=[_at("step", 5)])
+    return rollout(bench, ForwardPolicy(), seed=SEED, disturbance="gust", schedule=[_at("step", 5)])
 
 
 def _disturbed_twice(bench):
-    return rollout(bench, Forward(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=2)])
+    return rollout(bench, ForwardPolicy(), seed=SEED, disturbance="thesis", schedule=[_scheduled(repeats=2)])
 
 
 def _diverged(bench):
-    bench.breaks_at = 8
-    return rollout(bench, Forward(), seed=SEED, schedule=[_at("step", 5)])
+    bench.diverges_at = 8
+    return rollout(bench, ForwardPolicy(), seed=SEED, schedule=[_at("step", 5)])
 
 
 @pytest.mark.parametrize("made", [_driven, _disturbed_in_the_middle, _disturbed_twice, _diverged])
 def test_an_episode_runs_again_to_the_bit_from_its_file(made, make_bench, tmp_path, differences):
     kept = _through_a_file(made(make_bench()), tmp_path / "s.h5")
     bench = make_bench()
-    bench.breaks_at = 8 if made is _diverged else None
+    bench.diverges_at = 8 if made is _diverged else None
     again = replay_actions(bench, kept)
     assert compare(kept, again).identical
     assert differences(again.disturbances, kept.disturbances) == []
@@ -257,7 +257,7 @@ def test_the_plan_counts_not_its_name(make_bench, tmp_path):
 def test_a_journal_hears_of_disturbances_as_they_come(bench, tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot="hanger", cloth="towel") as recorder:
-        run = EpisodeRunner(bench, Forward(), seed=SEED, disturbance="gust", begin=recorder.begin)
+        run = EpisodeRunner(bench, ForwardPolicy(), seed=SEED, disturbance="gust", begin=recorder.begin)
         run.step("place")
         run.disturb("wind")
         run.step("place")
@@ -274,7 +274,7 @@ def test_a_journal_hears_of_disturbances_as_they_come(bench, tmp_path):
 
 
 def test_one_that_is_replaced_before_it_acts_was_never_there(bench):
-    run = EpisodeRunner(bench, Forward(), seed=SEED)
+    run = EpisodeRunner(bench, ForwardPolicy(), seed=SEED)
     run.step("place")
     run.disturb("wind")
     run.disturb("push")

@@ -12,14 +12,15 @@ import pandas as pd
 import psutil
 import pytest
 
-from layflat.app.evaluation.fork_server import ForkServer
-from layflat.app.evaluation.plan import EvaluationPlan, PolicySpec
+from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.evaluation.ray_engine import ray_engine
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import run_batch
+from layflat.app.evaluation.run import run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.support.errors import LayflatError
-from layflat.tests.fakeplay import PLACING, Scripted, fake_plan, key_of
+from layflat.app.workers.fork_server import ForkServer
+from layflat.policy.spec import PolicySpec
+from layflat.tests.app.fake_episodes import PLACING, FakeEpisodes, fake_plan, key_of
 
 
 def test_without_ray_there_is_one_sentence(monkeypatch):
@@ -31,11 +32,11 @@ def test_without_ray_there_is_one_sentence(monkeypatch):
 def test_a_warm_server_runs_group_after_group_and_ends_with_its_owner():
     server = ForkServer()
     try:
-        for group in fake_plan(seeds=1).groups():
-            faults = {(key_of(group), "push"): ("segfault",)}
-            end, files = server.run(group, Scripted(faults))
-            assert set(end.lost) == {group.run_ids[1]}
-            assert set(files) == set(end.rows) == set(group.run_ids) - {group.run_ids[1]}
+        for item in fake_plan(seeds=1).items():
+            faults = {(key_of(item), "push"): ("segfault",)}
+            end, files = server.run(item, FakeEpisodes(faults))
+            assert set(end.lost) == {item.run_ids[1]}
+            assert set(files) == set(end.rows) == set(item.run_ids) - {item.run_ids[1]}
         process = psutil.Process(server._process.pid)
     finally:
         server.close()
@@ -60,9 +61,9 @@ def cluster():
 @pytest.mark.timeout(600)
 def test_two_nodes_give_the_rows_of_one_machine(cluster, tmp_path):
     plan = fake_plan(seeds=6)
-    faults = {(key_of(group), PLACING): ("kill", None) for group in list(plan.groups())[3:6]}
-    there = run_batch(plan, tmp_path / "ray", engine=ray_engine(2, cluster), play=Scripted(faults))
-    here = run_batch(plan, tmp_path / "local", workers=2, play=Scripted(faults))
+    faults = {(key_of(item), PLACING): ("kill", None) for item in list(plan.items())[3:6]}
+    there = run_evaluation(plan, tmp_path / "ray", engine=ray_engine(2, cluster), make=FakeEpisodes(faults))
+    here = run_evaluation(plan, tmp_path / "local", workers=2, make=FakeEpisodes(faults))
     pd.testing.assert_frame_equal(there.rows, here.rows)
     assert (there.rows["attempts"] == 2).sum() == 9
 
@@ -82,10 +83,10 @@ def test_a_lost_worker_costs_what_it_was_at(cluster, tmp_path):
                     killed.append(process.pid)
                     return
 
-    play = Scripted(step_s=0.2)
-    results = run_batch(plan, tmp_path, engine=ray_engine(2, cluster), play=play, progress=Killing())  # type: ignore[arg-type]
+    make = FakeEpisodes(step_s=0.2)
+    results = run_evaluation(plan, tmp_path, engine=ray_engine(2, cluster), make=make, progress=Killing())  # type: ignore[arg-type]
     assert killed
-    assert len(results.rows) == plan.episodes
+    assert len(results.rows) == plan.n_episodes
     assert results.rows["run"].is_unique
     assert (results.rows["attempts"] == 2).any()
     give_up = time.monotonic() + 10
@@ -98,7 +99,7 @@ def _servers() -> list[int]:
     return [
         p.pid
         for p in psutil.process_iter(["cmdline"])
-        if "layflat.app.evaluation.fork_server" in (p.info["cmdline"] or [])
+        if "layflat.app.workers.fork_server" in (p.info["cmdline"] or [])
     ]
 
 
@@ -106,16 +107,14 @@ def _servers() -> list[int]:
 @pytest.mark.timeout(900)
 def test_real_episodes_are_the_same_on_one_worker_on_two_and_on_ray(cluster, tmp_path, differences):
     plan = EvaluationPlan(
-        entrants=(
-            PolicySpec(name="rule", robot="pickers", made="drag-rule"),
-            PolicySpec(name="hold", robot="hanger", made="hold"),
-        ),
+        policies=(PolicySpec(builtin="drag-rule"), PolicySpec(builtin="hold")),
+        robots=("hanger", "pickers"),
         cloths=("towel",),
         seeds=(0, 1),
         cases=cases_of("poke"),
     )
     engines = {"one": {"workers": 1}, "two": {"workers": 2}, "ray": {"engine": ray_engine(2, cluster)}}
-    results = {name: run_batch(plan, tmp_path / name, **options) for name, options in engines.items()}
+    results = {name: run_evaluation(plan, tmp_path / name, **options) for name, options in engines.items()}
     rows = {name: found.rows.drop(columns="wall_s") for name, found in results.items()}
     for name in ("two", "ray"):
         pd.testing.assert_frame_equal(rows["one"], rows[name])

@@ -35,12 +35,12 @@ def test_a_suite_says_what_where_when_how_strongly_and_how_often():
     landing, early = parse(GOOD, "mine", "mine.toml")
     assert (landing.name, early.name) == ("mine/landing", "mine/early")
     push, wind = landing.schedule
-    assert push.spec.scale == (0.5, 1.5)
-    assert push.spec.path == DISTURBANCES["push"].path
-    assert (push.when, push.repeats) == (Trigger(kind="contact", value=0.5), 2)
-    assert (wind.spec.kind, wind.spec.heading_deg, wind.when) == ("wind", (90.0, 90.0), Trigger())
-    assert early.schedule[0].when == Trigger(kind="step", value=30)
-    assert [case.after_the_stop for case in (landing, early)] == [False, False]
+    assert push.disturbance.scale == (0.5, 1.5)
+    assert push.disturbance.path == DISTURBANCES["push"].path
+    assert (push.trigger, push.repeats) == (Trigger(kind="contact", value=0.5), 2)
+    assert (wind.disturbance.kind, wind.disturbance.heading_deg, wind.trigger) == ("wind", (90.0, 90.0), Trigger())
+    assert early.schedule[0].trigger == Trigger(kind="step", value=30)
+    assert [case.is_post_stop for case in (landing, early)] == [False, False]
 
 
 def test_a_single_case_has_the_suites_name():
@@ -58,13 +58,13 @@ def test_what_ships_is_what_the_help_says():
 def test_the_thesis_disturbs_twice_after_the_stop():
     (case,) = cases_of("thesis")
     assert case.name == "thesis"
-    assert case.after_the_stop
+    assert case.is_post_stop
     assert sum(item.repeats for item in case.schedule) == 2
 
 
 def test_a_single_disturbance_comes_once():
     (case,) = cases_of("poke")
-    assert case.schedule[0].spec == DISTURBANCES["poke"]
+    assert case.schedule[0].disturbance == DISTURBANCES["poke"]
     assert (case.name, case.schedule[0].repeats) == ("poke", 1)
 
 
@@ -97,10 +97,10 @@ WRONG = {
     "not a number": ("wind_m_s2 is 'much'", _changed("wind_m_s2 = 2", 'wind_m_s2 = "much"')),
     "not finite": ("wind_m_s2 is inf", _changed("wind_m_s2 = 2", "wind_m_s2 = inf")),
     "no moment": ('when is "later"|when is .later.; it must be', _changed("{ step = 30 }", '"later"')),
-    "no step": ("step -3", _changed("{ step = 30 }", "{ step = -3 }")),
-    "half a step": ("step 1.5", _changed("{ step = 30 }", "{ step = 1.5 }")),
+    "no step": ("step must be an integer >= 0, got -3", _changed("{ step = 30 }", "{ step = -3 }")),
+    "half a step": ("step must be an integer >= 0, got 1.5", _changed("{ step = 30 }", "{ step = 1.5 }")),
     "a truth for a step": ("when is {'step': True}", _changed("{ step = 30 }", "{ step = true }")),
-    "contact above 1": ("contact 5", _changed("contact = 0.5", "contact = 5")),
+    "contact above 1": ("contact must be within 0..1, got 5", _changed("contact = 0.5", "contact = 5")),
     "never": ("repeats is 0; it must be a whole number from 1", _changed("repeats = 2", "repeats = 0")),
     "too often": ("repeats is 1000", _changed("repeats = 2", "repeats = 1000")),
     "two of a name": ("two cases are named mine/landing", _changed('"early"', '"landing"')),
