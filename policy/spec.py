@@ -23,8 +23,8 @@ SMOOTH = "smooth"
 """The task whose built-in policies are the controllers of wrinkle removal."""
 WORD_CONTROLLER = "word"
 """Controller that demonstrates wrinkle removal: Algorithm 2."""
-BUILTIN_NAMES = (SCRIPTED, *registry.BUILTIN_POLICIES)
-"""Policies of the task ``place`` that need no model."""
+BUILTIN_NAMES = tuple(dict.fromkeys((SCRIPTED, *registry.BUILTIN_POLICIES, *wrinkle_removal.CONTROLLERS)))
+"""Policies that need no model; which of them a task has, says `builtin_names`."""
 _TEXT = re.compile(r"(?:(?P<label>[^=/]+)=)?(?P<policy>.+)")
 _LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+@]*(-[A-Za-z0-9._+@]+)*")
 
@@ -51,7 +51,7 @@ class PolicySpec:
             object.__setattr__(self, "label", "+".join(part for part in parts if part is not None))
         if not _LABEL.fullmatch(self.label):
             raise PolicyError(f"policy name {self.label!r} cannot be part of a file name; use letters, digits and .+@-")
-        known = (*registry.BUILTIN_POLICIES, *(() if self.model else (SCRIPTED, *wrinkle_removal.CONTROLLERS)))
+        known = registry.BUILTIN_POLICIES if self.model else BUILTIN_NAMES
         for kind, names, choices in (("policy", (self.builtin,), known), ("wrapper", self.wrappers, registry.WRAPPERS)):
             for name in names:
                 if name is not None and name not in choices:
@@ -78,6 +78,12 @@ class PolicySpec:
         if self.builtin is not None:
             policy = SequentialPolicy(policy, _builtin(self.builtin, env), name=self.label)
         return registry.wrap(policy, self.wrappers)
+
+    def check_task(self, task: str) -> None:
+        """Raise PolicyError where the task has no built-in policy of that name."""
+        if self.builtin is not None and self.builtin not in builtin_names(task):
+            known = ", ".join(builtin_names(task))
+            raise PolicyError(f"policy {self.builtin!r} is not one of task {task}; give one of {known}, or a model")
 
     def with_file_name(self) -> PolicySpec:
         """Return the same policy, labelled with the name of its file as well."""
@@ -110,6 +116,11 @@ class PolicySpec:
             )
         model = load_model(Path(first))
         return cls(model=model, builtin=rule, wrappers=wrappers, label=label or "", stem=Path(first).stem)
+
+
+def builtin_names(task: str) -> tuple[str, ...]:
+    """Return the names of a task's policies that need no model."""
+    return (SCRIPTED, *(wrinkle_removal.CONTROLLERS if task == SMOOTH else registry.BUILTIN_POLICIES))
 
 
 def load_model(path: Path) -> TrainedModel:

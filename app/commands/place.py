@@ -1,10 +1,9 @@
-"""`layflat place`: autonomous placing with a policy, disturbed if wished."""
+"""`layflat place`: autonomous placing with a policy, with or without a disturbance."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Generator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,19 +18,21 @@ from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.session_lines import kept_line
-from layflat.app.workers.run_items import EpisodeCollector, read_first, record_items, run_items
-from layflat.app.workers.work_item import NO_DISTURBANCE, DisturbanceCase, WorkItem, WorkResult
+from layflat.app.workers.run_items import CollectedEpisodes, collect_items, read_images
+from layflat.app.workers.sim_options import sim_config
+from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
+from layflat.app.workers.work_item import DisturbanceCase, WorkItem
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.spec import PolicySpec
-from layflat.sim.cloth.spec import CLOTHS, DEFAULT_CLOTH
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.robots.registry import ROBOTS, robot_spec
+from layflat.sim.robots.registry import ROBOTS
 
 EPISODE_S = 18.0
-FILM_WIDTH = 640
+VIDEO_WIDTH = 640
 COLUMNS = ("seed", "placed", "disturbed", "final", "mesh contact", "flat area", "steps", "stopped by")
 
 
@@ -51,23 +52,43 @@ class PlaceConfig:
     """Disturbance that starts when the policy has stopped."""
     wrappers: tuple[str, ...] = ()
     record: Path | None = None
+    """Session in which to record the episodes."""
     video: Path | None = None
+    """Video of the first episode."""
     json: Path | None = None
 
 
-def place(config: PlaceConfig, *, workers: int, force: bool) -> None:
+def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactory = SimulatedEpisode) -> None:
     """Place from the starts of ``seed``, ``seed + 1``, ...; print a table, write files where asked for."""
-    policy = PolicySpec.parse("+".join((config.policy, *config.wrappers)))
-    disturbance = validators.one_of("disturbance", config.disturbance, DISTURBANCES)
-    for file, append in ((config.record, True), (config.video, False), (config.json, False)):
+    validators.one_of("disturbance", config.disturbance, DISTURBANCES)
+    items = work_items(config)
+    for file, suffix, append in (
+        (config.video, ".webm", False), (config.record, None, True), (config.json, None, False),
+    ):  # fmt: skip
         if file is not None:
-            validators.writable_file(file, force=force, append=append)
-    if config.video is not None and config.video.suffix != ".webm":
-        raise UsageError(f"{config.video} is not a .webm file; videos are written as .webm")
+            validators.writable_file(file, suffix=suffix, force=force, append=append)
+    with tempfile.TemporaryDirectory(prefix="layflat-place-") as folder:
+        collected = _run(items, config.record, Path(folder), workers, make)
+        first = None if config.video is None or collected.interrupt else read_images(items[0], Path(folder))
+        if config.video is not None and first is not None:
+            write_video(config.video, video_frames(first, PerceptionOverlay(), VIDEO_WIDTH))
+    if config.json is not None and collected.all_rows:
+        lost = len(collected.lost)
+        provenance = vars(capture_provenance())
+        write_json(config.json, {"episodes": collected.all_rows, "provenance": provenance, "lost": lost})
+    if collected.rows:
+        print_table(COLUMNS, map(_cells, collected.rows))
+    collected.check()
+
+
+def work_items(config: PlaceConfig) -> list[WorkItem]:
+    """Return an item for each episode; UsageError or PolicyError where the settings do not fit."""
+    policy = PolicySpec.parse("+".join((config.policy, *config.wrappers)))
     simulation = _simulation(config, policy)
-    schedule = () if disturbance == "none" else (ScheduledDisturbance(disturbance=disturbance),)
-    case = DisturbanceCase(name=disturbance, schedule=schedule) if schedule else NO_DISTURBANCE
-    items = [
+    policy.check_task(simulation.task)
+    schedule = () if config.disturbance == "none" else (ScheduledDisturbance(disturbance=config.disturbance),)
+    case = DisturbanceCase(name=config.disturbance, schedule=schedule)
+    return [
         WorkItem(
             policy=policy,
             config=simulation,
@@ -77,25 +98,6 @@ def place(config: PlaceConfig, *, workers: int, force: bool) -> None:
         )
         for k in range(config.episodes)
     ]
-    collector = EpisodeCollector()
-    with tempfile.TemporaryDirectory(prefix="layflat-place-") as name:
-        folder = Path(name)
-        with collector.finish_on_interrupt():
-            _run(items, config.record, folder, workers, collector)
-        if config.video is not None and not collector.interrupted:
-            first = read_first(items[0], folder)
-            if first is not None:
-                write_video(config.video, video_frames(first, PerceptionOverlay(), FILM_WIDTH))
-    if config.json is not None and (collector.all_rows or not collector.interrupted):
-        content = {
-            "episodes": collector.all_rows,
-            "provenance": vars(capture_provenance()),
-            "lost": len(collector.lost),
-        }
-        write_json(config.json, content)
-    if collector.rows:
-        print_table(COLUMNS, map(_cells, sorted(collector.rows, key=lambda row: row["seed"])))
-    collector.check()
 
 
 def _simulation(config: PlaceConfig, policy: PolicySpec) -> SimConfig:
@@ -106,56 +108,42 @@ def _simulation(config: PlaceConfig, policy: PolicySpec) -> SimConfig:
         robot, cloth = policy.model.layout.robot.name, config.cloth or policy.model.cloth
         if config.robot not in (None, robot):
             raise UsageError(f"{config.policy} was trained for robot {robot}, not {config.robot}")
-    return SimConfig(
-        robot=validators.one_of("robot", robot, ROBOTS),
-        cloth=validators.one_of("cloth", cloth, CLOTHS),
-        descriptor=policy.descriptor,
-    )
+    return sim_config(robot=robot, cloth=cloth, descriptor=policy.descriptor)
 
 
 def _run(
-    items: Sequence[WorkItem], record: Path | None, folder: Path, workers: int, collector: EpisodeCollector
-) -> None:
+    items: list[WorkItem], record: Path | None, folder: Path, workers: int, make: EpisodeFactory
+) -> CollectedEpisodes:
     """Run the items, and record them if asked to."""
     with ExitStack() as stack:
-        recorder = None
+        recorder, simulation = None, items[0].config
         if record is not None:
-            simulation = items[0].config
             recorder = stack.enter_context(
                 SessionRecorder(
                     record,
-                    robot=robot_spec(simulation.robot),
+                    robot=simulation.robot_spec,
+                    task=simulation.task,
                     cloth=simulation.cloth,
+                    physics=simulation.physics,
                     descriptor=simulation.descriptor,
                 )
             )
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(items) / workers}))
-        for recovered in recorder.recovered if recorder is not None else ():
-            progress.note(kept_line(recovered))
-        progress.phase("placing", items=len(items))
-        results = stack.enter_context(closing(_results(items, recorder, folder, progress, workers)))
-        for result in results:
-            collector.add(result, progress, lambda row: f"contact {row['contact_final']:.2f}, {row['stopped_by']}")
-
-
-def _results(
-    items: Sequence[WorkItem], recorder: SessionRecorder | None, folder: Path, progress: Progress, workers: int
-) -> Generator[WorkResult, None, None]:
-    if recorder is None:
-        yield from run_items(items, folder, workers=workers)
-        return
-    for result, saved in record_items(items, recorder, folder, workers=workers):
-        if saved is not None:
+        for saved in recorder.recovered if recorder is not None else ():
             progress.note(kept_line(saved))
-        yield result
+        progress.phase("placing", items=len(items))
+        return collect_items(
+            items,
+            folder,
+            progress,
+            workers=workers,
+            recorder=recorder,
+            on_saved=lambda saved: progress.note(kept_line(saved)),
+            make=make,
+        )
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
     portions = [row[name] for name in ("contact_placed", "contact_disturbed", "contact_final", "contact_final_true")]
-    return [
-        str(row["seed"]),
-        *map(percent, portions),
-        ratio(row["flat_area_final"]),
-        str(row["steps"]),
-        row["stopped_by"],
-    ]
+    numbers = (*map(percent, portions), ratio(row["flat_area_final"]))
+    return [str(row["seed"]), *numbers, str(row["steps"]), row["stopped_by"]]

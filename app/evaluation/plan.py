@@ -11,15 +11,13 @@ from dataclasses import dataclass
 
 from layflat.app.support.errors import UsageError
 from layflat.app.support.validators import one_of
+from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.work_item import LIMIT_S, NO_DISTURBANCE, DisturbanceCase, WorkItem
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import PolicySpec
-from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.config import SimConfig
-from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS
-from layflat.sim.starts.registry import STARTS
-from layflat.sim.tasks.registry import TASKS
+from layflat.sim.tasks.registry import DEFAULT_TASK
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +31,7 @@ class EvaluationPlan:
     seeds: tuple[int, ...]
     cases: tuple[DisturbanceCase, ...] = ()
     """Besides the undisturbed one, which is always there."""
-    task: str = "place"
+    task: str = DEFAULT_TASK
     start: str | None = None
     """None: the default of the task."""
     descriptor: str = DEFAULT_DESCRIPTOR
@@ -50,16 +48,10 @@ class EvaluationPlan:
             ("disturbance", [case.name for case in self.all_cases]),
         ):
             _check_unique(kind, values)
-        for robot in self.robots:
-            one_of("robot", robot, ROBOTS)
-        for cloth in self.cloths:
-            one_of("cloth", cloth, CLOTHS)
-        one_of("task", self.task, TASKS)
-        if self.start is None:
-            object.__setattr__(self, "start", TASKS[self.task].starts[0])
-        one_of("start", str(self.start), STARTS)
-        for robot in self.robots:
-            self.config(robot, self.cloths[0], self.policies[0])
+        for policy in self.policies:
+            policy.check_task(self.task)
+        starts = {self.config(robot, cloth, policy).start for robot, policy in self.entries for cloth in self.cloths}
+        object.__setattr__(self, "start", starts.pop())
         if not self.limit_s > 0:
             raise UsageError(f"--limit-s is {self.limit_s}; it must be above 0")
 
@@ -86,10 +78,7 @@ class EvaluationPlan:
     def config(self, robot: str, cloth: str, policy: PolicySpec) -> SimConfig:
         """Return the simulation in which a policy acts; UsageError where the task or the start is impossible."""
         descriptor = self.descriptor if policy.model is None else policy.descriptor
-        try:
-            return SimConfig(robot=robot, task=self.task, cloth=cloth, start=self.start, descriptor=descriptor)
-        except SimError as error:
-            raise UsageError(str(error)) from None
+        return sim_config(robot=robot, task=self.task, cloth=cloth, start=self.start, descriptor=descriptor)
 
     def items(self) -> Iterator[WorkItem]:
         """Yield the work items by robot and cloth, then start by start, so that a part of them is paired too."""

@@ -11,7 +11,7 @@ from layflat.app.reproduce.studies import DEMONSTRATION_SEED, ModelSpec
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.process import process_pool
-from layflat.app.workers.run_items import demonstrations, record_all
+from layflat.app.workers.run_items import collect_items, demonstrations
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.parts import part_files
 from layflat.data.session.reader import open_session
@@ -84,10 +84,8 @@ class ArtifactStore:
             seeds = set(range(first, first + len(recorded) + n_missing)) - {episode.seed for episode in recorded}
             with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
                 items = demonstrations(SimConfig(robot=robot, cloth=cloth), sorted(seeds))
-                lost = record_all(items, recorder, progress, workers=workers)
-            if lost:
-                reason = next(iter(lost[0].lost.values()))
-                raise LayflatError(f"a demonstration was lost: {reason}; run the same command again to continue")
+                collected = collect_items(items, path.parent, progress, workers=workers, recorder=recorder)
+            collected.check()
 
     def train(self, specs: Iterable[ModelSpec], progress: Progress, *, workers: int) -> None:
         """Train the models that do not exist yet, each in a process of its own; an item of ``progress`` each."""

@@ -64,11 +64,13 @@ def readable_file(path: Path, what: str) -> Path:
     return path
 
 
-def writable_file(path: Path, *, force: bool, append: bool = False) -> Path:
-    """Make the folder of an output file, and make sure before hours of work that the file can be written.
+def writable_file(path: Path, *, force: bool, append: bool = False, suffix: str | None = None) -> Path:
+    """Make the folder of an output file and check, before hours of work, that the file can be written; else UsageError.
 
-    One that exists needs ``force`` (or ``append``, for what only adds to it); UsageError otherwise.
+    A file that exists needs ``force``, or ``append`` where the work only adds to it.
     """
+    if suffix is not None and path.suffix != suffix:
+        raise UsageError(f"{path} is not a {suffix} file; give a name that ends in {suffix}")
     if path.is_dir():
         raise UsageError(f"{path} is a folder; give the name of a file")
     if path.exists() and not (force or append):

@@ -79,10 +79,9 @@ def _record(item: WorkItem, handle: JournalHandle, folder: Path, make: EpisodeFa
             return stack.enter_context(closing(handle.open(beginning)))
 
         episode = _named(item, case, make(item, start).run_case(case))
-    saved = handle.save(episode)
     if item.keep_images and not handle.save_images:
         fsync_write(run_file(folder, item.run_id(case)), serialize(DEMO, episode, handle.uid, save_images=True))
-    return WorkerMessage(item.run_id(case), row=episode_metrics(episode), saved=saved)
+    return WorkerMessage(item.run_id(case), row=episode_metrics(episode), saved=handle.save(episode))
 
 
 def _run_all(

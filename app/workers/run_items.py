@@ -1,21 +1,21 @@
-"""Run work items on this machine, with their results in order; and record episodes into a session."""
+"""Run work items of one case each on this machine: results in order, rows, and recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.support.metrics import crashed_metrics
+from layflat.app.support.metrics import crashed_metrics, episode_metrics
 from layflat.app.support.progress import Progress
-from layflat.app.support.session_lines import kept_line
 from layflat.app.workers.interrupts import note_interrupts
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workers.work_item import WorkItem, WorkResult, read_run, run_file
 from layflat.app.workers.worker_process import local_engine
+from layflat.data.errors import WriteError
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
@@ -23,22 +23,37 @@ from layflat.data.types import Episode
 from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.config import SimConfig
 
+SavedCallback: TypeAlias = Callable[[SavedEpisode], None]
+
+
+def demonstrations(config: SimConfig, seeds: Sequence[int], *, keep_images: bool = False) -> list[WorkItem]:
+    """Return a demonstration of the scripted demonstrator for each seed."""
+    scripted = PolicySpec(builtin=SCRIPTED)
+    return [WorkItem(policy=scripted, config=config, seed=seed, keep_images=keep_images) for seed in seeds]
+
 
 def run_items(
-    items: Sequence[WorkItem], folder: Path, *, workers: int, make: EpisodeFactory = SimulatedEpisode
+    items: Iterable[WorkItem], folder: Path, *, workers: int, make: EpisodeFactory = SimulatedEpisode
 ) -> Generator[WorkResult, None, None]:
     """Yield the results in the order of ``items``, each as soon as it and those before it are there.
 
-    Ctrl-C becomes a KeyboardInterrupt only when the caller has dealt with the result at hand, and with those that are
-    finished besides. Closing the iterator ends the workers.
+    An item is taken from ``items`` when a worker is free for it. Ctrl-C becomes a KeyboardInterrupt only when the
+    caller has dealt with the result at hand, and with those that are finished besides. Closing ends the workers.
     """
-    waiting, finished, position = iter(items), dict[int, WorkResult](), 0
-    place = {id(item): k for k, item in enumerate(items)}
-    engine = local_engine(workers)
-    with note_interrupts() as interrupts, closing(engine(lambda: next(waiting, None), folder, make)) as results:
+    waiting, started, finished = iter(items), list[WorkItem](), dict[int, WorkResult]()
+    position = 0
+
+    def next_item() -> WorkItem | None:
+        item = next(waiting, None)
+        if item is not None:
+            started.append(item)
+        return item
+
+    with note_interrupts() as interrupts, closing(local_engine(workers)(next_item, folder, make)) as results:
         for result in results:
             if result is not None:
-                finished[place[id(result.item)]] = result
+                place = next(k for k, item in enumerate(started) if item is result.item)
+                finished[place] = result
             while position in finished:
                 yield finished.pop(position)
                 position += 1
@@ -50,122 +65,127 @@ def run_items(
 
 
 def record_items(
-    items: Sequence[WorkItem],
+    items: Iterable[WorkItem],
     recorder: SessionRecorder,
-    folder: Path | None = None,
+    folder: Path,
     *,
     workers: int,
     make: EpisodeFactory = SimulatedEpisode,
 ) -> Generator[tuple[WorkResult, SavedEpisode | None], None, None]:
-    """Run items of one case each into a session; yield each result with where it is saved, durable by then.
+    """Run items into a session; yield each result with where the episode is saved, durable by then.
 
-    Images that an item keeps and the session does not are in the episode's file in ``folder``.
     Every episode has a journal while it runs. What there is of an episode that was lost is saved as partial (None:
-    there is nothing). After Ctrl-C the episodes that were still running are discarded.
+    there is nothing). Images that an item keeps and the session does not are in the episode's file in ``folder``.
+    After Ctrl-C the episodes that were still running are discarded. WriteError where the disk is full.
     """
-    recorded = [replace(item, handle=recorder.new_journal()) for item in items]
-    open_handles = {handle.uid: handle for handle in map(_handle, recorded)}
+    running: list[JournalHandle] = []
+
+    def with_journals() -> Generator[WorkItem, None, None]:
+        for item in items:
+            running.append(recorder.new_journal())
+            yield replace(item, handle=running[-1])
+
     try:
-        with closing(run_items(recorded, folder or recorder.path.parent, workers=workers, make=make)) as results:
+        with closing(run_items(with_journals(), folder, workers=workers, make=make)) as results:
             for result in results:
-                handle = open_handles.pop(_handle(result.item).uid)
-                if result.saved is None:
-                    yield result, recorder.recover(handle)
+                handle, saved = result.item.handle, result.saved
+                if handle is None:
+                    raise ValueError(f"the item of seed {result.item.seed} has no journal")
+                running.remove(handle)
+                if saved is None:
+                    saved = recorder.recover(handle)
                 else:
-                    recorder.register(result.saved)
-                    yield result, result.saved
+                    recorder.register(saved)
+                yield result, saved
+                if result.unwritable is not None:
+                    raise WriteError(result.unwritable)
     except KeyboardInterrupt:
-        for handle in open_handles.values():
+        for handle in reversed(running):
             recorder.discard(handle)
         raise
 
 
-def demonstrations(config: SimConfig, seeds: Sequence[int], *, keep_images: bool = False) -> list[WorkItem]:
-    """Return a demonstration of the scripted demonstrator for each seed."""
-    scripted = PolicySpec(builtin=SCRIPTED)
-    return [WorkItem(policy=scripted, config=config, seed=seed, keep_images=keep_images) for seed in seeds]
+@dataclass
+class CollectedEpisodes:
+    """Episodes of a command, through Ctrl-C and the loss of some."""
 
-
-def record_all(
-    items: Sequence[WorkItem], recorder: SessionRecorder, progress: Progress, *, workers: int, echo: bool = False
-) -> list[WorkResult]:
-    """Record all items, with a line of progress for each; return those that were lost."""
-    lost = []
-    with closing(record_items(items, recorder, workers=workers)) as results:
-        for result, saved in results:
-            seed = result.item.seed
-            if result.lost:
-                lost.append(result)
-                status = f"seed {seed}: lost, {next(iter(result.lost.values()))}"
-            else:
-                row = next(iter(result.rows.values()))
-                outcome = "saved" if saved is None else saved.outcome
-                status = f"seed {seed}: {outcome}, contact {min(1.0, row['contact_final']):.2f}"
-            if echo and saved is not None:
-                print(kept_line(saved), flush=True)
-            progress.advance(status=status)
-    return lost
-
-
-def _handle(item: WorkItem) -> JournalHandle:
-    if item.handle is None:
-        raise ValueError(f"the item of seed {item.seed} has no journal")
-    return item.handle
-
-
-def read_first(item: WorkItem, folder: Path) -> Episode | None:
-    """Return the episode of an item with its images, or None where it was lost."""
-    path = run_file(folder, item.run_ids[0])
-    return read_run(folder, item.run_ids[0], images=True) if path.exists() else None
-
-
-class EpisodeCollector:
-    """Results of a command's episodes, through Ctrl-C and the loss of some."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, Any]] = []
-        """Metrics of the finished episodes."""
-        self.runs: list[str] = []
-        """Names of the finished episodes."""
-        self.lost: list[dict[str, Any]] = []
-        """Rows of the lost episodes, each with its ``reason``."""
-        self._interrupt: KeyboardInterrupt | None = None
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the episodes."""
-        return self._interrupt is not None
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    """Metrics of the finished episodes, by seed."""
+    runs: list[str] = field(default_factory=list)
+    """Their names, in the same order."""
+    lost: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of the lost episodes, each with its ``reason``."""
+    interrupt: KeyboardInterrupt | None = None
+    """The Ctrl-C that ended the episodes."""
 
     @property
     def all_rows(self) -> list[dict[str, Any]]:
         """Rows of finished and lost episodes by seed."""
         return sorted([*self.rows, *self.lost], key=lambda row: int(row["seed"]))
 
-    @contextmanager
-    def finish_on_interrupt(self) -> Iterator[None]:
-        """End the body on Ctrl-C, and the command only at `check`: what is finished is written before."""
-        try:
-            yield
-        except KeyboardInterrupt as error:
-            self._interrupt = error
-
-    def add(self, result: WorkResult, progress: Progress, describe: Callable[[Mapping[str, Any]], str]) -> None:
-        """Add the result of an item of one case, with a line of progress that says what ``describe`` says."""
-        item, (run,) = result.item, result.item.run_ids
-        if run in result.rows:
-            self.rows.append(result.rows[run])
-            self.runs.append(run)
-            progress.advance(status=f"seed {item.seed}: {describe(result.rows[run])}")
-        else:
-            reason = result.lost.get(run, "its process did not report")
-            self.lost.append(crashed_metrics(item.policy.label, item.config, item.seed, item.cases[0].name, reason))
-            progress.advance(status=f"seed {item.seed}: lost, {reason}")
-
     def check(self) -> None:
         """Raise KeyboardInterrupt after Ctrl-C, and LayflatError where episodes are lost."""
-        if self._interrupt is not None:
-            raise self._interrupt
+        if self.interrupt is not None:
+            raise self.interrupt
         if self.lost:
             total = len(self.rows) + len(self.lost)
             reason = self.lost[0]["reason"]
-            raise LayflatError(f"{len(self.lost)} of {total} episodes were lost: {reason}; the others are written")
+            raise LayflatError(f"{len(self.lost)} of {total} episodes were lost: {reason}; the others are kept")
+
+
+def collect_items(
+    items: Sequence[WorkItem],
+    folder: Path,
+    progress: Progress,
+    *,
+    workers: int,
+    recorder: SessionRecorder | None = None,
+    on_saved: SavedCallback = lambda saved: None,
+    make: EpisodeFactory = SimulatedEpisode,
+) -> CollectedEpisodes:
+    """Run all items, into a session if there is a ``recorder``; Ctrl-C ends them, and is raised by the result's check.
+
+    ``progress`` is in a phase whose items are these; ``on_saved`` is called when an episode is durable.
+    """
+    collected = CollectedEpisodes()
+    results = _results(items, folder, workers, recorder, make)
+    try:
+        with closing(results):
+            for result, saved in results:
+                if saved is not None:
+                    on_saved(saved)
+                _add(collected, result, folder, progress)
+    except KeyboardInterrupt as error:
+        collected.interrupt = error
+    return collected
+
+
+def _results(
+    items: Sequence[WorkItem], folder: Path, workers: int, recorder: SessionRecorder | None, make: EpisodeFactory
+) -> Generator[tuple[WorkResult, SavedEpisode | None], None, None]:
+    if recorder is not None:
+        yield from record_items(items, recorder, folder, workers=workers, make=make)
+        return
+    with closing(run_items(items, folder, workers=workers, make=make)) as results:
+        for result in results:
+            yield result, None
+
+
+def _add(collected: CollectedEpisodes, result: WorkResult, folder: Path, progress: Progress) -> None:
+    item, (run,) = result.item, result.item.run_ids
+    if run in result.lost:
+        reason = result.lost[run]
+        collected.lost.append(crashed_metrics(item.policy.label, item.config, item.seed, item.cases[0].name, reason))
+        progress.advance(status=f"seed {item.seed}: lost, {reason}")
+    else:
+        row = result.rows.get(run) or episode_metrics(read_run(folder, run))
+        collected.rows.append(row)
+        collected.runs.append(run)
+        contact = f"contact {row['contact_start']:.2f} to {row['contact_final']:.2f}"
+        progress.advance(status=f"seed {item.seed}: {contact}, {row['stopped_by']}")
+
+
+def read_images(item: WorkItem, folder: Path) -> Episode | None:
+    """Return the episode of an item with its images, or None where it was lost."""
+    path = run_file(folder, item.run_ids[0])
+    return read_run(folder, item.run_ids[0], images=True) if path.exists() else None

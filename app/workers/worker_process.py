@@ -89,7 +89,9 @@ class WorkerProcess:
         self._connection.close()
         self._process.close()
         saved = next((message.saved for message in messages.values() if message.saved is not None), None)
-        missing = [run for run in item.run_ids if saved is None and not run_file(self._folder, run).exists()]
+        missing = [run for run in item.run_ids if not run_file(self._folder, run).exists()]
+        if item.handle is not None:
+            missing = list(item.run_ids) if saved is None else []
         return WorkResult(
             item=item,
             lost={run: messages.get(run, rest).reason for run in missing},

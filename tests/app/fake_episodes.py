@@ -29,8 +29,8 @@ from layflat.policy.spec import PolicySpec
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import robot_spec
 
-Fault = Literal["kill", "segfault", "hang", "exception", "exit", "disk"]
-FAULTS: tuple[Fault, ...] = get_args(Fault)
+Fault = Literal["kill", "segfault", "hang", "exception", "exit", "disk", "interrupt"]
+FAULTS: tuple[Fault, ...] = tuple(fault for fault in get_args(Fault) if fault != "interrupt")
 PLACING = "placing"
 """Place of a fault that is not in a case."""
 OnStart = Callable[[Episode], StepCallback] | None
@@ -71,7 +71,7 @@ class OpencvEpisodes(FakeEpisodes):
 
 
 class FakeEpisode:
-    """An item's episode as numbers that follow from its name; a fault comes after the second step."""
+    """An item's episode as numbers that follow from its name; a fault comes after three steps."""
 
     def __init__(self, factory: FakeEpisodes, item: WorkItem, on_start: OnStart) -> None:
         self._factory = factory
@@ -89,8 +89,9 @@ class FakeEpisode:
             first = episode.steps[0]
             beginning = replace(episode, steps=(), final_observation=first.observation, stopped_by="interrupted")
             callback = self._on_start(replace(beginning, final_ground_truth=first.ground_truth, outcome="partial"))
-            for step_index, step in enumerate(episode.steps[:2]):
+            for step_index, step in enumerate(episode.steps[:3]):
                 callback.on_step(step, step_index + 1)
+            time.sleep(0.1)  # The journal's thread writes them.
         if not self._placed:
             self.run_until_stop()
         self._factory.inject(self._item, case.name)
@@ -114,6 +115,9 @@ def _raise_fault(fault: Fault) -> None:
         raise RuntimeError('the solver\nhas lost its way, and "says" so')
     elif fault == "exit":
         os._exit(7)
+    elif fault == "interrupt":  # Ctrl-C reaches the program.
+        os.kill(os.getppid(), signal.SIGINT)
+        time.sleep(60)
     elif fault == "disk":
         resource.setrlimit(resource.RLIMIT_FSIZE, (2000, resource.RLIM_INFINITY))
 

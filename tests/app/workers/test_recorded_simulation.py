@@ -1,9 +1,8 @@
-"""What a recorded episode says of its bench, and its journal beside the loop."""
+"""The settings of its simulation in a recorded episode, and its journal beside the rollout."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,42 +21,42 @@ from layflat.sim.simulation import ClothSimulation
 
 
 @pytest.fixture(params=ROBOTS)
-def bench(request):
-    placing = ClothSimulation(SimConfig(robot=request.param, cloth="napkin", table_friction=0.9))
-    placing.reset(3)
-    yield placing
-    placing.close()
+def env(request):
+    simulation = ClothSimulation(SimConfig(robot=request.param, cloth="napkin", table_friction=0.9))
+    yield simulation
+    simulation.close()
 
 
-def test_the_file_holds_what_makes_the_same_bench_again(bench, tmp_path, differences):
-    robot, path = bench.spec.robot, Path(tmp_path / "s.h5")
-    joints = bench.joint_angles()
+def test_the_file_holds_what_makes_the_same_simulation_again(env, tmp_path, differences):
+    robot, path = env.spec.robot, tmp_path / "s.h5"
+    joints: list = []
     with SessionRecorder(path, robot=robot, cloth="napkin") as recorder:
         running: list = []
-        episode = rollout(
-            bench,
-            ZeroPolicy(robot),
-            seed=3,
-            max_steps=3,
-            begin=lambda beginning: running.append(recorder.begin(beginning)) or running[0],
-        )
+
+        def start(initial):
+            joints.append(env.joint_angles())
+            running.append(recorder.start(initial))
+            return running[0]
+
+        episode = rollout(env, ZeroPolicy(robot), seed=3, max_steps=3, on_start=start)
         running[0].close()
         (journal,) = journals(parts_folder(path))
         left = read_journal(journal).episode
         assert differences(left.steps, episode.steps[:2]) == []
         assert left.sim_config == episode.sim_config
-        running[0].keep(episode)
+        running[0].save(episode)
     with open_session(path) as session:
         found = session[0]
     assert differences(found, episode) == []
     assert validate(path) == ()
-    assert SimConfig(robot=found.robot.name, cloth=found.cloth, step_s=found.step_s, **found.sim_config) == bench.config
-    np.testing.assert_array_equal(found.initial_joints, joints)
+    config = {"robot": found.robot.name, "cloth": found.cloth, "step_s": found.step_s, **found.sim_config}
+    assert SimConfig(**config) == env.config
+    np.testing.assert_array_equal(found.initial_joints, joints[0])
     assert found.initial_joints.shape == ((7,) if robot.name == "hanger" else (0,))
     assert found.provenance.operator
 
 
 @pytest.mark.parametrize("name", [name for name in DISTURBANCES if name != "none"])
-def test_the_plan_in_the_record_is_the_one_that_is_carried_out(name):
+def test_a_plan_is_json(name):
     planned = disturbance_spec(name).sample(np.random.default_rng(5), cloth_spec("napkin")).described()
     assert json.loads(json.dumps(planned)) == planned
