@@ -32,6 +32,7 @@ autodoc_inherit_docstrings = False
 autodoc_default_options = {"exclude-members": "__init__, __new__, __post_init__"}
 python_maximum_signature_line_length = 88
 add_module_names = False
+toc_object_entries_show_parents = "hide"
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!layflat\.).*"), ("py:.*", r"layflat\.data\.tools\.sandbox\.Result")]
 """Names of other libraries (their pages are not at hand), and a type variable."""
@@ -75,7 +76,8 @@ def short_signature(
 
 def _short(text: str) -> str:
     array = r"[~\w.]*ndarray\[[~\w.]*tuple\[[~\w.]*Any, \.\.\.\], [~\w.]*dtype\[[~\w.]*?(\w+)\]\]"
-    return re.sub(array, r"NDArray[\1]", text).replace("NDArray[float64]", "FloatArray")
+    text = re.sub(array, r"NDArray[\1]", text).replace("NDArray[float64]", "FloatArray")
+    return text.replace("~typing.", "")
 
 
 def plain_docstring(app: Any, kind: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:

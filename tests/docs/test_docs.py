@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-import layflat
 from layflat.app.cli.main import cli
+from layflat.data.format import schema
 from layflat.docs import examples, generated
 
 ROOT = generated.ROOT
@@ -17,10 +17,6 @@ NAMES = [str(path.relative_to(ROOT)) for path in PAGES]
 OLD_WORDS = re.compile(
     r"\b(befall\w*|befell|anew|whoever|whatever|nobody|forth|told|has not got|goes on|is to be)\b", re.I
 )
-
-
-PENDING = pytest.mark.skipif(not hasattr(layflat, "make_env"), reason="the public API is not there yet")
-API_PAGES = ("README.md", "docs/how-to/python.md")
 
 
 def without_code(text: str) -> str:
@@ -56,7 +52,7 @@ def test_every_picture_is_shown() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=PENDING if n in API_PAGES else ()) for n in NAMES if n != "CHANGELOG.md"],
+    [name for name in NAMES if name != "CHANGELOG.md"],
 )
 def test_examples_compile_and_command_lines_parse(name: str) -> None:
     assert examples.faults((ROOT / name).read_text(encoding="utf-8")) == []
@@ -96,15 +92,11 @@ def test_the_page_of_the_command_line_is_complete() -> None:
 
 
 def test_the_page_of_the_session_file_lists_every_data_set() -> None:
-    schema = pytest.importorskip("layflat.data.format.schema")
-    if schema.SCHEMA_VERSION != 1:
-        pytest.skip("the schema of the redesign is not there yet")
     text = (ROOT / "docs/reference/session-file.md").read_text(encoding="utf-8").split("## Attributes")[0]
     listed = set(re.findall(r"^\| `([^`]+)` \| \(", text, re.M))
     assert listed == {re.sub(r"^(next_)?obs/", "", key) for key in schema.FIELDS}
 
 
-@PENDING
 def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (code,) = examples.python_blocks((ROOT / "README.md").read_text(encoding="utf-8"))
