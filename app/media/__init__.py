@@ -1,0 +1,1 @@
+"""Images, videos, plots and RGB-D files."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import pandas as pd
 
@@ -39,22 +38,14 @@ class EpisodeDigest:
 class ExperimentResults:
     """Reads each trial and episode when it is first asked for; trials that were not run have no rows."""
 
-    def __init__(self, out: Path, scale: ScaleConfig, store: ArtifactStore) -> None:
+    def __init__(self, out: Path, scale: ScaleConfig, store: ArtifactStore, renderer: EpisodeRenderer) -> None:
         self.scale = scale
         self.store = store
         self._out = out
-        self._renderer = EpisodeRenderer()
+        self._renderer = renderer
         self._results: dict[str, EvaluationResults | None] = {}
         self._rows: dict[str, pd.DataFrame] = {}
         self._digests: dict[tuple[str, str], EpisodeDigest] = {}
-
-    def __enter__(self) -> ExperimentResults:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._renderer.__exit__(kind, error, trace)
 
     def results(self, trial: Trial) -> EvaluationResults | None:
         """Return the evaluation of a trial, None where it was not run."""

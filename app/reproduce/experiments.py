@@ -59,7 +59,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
             name="placing",
             title="Figures 4-2 and 4-3, Table 4-1: placing",
             lead="From hanging in the air until the policy stops. Thesis: one run each in SoftGym, then a robot "
-            "taught ten times by hand.",
+            "trained ten times by hand.",
             priority=1,
             trials=(studies.placing,),
             render=render_placing,
@@ -102,7 +102,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         Experiment(
             name="counts",
             title="Number of demonstrations",
-            lead="The proposed method taught with few and with many. The thesis has five (simulation) and ten (robot).",
+            lead="The proposed method, trained on few and on many. The thesis has five (simulation), ten (robot).",
             priority=7,
             trials=(studies.placing, studies.number_of_demonstrations),
             render=render_counts,

@@ -130,21 +130,11 @@ def _policy_table(rows: pd.DataFrame) -> Table:
     for policy in sorted(policies_of(rows), key=list(INPUTS).index):
         mine = rows[rows["policy"] == policy]
         placed, disturbed, tugged = (of_case(mine, case) for case in (UNDISTURBED, DISTURBANCE, TUG))
-        lines.append(
-            (
-                policy,
-                INPUTS[policy],
-                str(len(placed)),
-                mean_cell(values(placed, "contact_final")),
-                flat_cell(placed),
-                gain_cell(values(disturbed, "regained_1")),
-                gain_cell(values(disturbed, "regained_2")),
-                gain_cell(values(tugged, "regained_1")),
-                area_cell(values(disturbed, "flat_area_final")),
-                flat_cell(disturbed),
-                lost_cell(mine),
-            )
-        )
+        gains = [values(disturbed, "regained_1"), values(disturbed, "regained_2"), values(tugged, "regained_1")]
+        ends = (area_cell(values(disturbed, "flat_area_final")), flat_cell(disturbed), lost_cell(mine))
+        contact = mean_cell(values(placed, "contact_final"))
+        counts = (str(len(placed)), contact, flat_cell(placed))
+        lines.append((policy, INPUTS[policy], *counts, *map(gain_cell, gains), *ends))
     return Table(HEADER, tuple(lines))
 
 

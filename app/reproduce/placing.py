@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 
 import pandas as pd
 
@@ -66,28 +67,17 @@ def render_disturbance(results: ExperimentResults) -> ExperimentOutput:
 
 def render_bad_contact(results: ExperimentResults) -> ExperimentOutput:
     """Render Figure 5-1: a cloth whose reverse side touches the table first."""
-
-    def claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
-        stated = thesis.BAD_CONTACT
-        return _limit_claims(trial, rows, "a bad first contact", stated.source, percent(stated.value))
-
-    def table(rows: pd.DataFrame) -> Table:
-        return placing_table(rows, cite=False)
-
-    trials = studies.bad_contact(results.scale)
+    stated = thesis.BAD_CONTACT
+    claims = partial(_limit_claims, what="a bad first contact", source=stated.source, stated=percent(stated.value))
+    trials, table = studies.bad_contact(results.scale), partial(placing_table, cite=False)
     return _render(results, trials, UNDISTURBED, table, LIMITS_NOTE, claims, pick=_least_and_most_flat)
 
 
 def render_folded_corner(results: ExperimentResults) -> ExperimentOutput:
     """Render Figure 5-2: a corner that a hand folds over after the placing."""
-
-    def claims(trial: Trial, rows: pd.DataFrame) -> Iterator[Claim]:
-        return _limit_claims(trial, rows, "a folded corner", "chapter 5-1, Figure 5-2", thesis.FOLDED_CORNER)
-
-    def table(rows: pd.DataFrame) -> Table:
-        return disturbance_table(rows, cite=False)
-
-    trials = studies.placing(results.scale)
+    source, stated = "chapter 5-1, Figure 5-2", thesis.FOLDED_CORNER
+    claims = partial(_limit_claims, what="a folded corner", source=source, stated=stated)
+    trials, table = studies.placing(results.scale), partial(disturbance_table, cite=False)
     return _render(results, trials, FOLD, table, LIMITS_NOTE, claims, pick=_least_and_most_flat)
 
 
@@ -194,7 +184,7 @@ def _regains_five(found: FloatArray) -> str:
     return YES if low >= 0.05 else PART if found.mean() >= 0.05 else NO
 
 
-def _limit_claims(trial: Trial, rows: pd.DataFrame, what: str, source: str, stated: str) -> Iterator[Claim]:
+def _limit_claims(trial: Trial, rows: pd.DataFrame, *, what: str, source: str, stated: str) -> Iterator[Claim]:
     for policy in policies_of(rows) or (PROPOSED,):
         mine = rows[rows["policy"] == policy] if len(rows) else rows
         contact = values(mine, "contact_final")

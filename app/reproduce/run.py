@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.experiment_results import ExperimentResults
 from layflat.app.reproduce.experiments import EXPERIMENTS, Experiment
@@ -50,7 +51,8 @@ def reproduce(
             progress.phase(trial.name, items=trial.episodes)
             run_trial(trial, out, store, seed, progress, workers=workers)
         progress.phase("report", items=len(EXPERIMENTS))
-        with ExperimentResults(out, scale, store) as results:
+        with EpisodeRenderer() as renderer:
+            results = ExperimentResults(out, scale, store, renderer)
             page = write_reports(out, results, on_progress=lambda text: progress.advance(status=text))
     print(f"report: {page}")
     return page

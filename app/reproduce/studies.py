@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import SMOOTH
 from layflat.sim.robots.registry import ROBOTS
@@ -137,82 +137,61 @@ def count_name(count: int) -> str:
 
 
 def flattening(scale: ScaleConfig) -> Iterator[Trial]:
-    """Wrinkle removal by each controller."""
+    """Plan wrinkle removal by each controller."""
     policies = tuple(TrialPolicy(name=name, builtin=name) for name in CONTROLLERS)
     yield Trial(name="flattening", robot="pickers", policies=policies, seeds=scale.seeds, task=SMOOTH)
 
 
 def placing(scale: ScaleConfig) -> Iterator[Trial]:
-    """The thesis's methods on cloth 1, undisturbed, disturbed, folded and tugged."""
+    """Plan the thesis's methods on cloth 1, undisturbed, disturbed, folded and tugged."""
     for robot in ROBOTS:
-        yield Trial(
-            name=f"placing-{robot}",
-            robot=robot,
-            policies=baseline_and_proposed(robot, scale),
-            seeds=scale.seeds,
-            repeats=scale.repeats,
-            others=(FOLD, TUG),
-        )
+        policies = baseline_and_proposed(robot, scale)
+        yield _trial("placing", robot, policies, scale.seeds, repeats=scale.repeats, others=(FOLD, TUG))
 
 
 def second_cloth(scale: ScaleConfig) -> Iterator[Trial]:
-    """The thesis's methods on cloth 2."""
+    """Plan the thesis's methods on cloth 2."""
     for robot in ROBOTS:
-        yield Trial(
-            name=f"napkin-{robot}",
-            robot=robot,
-            policies=baseline_and_proposed(robot, scale, NAPKIN),
-            cloth=NAPKIN,
-            seeds=scale.seeds,
-            repeats=scale.repeats,
-        )
+        policies = baseline_and_proposed(robot, scale, NAPKIN)
+        yield _trial("napkin", robot, policies, scale.seeds, cloth=NAPKIN, repeats=scale.repeats)
 
 
 def inputs(scale: ScaleConfig) -> Iterator[Trial]:
-    """The methods between the thesis's two, and the baseline with a rule that repairs."""
+    """Plan the methods between the thesis's two, and the baseline with a rule that repairs."""
     for robot in ROBOTS:
         ruled = replace(trained(BASELINE, robot, scale, name=RULED), builtin=RULE)
-        yield Trial(
-            name=f"inputs-{robot}",
-            robot=robot,
-            policies=(trained(CONTACT, robot, scale), trained(DIRECTION, robot, scale), ruled),
-            seeds=scale.seeds,
-            repeats=scale.repeats,
-            others=(TUG,),
-        )
+        policies = (trained(CONTACT, robot, scale), trained(DIRECTION, robot, scale), ruled)
+        yield _trial("inputs", robot, policies, scale.seeds, repeats=scale.repeats, others=(TUG,))
 
 
 def bad_contact(scale: ScaleConfig) -> Iterator[Trial]:
-    """The thesis's methods from starts in which the cloth swings."""
+    """Plan the thesis's methods from starts in which the cloth swings."""
     for robot in ROBOTS:
-        policies = baseline_and_proposed(robot, scale)
-        yield Trial(name=f"bad-contact-{robot}", robot=robot, policies=policies, seeds=scale.seeds, start="swinging")
+        yield _trial("bad-contact", robot, baseline_and_proposed(robot, scale), scale.seeds, start="swinging")
 
 
 def number_of_demonstrations(scale: ScaleConfig) -> Iterator[Trial]:
-    """The proposed method, trained on other numbers of demonstrations."""
+    """Plan the proposed method, trained on other numbers of demonstrations."""
     counts = [count for count in scale.counts if count != scale.demonstrations]
     for robot in ROBOTS:
         policies = tuple(trained(PROPOSED, robot, scale, count=count, name=count_name(count)) for count in counts)
-        yield Trial(name=f"counts-{robot}", robot=robot, policies=policies, seeds=scale.sweep_seeds, repeats=1)
+        yield _trial("counts", robot, policies, scale.sweep_seeds, repeats=1)
 
 
 def other_cloth(scale: ScaleConfig) -> Iterator[Trial]:
-    """The thesis's methods, trained on one cloth and tested on the other."""
+    """Plan the thesis's methods, trained on one cloth and tested on the other."""
     for robot in ROBOTS:
         for cloth, other in ((TOWEL, NAPKIN), (NAPKIN, TOWEL)):
-            yield Trial(
-                name=f"transfer-{robot}-{cloth}",
-                robot=robot,
-                policies=baseline_and_proposed(robot, scale, other),
-                cloth=cloth,
-                seeds=scale.sweep_seeds,
-                repeats=1,
-            )
+            trial = _trial("transfer", robot, baseline_and_proposed(robot, scale, other), scale.sweep_seeds, repeats=1)
+            yield replace(trial, name=f"{trial.name}-{cloth}", cloth=cloth)
 
 
 def comparators(scale: ScaleConfig) -> Iterator[Trial]:
-    """Other learners."""
+    """Plan other learners."""
     for robot in ROBOTS:
-        policies = tuple(trained(name, robot, scale) for name in COMPARATORS if name in TRAINABLE_POLICIES)
-        yield Trial(name=f"comparators-{robot}", robot=robot, policies=policies, seeds=scale.sweep_seeds, repeats=1)
+        policies = tuple(trained(name, robot, scale) for name in COMPARATORS)
+        yield _trial("comparators", robot, policies, scale.sweep_seeds, repeats=1)
+
+
+def _trial(kind: str, robot: str, policies: tuple[TrialPolicy, ...], seeds: int, **options: Any) -> Trial:
+    return Trial(name=f"{kind}-{robot}", robot=robot, policies=policies, seeds=seeds, **options)

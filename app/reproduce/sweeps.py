@@ -65,9 +65,9 @@ def render_cloths(results: ExperimentResults) -> ExperimentOutput:
         for policy in policies_of(rows):
             mine, reference = rows[rows["policy"] == policy], same[same["policy"] == policy] if len(same) else same
             if len(same):
-                cells.append((f"{policy}, taught on the {trial.cloth}", *_cells(reference)))
+                cells.append((f"{policy}, trained on the {trial.cloth}", *_cells(reference)))
                 findings.append(_transfer_sentence(policy, mine, reference))
-            cells.append((f"{policy}, taught on the {other}", *_cells(mine)))
+            cells.append((f"{policy}, trained on the {other}", *_cells(mine)))
         output.add_table(Table(HEADER, tuple(cells)), title=f"{trial.robot} robot, tested on the {trial.cloth}")
         output.add_findings(findings)
     return output

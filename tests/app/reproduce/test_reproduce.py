@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from layflat.app.evaluation.run import run_evaluation
+from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.report.page import markdown
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.reproduce import run, studies
@@ -21,7 +22,7 @@ from layflat.app.reproduce.experiments import EXPERIMENTS
 from layflat.app.reproduce.inputs import word_contribution
 from layflat.app.reproduce.report import page_of, write_reports
 from layflat.app.reproduce.studies import FULL, QUICK
-from layflat.app.reproduce.trials import expected_core_s, plan_of, trial_folder
+from layflat.app.reproduce.trials import expected_core_s, plan_of, results_of, trial_folder
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.data.provenance import capture_provenance
@@ -63,8 +64,8 @@ def reproduced(models, tmp_path_factory):
     scale = replace(QUICK, seeds=2, sweep_seeds=1)
     for trial in run.trials_of(ALL, scale):
         run_evaluation(plan_of(trial, store, 0), trial_folder(out, trial), workers=2, make=FakeEpisodes())
-    with ExperimentResults(out, scale, store) as results:
-        write_reports(out, results)
+    with EpisodeRenderer() as renderer:
+        write_reports(out, ExperimentResults(out, scale, store, renderer))
     return out, scale, store
 
 
@@ -118,7 +119,8 @@ def test_a_folder_holds_one_reproduction(tmp_path):
 
 
 def test_before_anything_was_run_the_page_says_so(tmp_path):
-    with ExperimentResults(tmp_path, QUICK, ArtifactStore(tmp_path, seed=0)) as results:
+    with EpisodeRenderer() as renderer:
+        results = ExperimentResults(tmp_path, QUICK, ArtifactStore(tmp_path, seed=0), renderer)
         outputs = [(experiment, experiment.render(results)) for experiment in ALL]
         text = markdown(page_of(outputs, QUICK, capture_provenance()))
     for experiment in ALL:
@@ -128,10 +130,9 @@ def test_before_anything_was_run_the_page_says_so(tmp_path):
 
 
 def test_tables_are_the_means_of_the_episodes(reproduced):
-    out, scale, store = reproduced
+    out, scale, _ = reproduced
     (trial,) = (trial for trial in studies.placing(scale) if trial.robot == "hanger")
-    with ExperimentResults(out, scale, store) as experiment_results:
-        results = experiment_results.results(trial)
+    results = results_of(trial, out)
     text = (out / "table.md").read_text(encoding="utf-8")
     section = text.split("\n## Figures 4-4 and 4-5")[1].split("\n## ")[0]
     table = section.split("### hanger robot, towel")[1].split("### ")[0]
