@@ -14,13 +14,7 @@ from layflat.app.report.comparison_sentences import compare_policies, comparison
 from layflat.app.report.policies import policies_of
 from layflat.app.report.table_cells import difference_cell, flat_cell, gain_cell, mean_cell, values
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
-from layflat.app.report.thesis_tables import (
-    DISTURBANCE_NOTE,
-    PLACING_NOTE,
-    TURNS,
-    disturbance_table,
-    placing_table,
-)
+from layflat.app.report.thesis_tables import DISTURBANCE_NOTE, PLACING_NOTE, TURNS, disturbance_table, placing_table
 from layflat.app.reproduce import studies
 from layflat.app.reproduce.claims import (
     NO,

@@ -10,15 +10,7 @@ from layflat.app.report import charts
 from layflat.app.report.blocks import Figure, Table
 from layflat.app.report.comparison_sentences import compare_policies, comparison_sentence
 from layflat.app.report.policies import policies_of
-from layflat.app.report.table_cells import (
-    area_cell,
-    flat_cell,
-    gain_cell,
-    lost_cell,
-    mean_cell,
-    range_cell,
-    values,
-)
+from layflat.app.report.table_cells import area_cell, flat_cell, gain_cell, lost_cell, mean_cell, range_cell, values
 from layflat.app.report.thesis_numbers import PROPOSED
 from layflat.app.reproduce import studies
 from layflat.app.reproduce.experiment_output import ExperimentOutput
