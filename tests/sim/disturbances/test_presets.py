@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.sim.cloth.spec import cloth_spec
-from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
 from layflat.sim.errors import SimError
-from layflat.sim.simulation import ClothSimulation
+from layflat.tests.sim.helpers import simulation
 
 TOWEL = cloth_spec("towel")
 
@@ -108,10 +107,19 @@ def test_both_sides_occur() -> None:
 
 def test_repeats_differ_and_the_first_is_what_it_always_was() -> None:
     known = disturbance_spec("thesis").sample(np.random.default_rng([7, 0xD157]), TOWEL)
-    simulation = ClothSimulation(SimConfig(robot="pickers", cloth="towel", camera=False))
-    simulation.reset(7)
     kinds = (("thesis", 0), (disturbance_spec("thesis"), 0), ("thesis", 1), ("thesis", 1))
-    first, named, second, again = (simulation.disturb(what, repeat).plan for what, repeat in kinds)
-    simulation.close()
+    with simulation(cloth="towel", seed=7) as sim:
+        first, named, second, again = (sim.disturb(what, repeat).plan for what, repeat in kinds)  # type: ignore[union-attr]
     assert first == named == known.described()
     assert second == again != first
+
+
+def test_a_record_is_repeated_exactly_and_none_does_nothing() -> None:
+    with simulation(seed=7) as sim:
+        record = sim.disturb("push", 3)
+        assert record is not None
+        assert sim.disturb(record, 5) == record
+        assert sim.disturb(replace(record, plan={}), 3) == record
+        assert sim.disturb("none") is None
+        sim.step(sim.spec.robot.zeros())
+        assert not sim.disturbed

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -17,53 +13,40 @@ from hypothesis import strategies as st
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec, cloth_spec
+from layflat.sim.cloth.spec import HELD_STRETCH, cloth_spec
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.physics.bullet.force_anchors import HAND_MASS_KG
-from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.pickers import FreePickers
+from layflat.tests.sim.helpers import cloth_in_world, fresh_process_outputs, small_cloth
 
-SMALL = ClothSpec(
-    name="small", length_m=0.2, width_m=0.2, rows=7, columns=7,
-    mass_kg=0.02, elastic_n_m=40.0, damping_n_s_m=0.12, bending_n_m=0.1,
-)  # fmt: skip
+SMALL = small_cloth()
+FLYING = SMALL.flat_nodes(z_m=0.6)
 SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 
 
-def _started(cloth: BulletCloth, spec: DisturbanceSpec, seed: int) -> DisturbanceController:
+def _started(cloth: BulletCloth, spec: DisturbanceSpec, seed: int = 0) -> DisturbanceController:
     return DisturbanceController(cloth, spec.sample(np.random.default_rng(seed), cloth.spec))
 
 
-@contextmanager
-def _bench(spec: ClothSpec, nodes: np.ndarray) -> Iterator[tuple[BulletWorld, BulletCloth]]:
-    world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
-    try:
-        cloth = world.add_cloth(spec)
-        cloth.set_nodes(nodes)
-        yield world, cloth
-    finally:
-        world.close()
+def _n_bodies(cloth: BulletCloth) -> int:
+    return bullet.getNumBodies(physicsClientId=cloth.world.client)
 
 
-def _flying() -> np.ndarray:
-    return SMALL.flat_nodes(z_m=0.6)
-
-
-def _run(world: BulletWorld, disturbance: DisturbanceController, limit_s: float = 5.0) -> None:
-    end = world.time_s + limit_s
-    while not disturbance.done and world.time_s < end:
+def _run(cloth: BulletCloth, disturbance: DisturbanceController, limit_s: float = 5.0) -> None:
+    end = cloth.world.time_s + limit_s
+    while not disturbance.done and cloth.world.time_s < end:
         disturbance.before_substep()
-        world.step()
+        cloth.world.step()
 
 
-def _velocity(world: BulletWorld, cloth: BulletCloth) -> np.ndarray:
+def _velocity(cloth: BulletCloth) -> np.ndarray:
     before = cloth.nodes().mean(axis=0)
-    world.step()
-    return np.asarray((cloth.nodes().mean(axis=0) - before) / world.substep_s)
+    cloth.world.step()
+    return np.asarray((cloth.nodes().mean(axis=0) - before) / cloth.world.substep_s)
 
 
 def _steady_push(
@@ -77,14 +60,12 @@ def _steady_push(
         name="steady", kind="push", along=(0.5, 0.5), across=(0.5, 0.5), patch=patch, path=(path,), speed_m_s=5.0,
         force_weights=0.5, time_limit_s=0.5, settle_s=0.0,
     )  # fmt: skip
-    nodes = _flying()
-    nodes[:, 2] += 3.0
-    with _bench(SMALL, nodes) as (world, cloth):
-        world.set_gravity((0.0, 0.0, gravity_m_s2))
+    with cloth_in_world(SMALL, FLYING + np.array([0.0, 0.0, 3.0])) as cloth:
+        cloth.world.set_gravity((0.0, 0.0, gravity_m_s2))
         disturbance = _started(cloth, spec, 1)
-        _run(world, disturbance)
-        fallen = np.array([0.0, 0.0, gravity_m_s2 * (world.time_s + world.substep_s)])
-        return SMALL.mass_kg * (_velocity(world, cloth) - fallen), disturbance.impulse_n_s
+        _run(cloth, disturbance)
+        fallen = np.array([0.0, 0.0, gravity_m_s2 * (cloth.world.time_s + cloth.world.substep_s)])
+        return SMALL.mass_kg * (_velocity(cloth) - fallen), disturbance.impulse_n_s
 
 
 FORCE_TIME_N_S = 0.5 * SMALL.mass_kg * GRAVITY_M_S2 * 0.5
@@ -122,8 +103,8 @@ def test_momentum_is_the_logged_impulse_while_falling(patch: tuple[int, int], pa
 
 def test_hands_follow_their_path() -> None:
     spec = replace(disturbance_spec("push"), heading_deg=(30.0, 30.0), settle_s=0.0)
-    with _bench(SMALL, _flying()) as (world, cloth):
-        world.set_gravity((0.0, 0.0, 0.0))
+    with cloth_in_world(SMALL, FLYING) as cloth:
+        cloth.world.set_gravity((0.0, 0.0, 0.0))
         disturbance = _started(cloth, spec, 1)
         disturbance.before_substep()
         start = disturbance.hand_positions()
@@ -131,7 +112,7 @@ def test_hands_follow_their_path() -> None:
         last = start
         while disturbance.is_acting:
             last = disturbance.hand_positions()
-            world.step()
+            cloth.world.step()
             disturbance.before_substep()
         moved = (last - start).mean(axis=0)
         wanted = 0.15 * SMALL.length_m * np.array([math.cos(math.pi / 6), math.sin(math.pi / 6), 0.0])
@@ -139,39 +120,39 @@ def test_hands_follow_their_path() -> None:
 
 
 def test_nothing_is_left_behind() -> None:
-    with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
-        bodies, gravity = bullet.getNumBodies(physicsClientId=world.client), world.gravity_m_s2
+    with cloth_in_world(SMALL, SMALL.flat_nodes()) as cloth:
+        bodies, gravity = _n_bodies(cloth), cloth.world.gravity_m_s2
         for name in ("thesis", "wind", "none"):
-            disturbance = _started(cloth, replace(disturbance_spec(name), settle_s=0.05), 0)
-            _run(world, disturbance)
+            disturbance = _started(cloth, replace(disturbance_spec(name), settle_s=0.05))
+            _run(cloth, disturbance)
             assert disturbance.done
             assert len(disturbance.hand_positions()) == 0
-            assert bullet.getNumBodies(physicsClientId=world.client) == bodies
-            assert world.gravity_m_s2 == gravity
+            assert _n_bodies(cloth) == bodies
+            assert cloth.world.gravity_m_s2 == gravity
 
 
 def test_stop_lets_go_at_once() -> None:
-    with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
-        bodies = bullet.getNumBodies(physicsClientId=world.client)
-        disturbance = _started(cloth, disturbance_spec("lift-drop"), 0)
+    with cloth_in_world(SMALL, SMALL.flat_nodes()) as cloth:
+        bodies = _n_bodies(cloth)
+        disturbance = _started(cloth, disturbance_spec("lift-drop"))
         for _ in range(20):
             disturbance.before_substep()
-            world.step()
-        assert bullet.getNumBodies(physicsClientId=world.client) > bodies
+            cloth.world.step()
+        assert _n_bodies(cloth) > bodies
         disturbance.stop()
-        assert bullet.getNumBodies(physicsClientId=world.client) == bodies
+        assert _n_bodies(cloth) == bodies
         assert not disturbance.is_acting
 
 
 def test_none_touches_nothing() -> None:
     results = []
     for disturbed in (False, True):
-        with _bench(SMALL, SMALL.flat_nodes()) as (world, cloth):
-            disturbance = _started(cloth, disturbance_spec("none"), 0)
+        with cloth_in_world(SMALL, SMALL.flat_nodes()) as cloth:
+            disturbance = _started(cloth, disturbance_spec("none"))
             for _ in range(24):
                 if disturbed:
                     disturbance.before_substep()
-                world.step()
+                cloth.world.step()
             assert disturbance.done == disturbed
             results.append(cloth.nodes())
     assert np.abs(results[0] - results[1]).max() < 1e-6
@@ -179,32 +160,16 @@ def test_none_touches_nothing() -> None:
 
 def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
     spec = replace(disturbance_spec("wind"), heading_deg=(90.0, 90.0), wind_m_s2=2.0, time_limit_s=0.5, settle_s=0.0)
-    with _bench(SMALL, _flying()) as (world, cloth):
-        world.set_gravity((0.0, 0.0, 0.0))
+    with cloth_in_world(SMALL, FLYING) as cloth:
+        cloth.world.set_gravity((0.0, 0.0, 0.0))
         before = cloth.nodes().mean(axis=0)
-        disturbance = _started(cloth, spec, 0)
-        for _ in range(round(0.5 / world.substep_s)):
+        disturbance = _started(cloth, spec)
+        for _ in range(round(0.5 / cloth.world.substep_s)):
             disturbance.before_substep()
-            world.step()
+            cloth.world.step()
         moved = cloth.nodes().mean(axis=0) - before
         np.testing.assert_allclose(moved, [0.0, 0.5 * 2.0 * 0.5**2, 0.0], atol=0.05 * 0.25)
         np.testing.assert_allclose(disturbance.impulse_n_s, [0.0, SMALL.mass_kg * 2.0 * 0.5, 0.0], rtol=0.01, atol=1e-9)
-
-
-def test_wind_adds_to_whatever_gravity_another_sets() -> None:
-    spec = replace(disturbance_spec("wind"), heading_deg=(0.0, 0.0), wind_m_s2=2.0, time_limit_s=0.1, settle_s=0.0)
-    with _bench(SMALL, _flying()) as (world, cloth):
-        disturbance = _started(cloth, spec, 0)
-        for k in range(40):
-            if k % 5 == 0:
-                base = (0.0, 0.01 * k, -9.0)
-                world.set_gravity(base)
-            disturbance.before_substep()
-            if disturbance.is_acting:
-                assert world.gravity_m_s2 == pytest.approx((2.0, base[1], -9.0))
-            world.step()
-        assert not disturbance.is_acting
-        assert world.gravity_m_s2 == pytest.approx(base)
 
 
 @given(seed=SEEDS, name=st.sampled_from(sorted(DISTURBANCES)), cloth=st.sampled_from(["towel", "napkin"]))
@@ -238,7 +203,7 @@ def test_target_moves_at_its_speed_and_ends_at_the_paths_end(seed: int) -> None:
 
 def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
     spec = cloth_spec("napkin")
-    with _bench(spec, spec.flat_nodes()) as (world, cloth):
+    with cloth_in_world(spec, spec.flat_nodes()) as cloth:
         half = HELD_STRETCH * spec.width_m / 2
         held = np.array([[spec.length_m, half, 0.004], [spec.length_m, -half, 0.004]])
         nodes = spec.flat_nodes()
@@ -254,7 +219,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
                 pickers.before_substep()
                 if disturbance is not None:
                     disturbance.before_substep()
-                world.step()
+                cloth.world.step()
 
         camera = Camera(cloth, noise=None, seed=0)
         flat = PerceptionPipeline(camera.pinhole).perceive(*camera.capture(spec.flat_nodes())).cloth_pixels
@@ -282,31 +247,22 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
 _SCRIPT = """
 import sys, hashlib, numpy as np
 from layflat.sim.cloth.spec import cloth_spec
-from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.presets import disturbance_spec
-from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.tests.sim.helpers import cloth_in_world
 spec = cloth_spec("napkin")
-world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
-cloth = world.add_cloth(spec)
-cloth.set_nodes(spec.flat_nodes())
 plan = disturbance_spec("thesis").sample(np.random.default_rng(int(sys.argv[1])), spec)
-disturbance = DisturbanceController(cloth, plan)
-for _ in range(100):
-    disturbance.before_substep()
-    world.step()
-print(hashlib.sha256(cloth.nodes().tobytes()).hexdigest())
+with cloth_in_world(spec, spec.flat_nodes()) as cloth:
+    disturbance = DisturbanceController(cloth, plan)
+    for _ in range(100):
+        disturbance.before_substep()
+        cloth.world.step()
+    print(hashlib.sha256(cloth.nodes().tobytes()).hexdigest())
 """
 
 
 def test_same_seed_in_fresh_processes_gives_the_same_bits() -> None:
-    def digest(seed: int) -> str:
-        done = subprocess.run(
-            [sys.executable, "-c", _SCRIPT, str(seed)], capture_output=True, text=True, check=True, timeout=60
-        )
-        return done.stdout.split()[-1]
-
-    first, second, other = digest(7), digest(7), digest(8)
+    first, second, other = fresh_process_outputs(_SCRIPT, ["7"], ["7"], ["8"])
     assert first == second != other
 
 
