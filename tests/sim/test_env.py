@@ -14,9 +14,11 @@ from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
 from layflat.sim.registration import MAX_EPISODE_STEPS, register_environments
+from layflat.tests.sim.helpers import fresh_process_outputs
 
 register_environments()
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
+MAKE = "env = gymnasium.make('layflat:layflat/ClothPlace-v0', robot='pickers', cloth='napkin', task='smooth')"
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +39,19 @@ def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
         made.close()
 
 
+@pytest.mark.parametrize("imports", ["import gymnasium", "import layflat, gymnasium"])
+def test_one_id_makes_every_environment_without_an_import_before(imports: str) -> None:
+    script = f"{imports}; {MAKE}; s = env.unwrapped.simulation.spec; print(s.robot, s.cloth, s.task, sep='/')"
+    assert fresh_process_outputs(script, []) == ["pickers/napkin/smooth"]
+
+
+def test_importing_layflat_does_not_import_gymnasium() -> None:
+    script = "import sys, layflat; print('gymnasium' in sys.modules or 'pybullet' in sys.modules)"
+    assert fresh_process_outputs(script, []) == ["False"]
+
+
 def test_registered_with_a_limit_of_steps() -> None:
-    for name in IDS:
+    for name in (*IDS, "layflat/ClothPlace-v0"):
         assert gymnasium.spec(name).max_episode_steps == MAX_EPISODE_STEPS
 
 

@@ -18,18 +18,16 @@ from layflat.sim.camera.camera import Camera, default_pinhole
 from layflat.sim.camera.renderer import LIGHT, Renderer
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.physics.bullet.cloth import BulletCloth
-from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.tests.sim.helpers import cloth_in_world
 
 SPEC = cloth_spec("towel")
 
 
 @pytest.fixture
 def cloth() -> Iterator[BulletCloth]:
-    world = BulletWorld(substep_s=1 / SPEC.rate_hz, table_friction=1.0)
-    cloth = world.add_cloth(SPEC)
-    cloth.set_nodes(SPEC.flat_nodes())
-    yield cloth
-    world.close()
+    """Give a flat cloth on the table."""
+    with cloth_in_world(SPEC, SPEC.flat_nodes()) as made:
+        yield made
 
 
 def _wavy(direction_deg: float) -> np.ndarray:

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from layflat.sim.cloth.geometry import ClothGeometry
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.cloth.wrinkle_ground_truth import MAX_SLOPE, MIN_ENERGY, WrinkleTruth, wrinkle_truth
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import BulletWorld
 
 SPEC = cloth_spec("towel")
 CELL_M = SPEC.length_m / (SPEC.rows - 1)
@@ -176,11 +176,9 @@ def test_what_is_lifted_and_its_foot_do_not_turn_what_lies(rise: float) -> None:
 
 
 def test_contact_is_the_cloths() -> None:
-    world = BulletWorld(substep_s=1 / SPEC.rate_hz, table_friction=1.0)
-    cloth = world.add_cloth(SPEC)
+    cloth = ClothGeometry(SPEC)
     for nodes in (SPEC.flat_nodes(), wavy((0.3, 0.1, 0.006, 0.0)), wavy((1.0, 0.15, 0.004, 2.0))):
         assert wrinkle_truth(nodes, SPEC).contact_portion == cloth.contact_portion_true(nodes)
-    world.close()
 
 
 def test_nodes_of_another_cloth_are_refused() -> None:

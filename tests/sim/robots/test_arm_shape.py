@@ -8,7 +8,6 @@ import pytest
 
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics
 
@@ -18,21 +17,16 @@ def shape():
     return PandaHanger.arm_shape(cloth_spec("towel"))
 
 
-def test_links_are_where_bullet_has_them(shape):
-    world = BulletWorld(substep_s=1 / 240, table_friction=1.0)
-    try:
-        arm = PandaHanger.add_arm(world, cloth_spec("towel")).body
-        for seed in range(5):
-            angles = np.random.default_rng(seed).uniform(JOINT_LOW_RAD, JOINT_HIGH_RAD)
-            for joint, angle in enumerate(angles):
-                bullet.resetJointState(arm, joint, float(angle), 0.0, physicsClientId=world.client)
-            for joint, frame in enumerate(shape.link_frames(angles)[1:]):
-                state = bullet.getLinkState(arm, joint, computeForwardKinematics=True, physicsClientId=world.client)
-                turn = np.array(bullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
-                np.testing.assert_allclose(frame[:3, 3], state[4], atol=1e-6)
-                np.testing.assert_allclose(frame[:3, :3], turn, atol=1e-6)
-    finally:
-        world.close()
+def test_links_are_where_bullet_has_them(shape, world):
+    arm = PandaHanger.add_arm(world, cloth_spec("towel"))
+    for seed in range(5):
+        angles = np.random.default_rng(seed).uniform(JOINT_LOW_RAD, JOINT_HIGH_RAD)
+        arm.reset_joints(angles)
+        for joint, frame in enumerate(shape.link_frames(angles)[1:]):
+            state = bullet.getLinkState(arm.body, joint, computeForwardKinematics=True, physicsClientId=world.client)
+            turn = np.array(bullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
+            np.testing.assert_allclose(frame[:3, 3], state[4], atol=1e-6)
+            np.testing.assert_allclose(frame[:3, :3], turn, atol=1e-6)
 
 
 def test_the_clips_end_at_the_corners_of_the_cloth(shape):

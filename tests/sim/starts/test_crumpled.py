@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from layflat.sim.config import SimConfig
-from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
+from layflat.tests.sim.helpers import fresh_process_outputs, simulation
 
 _SCRIPT = """
 import sys, hashlib
-from layflat.sim.simulation import ClothSimulation
-from layflat.sim.config import SimConfig
-bench = ClothSimulation(SimConfig(robot="pickers", start="crumpled", camera=False))
-bench.reset(int(sys.argv[1]))
-print(hashlib.sha256(bench.ground_truth().nodes.tobytes()).hexdigest())
+from layflat.tests.sim.helpers import simulation
+with simulation(seed=int(sys.argv[1]), cloth="towel", task="smooth") as sim:
+    print(hashlib.sha256(sim.ground_truth().nodes.tobytes()).hexdigest())
 """
 
 
 @pytest.fixture(scope="module")
-def crumpled() -> ClothSimulation:
-    bench = ClothSimulation(SimConfig(robot="pickers", start="crumpled"))
-    bench.reset(201)
-    return bench
+def crumpled() -> Iterator[ClothSimulation]:
+    with simulation(seed=201, cloth="towel", task="smooth", camera=True) as sim:
+        yield sim
 
 
 def test_about_three_quarters_lie_and_the_rest_is_wrinkles(crumpled: ClothSimulation) -> None:
@@ -54,22 +49,5 @@ def test_what_was_drawn_is_in_the_record(crumpled: ClothSimulation) -> None:
 
 @pytest.mark.slow
 def test_the_same_seed_in_fresh_processes_gives_the_same_bits() -> None:
-    running = [
-        subprocess.Popen([sys.executable, "-c", _SCRIPT, seed], stdout=subprocess.PIPE, text=True)
-        for seed in ("201", "201", "202")
-    ]
-    digests = [process.communicate(timeout=110)[0].split()[-1] for process in running]
-    assert digests[0] == digests[1] != digests[2]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "hint"),
-    [
-        ({"start": "folded"}, "crumpled"),
-        ({"start": "crumpled", "robot": "hanger"}, "pickers"),
-        ({"descriptor": "sift"}, "word-axial"),
-    ],
-)
-def test_settings_that_do_not_go_together_are_refused(wrong: dict, hint: str) -> None:
-    with pytest.raises(SimError, match=hint):
-        SimConfig(**({"robot": "pickers"} | wrong))
+    first, second, other = fresh_process_outputs(_SCRIPT, ["201"], ["201"], ["202"])
+    assert first == second != other

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from layflat.sim.cloth.spec import cloth_spec
-from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
-from layflat.sim.simulation import ClothSimulation
+from layflat.tests.sim.helpers import simulation
 
 TOWEL = cloth_spec("towel")
 
@@ -21,12 +20,10 @@ def test_seeds_decide_place_size_and_side() -> None:
 
 
 def _start(seed: int) -> dict[str, float]:
-    bench = ClothSimulation(SimConfig(robot="pickers", cloth="towel", start="folded-corner", camera=False))
-    try:
-        bench.reset(seed)
-        assert not bench.disturbed
-        corner = 0 if bench.start["fold_side"] > 0 else TOWEL.columns - 1
-        nodes, other = bench.ground_truth().nodes, TOWEL.columns - 1 - corner
+    with simulation("pickers", seed, cloth="towel", start="folded-corner") as sim:
+        assert not sim.disturbed
+        corner = 0 if sim.start["fold_side"] > 0 else TOWEL.columns - 1
+        nodes, other = sim.ground_truth().nodes, TOWEL.columns - 1 - corner
         # Of the free edge one end lies on the cloth, nearer to the middle and to the holder.
         assert abs(nodes[corner, 1]) < abs(nodes[other, 1]) - 0.05
         assert nodes[corner, 0] > nodes[other, 0] + 0.05
@@ -34,67 +31,53 @@ def _start(seed: int) -> dict[str, float]:
         inner = TOWEL.columns + (1 if corner == 0 else corner - 1)
         assert nodes[corner, 0] > nodes[inner, 0]
         assert abs(nodes[corner, 1]) < abs(nodes[inner, 1])
-        return bench.start
-    finally:
-        bench.close()
+        return sim.start
 
 
 def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
     """Edges keep their lengths: what a hand folds, gravity unfolds. Nodes that are put into a fold stay creased."""
-    bench = ClothSimulation(SimConfig(robot="hanger", cloth="towel", start="folded-corner", camera=False))
-    try:
-        bench.reset(0)
-        assert bench.cloth.is_layered(bench.ground_truth().nodes)
-        while bench.robot.position()[2] < 0.46:
-            bench.step(np.array([-0.008 if bench.robot.position()[0] > 0 else 0.0, 0.010]))
-            assert bench.divergence_reason() is None
+    with simulation("hanger", 0, cloth="towel", start="folded-corner") as sim:
+        assert sim.cloth.is_layered(sim.ground_truth().nodes)
+        while sim.robot.position()[2] < 0.46:
+            sim.step(np.array([-0.008 if sim.robot.position()[0] > 0 else 0.0, 0.010]))
+            assert sim.divergence_reason() is None
         for _ in range(10):
-            bench.step(np.zeros(2))
-        nodes = bench.ground_truth().nodes
-        assert not bench.cloth.is_layered(nodes)
-        assert bench.cloth.stretch(nodes).min() > 0.9
-    finally:
-        bench.close()
+            sim.step(np.zeros(2))
+        nodes = sim.ground_truth().nodes
+        assert not sim.cloth.is_layered(nodes)
+        assert sim.cloth.stretch(nodes).min() > 0.9
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_folded_corner_lies_still_with_the_hem_held(robot: str) -> None:
-    bench = ClothSimulation(SimConfig(robot=robot, cloth="towel", start="folded-corner"))
-    try:
-        bench.reset(3)
-        ground_truth, seen = bench.ground_truth(), bench.observe(images=False)
+    with simulation(robot, 3, cloth="towel", start="folded-corner", camera=True) as sim:
+        ground_truth, seen = sim.ground_truth(), sim.observe(images=False)
         assert 0.6 < seen.contact_portion < 0.92
         assert 0.6 < ground_truth.flat_area < 0.9
         held = ground_truth.nodes[list(TOWEL.corners)]
         np.testing.assert_allclose(held, seen.corner_positions, atol=0.002)
         assert held[:, 2].max() < 0.012
         for _ in range(5):
-            bench.step(np.zeros(2 if robot == "hanger" else 6))
-        assert bench.divergence_reason() is None
+            sim.step(sim.spec.robot.zeros())
+        assert sim.divergence_reason() is None
         # The fold may still give by some millimetres.
-        assert np.linalg.norm(bench.ground_truth().nodes - ground_truth.nodes, axis=1).mean() < 0.001
-        assert bench.ground_truth().flat_area == pytest.approx(ground_truth.flat_area, abs=0.02)
-    finally:
-        bench.close()
+        assert np.linalg.norm(sim.ground_truth().nodes - ground_truth.nodes, axis=1).mean() < 0.001
+        assert sim.ground_truth().flat_area == pytest.approx(ground_truth.flat_area, abs=0.02)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_swinging_cloth_touches_ahead_of_its_holder(robot: str) -> None:
     """Lowered straight on, the free edge comes down in front; a cloth that hangs does not."""
-    bench = ClothSimulation(SimConfig(robot=robot, cloth="towel", start="swinging", camera=False))
-    down = np.array([0.0, -0.01] if robot == "hanger" else [0.0, 0.0, -0.01] * 2)
-    try:
-        bench.reset(2)
-        assert bench.time_s == 0.0
-        assert bench.start["swing_m"] > 0.07
-        assert bench.divergence_reason() is None
-        assert bench.ground_truth().contact_portion_true < 0.05
+    with simulation(robot, 2, cloth="towel", start="swinging") as sim:
+        down = sim.spec.robot.pack([0.0, 0.0, -0.01])
+        assert sim.time_s == 0.0
+        assert sim.start["swing_m"] > 0.07
+        assert sim.divergence_reason() is None
+        assert sim.ground_truth().contact_portion_true < 0.05
         for _ in range(5):
-            bench.step(down)
-            edge = bench.ground_truth().nodes[: TOWEL.columns]
+            sim.step(down)
+            edge = sim.ground_truth().nodes[: TOWEL.columns]
             if edge[:, 2].min() < 0.008:
                 break
         assert edge[:, 2].min() < 0.008
-        assert edge[:, 0].mean() - bench.robot.position()[0] > 0.03
-    finally:
-        bench.close()
+        assert edge[:, 0].mean() - sim.robot.position()[0] > 0.03
