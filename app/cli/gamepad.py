@@ -10,19 +10,19 @@ import typer
 from layflat.app.cli.options import Debug, Force
 
 gamepad_cli = typer.Typer(
-    name="gamepad", help="Show a pad and map its buttons.", no_args_is_help=False, rich_markup_mode=None
+    name="gamepad", help="Show a gamepad's inputs and map its buttons.", no_args_is_help=False, rich_markup_mode=None
 )
 
 
 @gamepad_cli.command()
 def monitor(
-    file: Annotated[Path | None, typer.Option("--file", metavar="FILE.json", help="Read it by this mapping.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="Stop after so long; at Ctrl-C by default.")] = None,
+    file: Annotated[Path | None, typer.Option("--file", metavar="FILE.json", help="Use this mapping.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Stop after this time; by default at Ctrl-C.")] = None,
     debug: Debug = False,
 ) -> None:
-    """Show what a pad says.
+    """Show the inputs of a gamepad.
 
-    Sticks behind their dead zone, triggers and buttons; a line for each change where stdout is no terminal.
+    Sticks outside their dead zone, triggers and buttons; one line per change where stdout is not a terminal.
     """
     from layflat.app.commands.gamepad import monitor as run
 
@@ -32,14 +32,14 @@ def monitor(
 @gamepad_cli.command()
 def calibrate(
     file: Annotated[
-        Path | None, typer.Option("--file", metavar="FILE.json", help="Write it there instead of your settings.")
+        Path | None, typer.Option("--file", metavar="FILE.json", help="File to write, instead of your settings.")
     ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Map a pad, step by step.
+    """Map the inputs of a gamepad, step by step.
 
-    For one that SDL does not know, or has wrong; recording then uses the mapping.
+    For a gamepad that SDL does not know or maps wrongly; recording then uses the mapping.
     """
     from layflat.app.commands.gamepad import calibrate as run
 

@@ -161,9 +161,9 @@ def pad() -> list[Check]:
     """Gamepads as recording would find them."""
     try:
         devices = importlib.import_module("layflat.app.workstation.teleop.devices")
-        pads = devices.Pads(*importlib.import_module("layflat.app.workstation.teleop.sdl").start())
+        pads = devices.GamepadRegistry(*importlib.import_module("layflat.app.workstation.teleop.sdl").start())
         pads.refresh()
-        found = [f"{device.name} (known by {device.how})" for device in pads.devices.values()]
+        found = [f"{device.name} (known by {device.source})" for device in pads.devices.values()]
         unknown = list(pads.unknown.values())
         pads.close()
     except Exception as error:

@@ -1,4 +1,4 @@
-"""`layflat gamepad monitor|calibrate`: what a pad says, and telling Layflat where it has its buttons."""
+"""`layflat gamepad monitor|calibrate`: show the inputs of a gamepad, and map them."""
 
 from __future__ import annotations
 
@@ -17,136 +17,136 @@ from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.calibration import Calibration, RawState
-from layflat.app.workstation.teleop.devices import Device, GamepadRegistry, pad_events
-from layflat.app.workstation.teleop.gamepad import CONTROLS
+from layflat.app.workstation.teleop.devices import GamepadDevice, GamepadRegistry, gamepad_events
+from layflat.app.workstation.teleop.gamepad import COMMANDS
 from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
 from layflat.app.workstation.teleop.layouts import DeviceCapabilities
 from layflat.app.workstation.teleop.mapping import mapping_file, write_mapping
 
-LOOK_S = 0.02
+POLL_S = 0.02
 LINE_S = 0.1
-"""Without a terminal a line is printed when something has changed, at most so often."""
-NO_PAD = "no gamepad is plugged in; plug one in, or record with --source keyboard"
+"""Shortest time between two lines where stdout is not a terminal."""
+NO_GAMEPAD = "no gamepad is plugged in; plug one in, or record with --source keyboard"
 BAR = 21
-"""Characters; odd, so that there is a middle."""
+"""Characters of a bar; odd, so that there is a middle."""
 
 
 def monitor(mapping: Path | None, seconds: float | None) -> None:
-    """Show what the first pad says until Ctrl-C, until it is unplugged, or for so long."""
+    """Show the inputs of the first gamepad until Ctrl-C, until it is unplugged, or for so long."""
     if mapping is not None:
-        validators.readable_file(mapping, "a pad's mapping, by `layflat gamepad calibrate --file`")
+        validators.readable_file(mapping, "a gamepad mapping, by `layflat gamepad calibrate --file`")
     pygame, controller = sdl.start()
-    pads = GamepadRegistry(pygame, controller, mapping=mapping)
-    pads.refresh()
+    gamepads = GamepadRegistry(pygame, controller, mapping=mapping)
+    gamepads.refresh()
     with ExitStack() as stack:
-        stack.callback(pads.close)
+        stack.callback(gamepads.close)
         instance, joystick = _first(pygame)
-        device = pads.devices.get(instance)
+        device = gamepads.devices.get(instance)
         if device is None:
-            print(f"layflat: {pads.unknown.get(instance, 'its buttons are not known')}", file=sys.stderr)
-        show = _live(stack, joystick, device) if sys.stdout.isatty() else _lines(joystick, device)
+            print(f"layflat: {gamepads.unknown.get(instance, 'its buttons are not known')}", file=sys.stderr)
+        show = _live_table(stack, joystick, device) if sys.stdout.isatty() else _lines(joystick, device)
         end = time.monotonic() + (seconds if seconds is not None else float("inf"))
         while time.monotonic() < end:
-            pygame.event.get(pad_events(pygame))
-            if instance not in _instances(pygame):
-                raise LayflatError(f"{joystick.get_name()} has been unplugged")
+            pygame.event.get(gamepad_events(pygame))
+            if instance not in _joysticks(pygame):
+                raise LayflatError(f"{joystick.get_name()} was unplugged")
             show()
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
 
 def calibrate(file: Path | None, force: bool) -> None:
-    """Ask for each stick and button of the first pad, and write where they are."""
+    """Ask for each stick and button of the first gamepad, and write a mapping."""
     pygame, _ = sdl.start()
     instance, joystick = _first(pygame)
-    guid, name, counts = joystick.get_guid(), joystick.get_name(), DeviceCapabilities.of(joystick)
+    guid, name, capabilities = joystick.get_guid(), joystick.get_name(), DeviceCapabilities.of(joystick)
     path = file or mapping_file(guid)
     if path.suffix != ".json":
-        raise UsageError(f"{path} is no .json file; mappings are written as .json")
+        raise UsageError(f"{path} is not a .json file; mappings are written as .json")
     validators.writable_file(path, force=force)
-    print(f"{name}: {counts.axes} axes, {counts.buttons} buttons, {counts.hats} hats", file=sys.stderr)
-    calibration = Calibration(counts, lambda text: print(f"  {text}", file=sys.stderr, flush=True), time.monotonic)
+    print(f"{name}: {capabilities}", file=sys.stderr)
+    calibration = Calibration(
+        capabilities, lambda text: print(f"  {text}", file=sys.stderr, flush=True), time.monotonic
+    )
     while not calibration.done:
-        pygame.event.get(pad_events(pygame))
-        if instance not in _instances(pygame):
-            raise LayflatError(f"{name} has been unplugged; nothing was written")
-        calibration.see(joystick)
-        time.sleep(LOOK_S)
-    write_mapping(path, calibration.layout(), guid=guid, pad=name, counts=counts)
+        pygame.event.get(gamepad_events(pygame))
+        if instance not in _joysticks(pygame):
+            raise LayflatError(f"{name} was unplugged; nothing was written")
+        calibration.update(joystick)
+        time.sleep(POLL_S)
+    write_mapping(path, calibration.layout(), guid=guid, name=name, capabilities=capabilities)
     print(f"calibrated {name}: {path}")
 
 
 def _first(pygame: Any) -> tuple[int, Any]:
-    """Instance and raw joystick of the first pad that is plugged in."""
+    """Return instance and raw joystick of the first gamepad that is plugged in."""
     pygame.event.pump()
-    instances = _instances(pygame)
-    if not instances:
-        raise LayflatError(NO_PAD)
-    instance = min(instances)
-    if len(instances) > 1:
-        print(f"layflat: {len(instances)} pads are plugged in; this is about the first", file=sys.stderr)
-    return instance, instances[instance]
+    joysticks = _joysticks(pygame)
+    if not joysticks:
+        raise LayflatError(NO_GAMEPAD)
+    instance = min(joysticks)
+    if len(joysticks) > 1:
+        print(f"layflat: {len(joysticks)} gamepads are plugged in; the first one is used", file=sys.stderr)
+    return instance, joysticks[instance]
 
 
-def _instances(pygame: Any) -> dict[int, Any]:
+def _joysticks(pygame: Any) -> dict[int, Any]:
     joysticks = [pygame.joystick.Joystick(index) for index in range(pygame.joystick.get_count())]
     return {int(joystick.get_instance_id()): joystick for joystick in joysticks}
 
 
-def _lines(joystick: Any, device: Device | None) -> Callable[[], None]:
-    """One plain line for each change."""
-    how = "its buttons are not known" if device is None else f"known by {device.how}"
-    print(f"{joystick.get_name()}: {how}", flush=True)
-    last, spoke_s = "", -LINE_S
+def _title(joystick: Any, device: GamepadDevice | None) -> str:
+    return f"{joystick.get_name()}: " + (f"known by {device.source}" if device else "its buttons are not known")
+
+
+def _lines(joystick: Any, device: GamepadDevice | None) -> Callable[[], None]:
+    """Return a function that prints one plain line for each change."""
+    print(_title(joystick, device), flush=True)
+    last, printed_s = "", -LINE_S
 
     def show() -> None:
-        nonlocal last, spoke_s
+        nonlocal last, printed_s
         line = _line(joystick, device)
-        if line != last and time.monotonic() - spoke_s >= LINE_S:
-            last, spoke_s = line, time.monotonic()
+        if line != last and time.monotonic() - printed_s >= LINE_S:
+            last, printed_s = line, time.monotonic()
             print(line, flush=True)
 
     return show
 
 
-def _line(joystick: Any, device: Device | None) -> str:
+def _line(joystick: Any, device: GamepadDevice | None) -> str:
     if device is None:
         raw = RawState.of(joystick)
         return f"axes {' '.join(f'{value:+.2f}' for value in raw.axes)} pressed {' '.join(sorted(raw.pressed)) or '-'}"
     state = device.state()
-    numbers = " ".join(f"{name} {value:+.2f}" for name, value in _axes_of(state).items())
+    numbers = " ".join(f"{name} {value:+.2f}" for name, value in _axes(state).items())
     return f"{numbers} pressed {' '.join(sorted(state.pressed)) or '-'}"
 
 
-def _live(stack: ExitStack, joystick: Any, device: Device | None) -> Callable[[], None]:
-    """A table that is drawn over and over, until the stack is left."""
+def _live_table(stack: ExitStack, joystick: Any, device: GamepadDevice | None) -> Callable[[], None]:
+    """Return a function that redraws a table, until the stack is closed."""
     live = stack.enter_context(Live(console=Console(), auto_refresh=False))
-
-    def show() -> None:
-        live.update(_table(joystick, device), refresh=True)
-
-    return show
+    return lambda: live.update(_table(joystick, device), refresh=True)
 
 
-def _table(joystick: Any, device: Device | None) -> Table:
-    title = f"{joystick.get_name()}, " + (f"known by {device.how}" if device is not None else "unknown")
-    table = Table("input", "value", "", "does", title=title)
+def _table(joystick: Any, device: GamepadDevice | None) -> Table:
+    table = Table("input", "value", "", "command", title=_title(joystick, device))
     if device is None:
         raw = RawState.of(joystick)
         for number, value in enumerate(raw.axes):
             table.add_row(f"axis {number}", f"{value:+.2f}", _bar(value), "")
-        table.add_row("pressed", "", " ".join(sorted(raw.pressed)), "`layflat gamepad calibrate` names them")
+        table.add_row("pressed", "", " ".join(sorted(raw.pressed)), "name them with `layflat gamepad calibrate`")
         return table
     state = device.state()
-    for name, value in _axes_of(state).items():
+    for name, value in _axes(state).items():
         table.add_row(name, f"{value:+.2f}", _bar(value), "")
-    for button, control in CONTROLS.items():
-        table.add_row(label(button), "", "■" if button in state.pressed else "", control.value)
-    others = sorted(label(button) for button in state.pressed if button not in CONTROLS)
+    for button, command in COMMANDS.items():
+        table.add_row(label(button), "", "■" if button in state.pressed else "", command.value)
+    others = sorted(label(button) for button in state.pressed if button not in COMMANDS)
     table.add_row("others", "", " ".join(others), "")
     return table
 
 
-def _axes_of(state: GamepadState) -> dict[str, float]:
+def _axes(state: GamepadState) -> dict[str, float]:
     return {
         "left x": state.left[0],
         "left y": state.left[1] + 0.0,  # Not -0.
@@ -158,6 +158,6 @@ def _axes_of(state: GamepadState) -> dict[str, float]:
 
 
 def _bar(value: float) -> str:
-    """-1..1 as a mark on a line."""
+    """Return -1..1 as a mark on a line."""
     at = round((min(max(value, -1.0), 1.0) + 1.0) / 2.0 * (BAR - 1))
     return "".join("█" if k == at else "│" if k == BAR // 2 else "─" for k in range(BAR))

@@ -28,7 +28,7 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
         raise UsageError(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     validators.writable_file(path, force=False, append=True)
     if config.source != SCRIPTED:
-        from layflat.app.workstation.session.teleop_record import record_teleoperated
+        from layflat.app.workstation.teleop_record import record_teleoperated
 
         record_teleoperated(config)
         return

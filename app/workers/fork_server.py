@@ -14,6 +14,7 @@ import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from layflat.app.support.child_python import python_command
 from layflat.app.workers.process import configure_child
 from layflat.app.workers.simulated_episode import EpisodeFactory
 from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
@@ -32,7 +33,7 @@ class ForkServer:
             **ONE_THREAD,
             "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
         }
-        words = [sys.executable, "-m", "layflat.app.workers.fork_server", str(theirs.fileno())]
+        words = python_command("layflat.app.workers.fork_server", str(theirs.fileno()))
         self._process = subprocess.Popen(words, env=environment, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
         theirs.close()
         self._connection: Connection = Connection(ours.detach())

@@ -1,4 +1,4 @@
-"""The seam between a recording and the episode that is recorded, wherever that runs."""
+"""Protocol between a recording and the episode that is recorded, wherever that runs."""
 
 from __future__ import annotations
 
@@ -14,52 +14,51 @@ from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeStatus:
-    """How an episode stands after a step; what a status line or a window tells of it."""
+    """State of an episode after a step, as status lines and windows show it."""
 
     n_steps: int = 0
     time_s: float = 0.0
-    """Simulated."""
+    """Simulated time."""
     contact_portion: float = 0.0
-    word: tuple[float, float] = (0.0, 0.0)
     holder_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     flat_area: float = 0.0
     stopped_by: StoppedBy | None = None
-    """Not None: the bench takes no further steps."""
+    """Why no further steps are taken, or None."""
     disturbed: bool = False
-    led: bool = False
-    """The person has the lead over a policy."""
+    human_in_control: bool = False
+    """Whether the person, not the policy, is in control."""
 
 
 class EpisodeHandle(Protocol):
-    """One episode that a person makes. Made with a seed; its bench may still be getting ready."""
+    """One episode of a person. Made with a seed; its simulation may still be starting."""
 
     seed: int
 
     def ready(self) -> bool:
-        """Whether the cloth hangs and ``glance`` and ``step`` may be called; never waits. EpisodeLost if it died."""
+        """Return whether the cloth hangs and steps can be taken; never wait. EpisodeLost if the process died."""
 
-    def glance(self) -> EpisodeStatus:
-        """How it stands."""
+    def status(self) -> EpisodeStatus:
+        """Return the state after the last step."""
 
-    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
-        """One step of what the reading says; returns when it is over. EpisodeLost if the simulation died."""
+    def step(self, teleop: TeleopInput, drag: DragTarget | None = None) -> EpisodeStatus:
+        """Run one step and wait for it; EpisodeLost if the simulation died."""
 
     def disturb(self, name: str) -> None:
-        """Begin a named disturbance with the next step."""
+        """Start a named disturbance with the next step."""
 
-    def hand_back(self) -> None:
-        """The person has done, and the policy that they corrected leads with the next step."""
+    def release_control(self) -> None:
+        """Return control to the policy with the next step."""
 
-    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
-        """End it and keep it, durable on return; None where not even one step was over."""
+    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
+        """End the episode and save it, durable on return; None where it has no steps."""
 
     def discard(self) -> None:
-        """End it, and nobody wants it. May be called twice."""
+        """End the episode and delete its steps; may be called twice."""
 
 
 class EpisodeLost(LayflatError):
-    """The simulation of a take ended by itself; says why. What there is of it can still be kept."""
+    """The process of an episode ended by itself. The steps so far can still be saved."""
 
 
 HandleFactory: TypeAlias = Callable[[int], EpisodeHandle]
-"""Makes the take of a seed; returns at once."""
+"""Makes the episode of a seed; returns at once."""

@@ -1,24 +1,21 @@
-"""A take in a process of its own, forked from one that has never stepped a simulation.
+"""An interactive episode in a process of its own, forked from one that has never stepped a simulation.
 
-Bullet is only reproducible there (as in ``app/workers/episode_pool.py``): otherwise no recorded episode but the first
-could be
-replayed. A crash costs one take, whose journal gives back all but its last moments. The parent may have windows and
-pads open: the fork server is a process beside it, which has neither.
+Bullet is only reproducible there: otherwise only the first recorded episode could be replayed. A crash costs one
+episode, whose journal restores all but its last moments. The parent may have windows and gamepads open: the fork server
+is a process beside it, which has neither.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import multiprocessing
-import signal
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from typing import Any, TypeAlias
 
+from layflat.app.support.child_python import fork_server_context
+from layflat.app.workers.process import configure_child, describe_exit_status
 from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
@@ -37,90 +34,96 @@ from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 ANSWER_S = 60.0
-"""A step that takes longer will never end."""
-GONE_S = 5.0
-"""A process that is asked to end has so long."""
+"""Time after which a step counts as hung."""
+EXIT_S = 5.0
+"""Time for a process to end when it is asked to."""
 
-OnStep: TypeAlias = Callable[[EpisodeRunner, TeleopInput], None]
-"""Called in the take's process when its cloth hangs and after each step, with what was read for it. Picklable."""
+OnStep: TypeAlias = Callable[[ClothSimulation, EpisodeRunner, TeleopInput], None]
+"""Called in the episode's process when its cloth hangs and after each step, with the step's input. Picklable."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InteractiveEpisodeConfig:
-    """Everything that determines a take, but for what the person does."""
+    """Everything that determines an episode, except for what the person does."""
 
-    settings: SimConfig
+    sim_config: SimConfig
     seed: int
     source: str
-    ticket: JournalHandle
-    attend: OnStep | None = None
+    journal: JournalHandle
+    on_step: OnStep | None = None
     model: TrainedModel | None = None
-    """Who places; the person takes over when their hands move, and hands back when they rest."""
+    """Policy in control; the person takes over when they move, and returns control when they rest."""
 
 
 class EpisodeProcess:
-    """The parent's end."""
+    """The parent's end of an episode."""
 
-    def __init__(
-        self, job: InteractiveEpisodeConfig, recorder: SessionRecorder, context: BaseContext | None = None
-    ) -> None:
-        """Returns at once; the cloth is hung meanwhile.
-
-        ``context``: how processes are made, where the parent knows better: one that has neither windows nor threads,
-        and has never stepped a simulation, may fork at once.
-        """
-        self.seed = job.seed
-        self._ticket = job.ticket
+    def __init__(self, config: InteractiveEpisodeConfig, recorder: SessionRecorder, context: BaseContext) -> None:
+        """Return at once; the cloth is hung meanwhile."""
+        self.seed = config.seed
+        self._journal = config.journal
         self._recorder = recorder
-        context = context or _forkserver()
-        self._pipe, theirs = context.Pipe()
+        self._connection, theirs = context.Pipe()
         self._process = context.Process(  # type: ignore[attr-defined]
-            target=serve, args=(job, theirs), name=f"take of seed {job.seed}", daemon=True
+            target=serve, args=(config, theirs), name=f"episode of seed {config.seed}", daemon=True
         )
         self._process.start()
         theirs.close()
-        self._glance: EpisodeStatus | None = None
+        self._status: EpisodeStatus | None = None
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return int(self._process.pid)
 
     def ready(self) -> bool:
-        if self._glance is None and self._pipe.poll():
-            self._glance = self._answer()
-        return self._glance is not None
+        """Return whether the cloth hangs; never wait."""
+        if self._status is None and self._connection.poll():
+            self._status = self._receive_status()
+        return self._status is not None
 
-    def glance(self) -> EpisodeStatus:
-        return self._glance or EpisodeStatus()
+    def status(self) -> EpisodeStatus:
+        """Return the state after the last step."""
+        return self._status or EpisodeStatus()
 
-    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
-        self._ask("step", reading.heard(), pull)
-        self._glance = self._answer()
-        return self._glance
+    def step(self, teleop: TeleopInput, drag: DragTarget | None = None) -> EpisodeStatus:
+        """Run one step and wait for it."""
+        return self._request("step", teleop.without_commands(), drag)
 
     def disturb(self, name: str) -> None:
-        self._ask("disturb", name)
-        self._glance = self._answer()
+        """Start a named disturbance with the next step."""
+        self._request("disturb", name)
 
-    def hand_back(self) -> None:
-        self._ask("hand back")
-        self._glance = self._answer()
+    def release_control(self) -> None:
+        """Return control to the policy with the next step."""
+        self._request("release_control")
 
-    def keep(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
-        with contextlib.suppress(EpisodeLost):  # Then the journal has what there is, as partial.
-            self._ask("end", outcome, stopped_by)
+    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
+        """End the episode and save it; after a crash, save the steps that its journal has, as partial."""
+        with contextlib.suppress(EpisodeLost):
+            self._send("end", outcome, stopped_by)
             while self._receive() != "ended":
                 pass
-        self._end(GONE_S)
-        return self._recorder.recover(self._ticket, stopped_by=stopped_by if outcome == "partial" else "crashed")
+        self._end(EXIT_S)
+        return self._recorder.recover(self._journal, stopped_by=stopped_by if outcome == "partial" else "crashed")
 
     def discard(self) -> None:
+        """End the episode and delete its steps."""
         self._end(0.0)
-        self._recorder.discard(self._ticket)
+        self._recorder.discard(self._journal)
 
-    def _ask(self, *command: Any) -> None:
+    def _request(self, *request: Any) -> EpisodeStatus:
+        self._send(*request)
+        self._status = self._receive_status()
+        return self._status
+
+    def _send(self, *request: Any) -> None:
         try:
-            self._pipe.send(command)
+            self._connection.send(request)
         except OSError as error:
             raise self._lost() from error
 
-    def _answer(self) -> EpisodeStatus:
+    def _receive_status(self) -> EpisodeStatus:
         answer = self._receive()
         if isinstance(answer, EpisodeStatus):
             return answer
@@ -128,157 +131,156 @@ class EpisodeProcess:
 
     def _receive(self) -> Any:
         try:
-            if not self._pipe.poll(ANSWER_S):
+            if not self._connection.poll(ANSWER_S):
                 raise EpisodeLost(f"the simulation of seed {self.seed} has not answered for {ANSWER_S:.0f} s")
-            return self._pipe.recv()
+            return self._connection.recv()
         except (EOFError, OSError) as error:
             raise self._lost() from error
 
     def _lost(self) -> EpisodeLost:
-        self._process.join(GONE_S)
-        return EpisodeLost(f"the simulation of seed {self.seed} ended by itself with status {self._process.exitcode}")
+        self._process.join(EXIT_S)
+        return EpisodeLost(
+            f"the simulation of seed {self.seed} was lost: {describe_exit_status(self._process.exitcode, EXIT_S)}"
+        )
 
     def _end(self, patience_s: float) -> None:
         self._process.join(patience_s)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-        self._pipe.close()
+        self._connection.close()
 
 
 def make_handle_factory(
     recorder: SessionRecorder,
-    settings: SimConfig,
+    sim_config: SimConfig,
     source: str,
     *,
-    attend: OnStep | None = None,
-    context: BaseContext | None = None,
+    on_step: OnStep | None = None,
     model: TrainedModel | None = None,
+    context: BaseContext | None = None,
 ) -> HandleFactory:
-    """Makes the takes of a recording."""
+    """Return what makes the episodes of a recording.
 
-    def begin(seed: int) -> EpisodeHandle:
-        job = InteractiveEpisodeConfig(
-            settings=settings, seed=seed, source=source, ticket=recorder.new_journal(), attend=attend, model=model
+    ``context`` makes their processes. A caller that has neither windows nor threads and has never stepped a simulation
+    may pass one that forks; the default is a fork server.
+    """
+    made = fork_server_context([__name__]) if context is None else context
+
+    def make_episode(seed: int) -> EpisodeHandle:
+        config = InteractiveEpisodeConfig(
+            sim_config=sim_config,
+            seed=seed,
+            source=source,
+            journal=recorder.new_journal(),
+            on_step=on_step,
+            model=model,
         )
-        return EpisodeProcess(job, recorder, context)
+        return EpisodeProcess(config, recorder, made)
 
-    return begin
-
-
-def _forkserver() -> BaseContext:
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    return context
+    return make_episode
 
 
 class EpisodeWorker:
-    """A take in this process, as far as its journal: the child's end."""
+    """The child's end of an episode, up to its journal."""
 
-    def __init__(self, job: InteractiveEpisodeConfig) -> None:
+    def __init__(self, config: InteractiveEpisodeConfig) -> None:
+        robot = config.sim_config.robot_spec
         self._journal: JournalWriter | None = None
-        self._reading = zero_input(job.settings.robot_spec)
-        self._bench = ClothSimulation(job.settings)
-        self._bench.reset(job.seed)
-        policy: Policy = TeleopPolicy(job.settings.robot_spec, job.source, lambda: self._reading)
-        self._grip = MotionTakeoverTrigger(lambda: self._reading.moving)
-        if job.model is not None:
-            policy = TakeoverPolicy(registry.from_model(job.model), policy, self._grip)
+        self._on_step = config.on_step
+        self._teleop = zero_input(robot)
+        self._sim = ClothSimulation(config.sim_config)
+        self._sim.reset(config.seed)
+        policy: Policy = TeleopPolicy(robot, config.source, lambda: self._teleop)
+        self._trigger = MotionTakeoverTrigger(lambda: self._teleop.moving)
+        if config.model is not None:
+            policy = TakeoverPolicy(registry.from_model(config.model), policy, self._trigger)
 
-        def journal(beginning: Episode) -> JournalWriter:
-            self._journal = job.ticket.open(beginning)
+        def open_journal(beginning: Episode) -> JournalWriter:
+            self._journal = config.journal.open(beginning)
             return self._journal
 
-        images = job.ticket.save_images
-        self._run = EpisodeRunner(self._bench, policy, seed=job.seed, keep_images=images, on_start=journal)
-        self._attend = job.attend
-        self._show()
+        keep_images = config.journal.save_images
+        self._run = EpisodeRunner(self._sim, policy, seed=config.seed, keep_images=keep_images, on_start=open_journal)
+        self._report()
 
-    def _show(self) -> None:
-        if self._attend is not None:
-            self._attend(self._run, self._reading)
+    def _report(self) -> None:
+        if self._on_step is not None:
+            self._on_step(self._sim, self._run, self._teleop)
 
-    def glance(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
-        seen, run = self._run.observation, self._run
+    def status(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
+        """Return the state after the last step."""
+        run, seen = self._run, self._run.observation
+        x, y, z = seen.holder_position.tolist()
         return EpisodeStatus(
             n_steps=run.n_steps,
             time_s=seen.time_s,
             contact_portion=seen.contact_portion,
-            word=(float(seen.word[0]), float(seen.word[1])),
-            holder_m=(float(seen.holder_position[0]), float(seen.holder_position[1]), float(seen.holder_position[2])),
+            holder_m=(x, y, z),
             flat_area=0.0 if run.ground_truth is None else run.ground_truth.flat_area,
             stopped_by=stopped_by,
             disturbed=run.disturbed,
-            led=isinstance(run.policy, TakeoverPolicy) and run.policy.human_in_control,
+            human_in_control=isinstance(run.policy, TakeoverPolicy) and run.policy.human_in_control,
         )
 
-    def obey(self, command: str, *details: Any) -> object:
-        """Carry out ``step``, ``disturb``, ``hand back`` or ``end``; returns what the parent is to be told."""
-        commands: dict[str, Callable[..., object]] = {
+    def handle_request(self, name: str, *details: Any) -> object:
+        """Run ``step``, ``disturb``, ``release_control`` or ``end``; return the answer for the parent."""
+        requests: dict[str, Callable[..., object]] = {
             "step": self.step,
             "disturb": self.disturb,
-            "hand back": self.hand_back,
+            "release_control": self.release_control,
             "end": self.end,
         }
-        return commands[command](*details)
+        return requests[name](*details)
 
-    def step(self, reading: TeleopInput, pull: DragTarget | None = None) -> EpisodeStatus:
-        self._reading = reading
-        stopped_by = self._run.step("place", drag=pull)
-        self._show()
-        return self.glance(stopped_by)
+    def step(self, teleop: TeleopInput, drag: DragTarget | None = None) -> EpisodeStatus:
+        """Run one step."""
+        self._teleop = teleop
+        stopped_by = self._run.step("place", drag)
+        self._report()
+        return self.status(stopped_by)
 
     def disturb(self, name: str) -> EpisodeStatus:
+        """Start a disturbance."""
         self._run.disturb(name)
-        return self.glance()
+        return self.status()
 
-    def hand_back(self) -> EpisodeStatus:
-        self._grip.release()
-        return self.glance()
+    def release_control(self) -> EpisodeStatus:
+        """Return control to the policy."""
+        self._trigger.release()
+        return self.status()
 
     def end(self, outcome: Outcome, stopped_by: StoppedBy) -> str:
-        """The journal holds the whole episode afterwards."""
+        """Complete the journal, which then holds the whole episode."""
         if self._journal is not None:
             self._journal.finish(self._run.build_episode(stopped_by, outcome))
         return "ended"
 
     def close(self) -> None:
+        """Close journal and simulation."""
         if self._journal is not None:
             self._journal.close()
-        self._bench.close()
+        self._sim.close()
 
 
-def serve(job: InteractiveEpisodeConfig, pipe: Connection) -> None:
-    """The life of a take's process."""
-    _settle_in()
-    take: EpisodeWorker | None = None
+def serve(config: InteractiveEpisodeConfig, connection: Connection) -> None:
+    """Serve one episode in this process."""
+    configure_child()
+    worker: EpisodeWorker | None = None
     try:
-        take = EpisodeWorker(job)
-        pipe.send(take.glance())
+        worker = EpisodeWorker(config)
+        connection.send(worker.status())
         answer: object = None
         while answer != "ended":
-            command, *details = pipe.recv()
-            answer = take.obey(command, *details)
-            pipe.send(answer)
+            name, *details = connection.recv()
+            answer = worker.handle_request(name, *details)
+            connection.send(answer)
     except (SimError, DataError, PolicyError) as error:
         with contextlib.suppress(OSError):
-            pipe.send(str(error))
+            connection.send(str(error))
     except (EOFError, OSError):
-        pass  # The recording is gone. The journal keeps what there is.
+        pass  # The recording has ended. The journal keeps the steps.
     finally:
-        if take is not None:
-            take.close()
-        pipe.close()
-
-
-def _settle_in() -> None:
-    # Ctrl-C reaches the whole process group; only the parent decides what to keep.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # One that is forked has its parent's way with it, which is none here.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    if sys.platform == "linux":
-        # A parent that is killed cannot end its takes. The fork server ends with it, and these with that.
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    import cv2
-
-    cv2.setNumThreads(1)
+        if worker is not None:
+            worker.close()
+        connection.close()

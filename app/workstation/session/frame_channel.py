@@ -1,9 +1,10 @@
-"""What the bench shows of itself after each step, and its way through shared memory to the window."""
+"""State of the simulation after each step, through shared memory to the window."""
 
 from __future__ import annotations
 
+import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.context import BaseContext
 from typing import Any
 
@@ -11,189 +12,164 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data.arrays import FloatArray
-from layflat.data.types import GroundTruth, Observation
+from layflat.data.types import DragTarget
 from layflat.perception.camera.table_grid import TableGrid
 from layflat.perception.cloth.pipeline import ClothState
+from layflat.policy.runner import EpisodeRunner
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.simulation import ClothSimulation
 
-NODES_MAX = 400
-HANDS_MAX = 16
-JOINTS_MAX = 7
 _GRID = TableGrid()
 _PINHOLE = default_pinhole()
-_DTYPE = np.dtype(
+_PLAIN = np.dtype(
     [
-        ("episode", "i4"), ("step", "i4"), ("phase", "U10"), ("sim_s", "f8"), ("told_s", "f8"), ("input_s", "f8"),
-        ("work_s", "f8"), ("cloth", "U24"), ("robot", "U10"), ("node_count", "i4"), ("nodes", "f4", (NODES_MAX, 3)),
-        ("corners", "f8", (2, 3)), ("holder", "f8", 3), ("joint_count", "i4"), ("joints", "f8", JOINTS_MAX),
-        ("hand_count", "i4"), ("hands", "f8", (HANDS_MAX, 3)), ("force", "f8", 3), ("pulled", "i4"),
-        ("pull_target", "f8", 3), ("word", "f8", 2), ("strength", "f8"), ("contact", "f8"), ("contact_true", "f8"),
-        ("flat_area", "f8"), ("has_image", "?"), ("rgb", "u1", (_PINHOLE.height, _PINHOLE.width, 3)),
-        ("cloth_mask", "?", (_GRID.height, _GRID.width)), ("contact_mask", "?", (_GRID.height, _GRID.width)),
-        ("coherence", "f8"), ("out_of_view", "?"), ("led", "?"),
+        ("episode", "i4"), ("step", "i4"), ("phase", "U10"), ("sim_s", "f8"), ("published_s", "f8"), ("input_s", "f8"),
+        ("work_s", "f8"), ("cloth", "U24"), ("robot", "U16"), ("corners", "f8", (2, 3)), ("holder", "f8", 3),
+        ("force_n", "f8", 3), ("word", "f8", 2), ("word_strength", "f8"), ("contact", "f8"), ("contact_true", "f8"),
+        ("flat_area", "f8"), ("human_in_control", "?"),
     ]
 )  # fmt: skip
+"""Fields of SimulationFrame that are stored as they are."""
+_SIZED = {"nodes": (400, 3), "joints": (14,), "hands": (16, 3)}
+"""Largest shapes of the fields whose length varies; each has its length beside it."""
+_OPTIONAL = np.dtype(
+    [
+        ("dragged_node", "i4"), ("drag_target", "f8", 3), ("has_image", "?"), ("coherence", "f8"), ("out_of_view", "?"),
+        ("rgb", "u1", (_PINHOLE.height, _PINHOLE.width, 3)), ("cloth_mask", "?", (_GRID.height, _GRID.width)),
+        ("contact_mask", "?", (_GRID.height, _GRID.width)),
+    ]
+)  # fmt: skip
+_DTYPE = np.dtype(
+    [
+        *_PLAIN.descr,
+        *((name, "f8", shape) for name, shape in _SIZED.items()),
+        *((f"n_{name}", "i4") for name in _SIZED),
+        *_OPTIONAL.descr,
+    ]
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BenchFrame:
-    """The bench at the end of a step; world frame, m, N, s."""
+class SimulationFrame:
+    """State at the end of a step; world frame, m, N, s."""
 
     episode: int
-    """Counts the episodes of one bench process: with a new one, curves begin anew."""
+    """Number of the episode; the curves restart when it changes."""
     step: int
     phase: str
     sim_s: float
-    told_s: float
-    """When it was told, by the monotonic clock."""
-    input_s: float
-    """Stamp of the input that acted in this step; 0 where none did."""
-    work_s: float
-    """Wall time that the step took."""
     robot: str
     cloth: str
     nodes: FloatArray
     """(N, 3)"""
     corners: FloatArray
-    """(2, 3)"""
+    """Held corners, (2, 3)."""
     holder: FloatArray
-    """(3,)"""
+    """Centre of what holds the cloth, (3,)."""
     joints: FloatArray
-    """(7,) rad, or none where no arm holds the cloth."""
-    hands: FloatArray
-    """(K, 3)"""
-    force_n: FloatArray
+    """Angles of the arm, (J,) rad; empty where there is none."""
+    published_s: float = 0.0
+    """Time of publishing by the monotonic clock."""
+    input_s: float = 0.0
+    """Stamp of the input that acted in this step; 0 where none did."""
+    work_s: float = 0.0
+    """Wall time of the step."""
+    hands: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """Places where a disturbance holds the cloth, (K, 3)."""
+    force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
     """(3,)"""
-    pull: tuple[int, FloatArray] | None
-    """The node that is pulled at, and where to."""
-    word: FloatArray
+    drag: DragTarget | None = None
+    word: FloatArray = field(default_factory=lambda: np.zeros(2))
     """(2,)"""
-    strength: float
-    contact: float
-    contact_true: float
-    flat_area: float
-    rgb: NDArray[np.uint8] | None
-    """(H, W, 3) of the bench's camera."""
-    cloth_state: ClothState | None
-    """What perception made of it."""
-    led: bool = False
-    """A person had the lead over a policy in the step that led here."""
+    word_strength: float = 0.0
+    contact: float = 0.0
+    contact_true: float = 0.0
+    flat_area: float = 0.0
+    rgb: NDArray[np.uint8] | None = None
+    """Image of the camera, (H, W, 3)."""
+    cloth_state: ClothState | None = None
+    """Output of the perception for that image."""
+    human_in_control: bool = False
+    """Whether a person, not the policy, decided the last step."""
 
 
 class FrameChannel:
-    """The bench's newest moment, for the window."""
+    """Newest frame of the simulation, for the window."""
 
     def __init__(self, context: BaseContext) -> None:
         self._value = LatestValue(context, _DTYPE)
 
-    def tell(
-        self,
-        bench: ClothSimulation,
-        seen: Observation,
-        ground_truth: GroundTruth,
-        *,
-        episode: int,
-        step: int,
-        phase: str,
-        input_s: float = 0.0,
-        work_s: float = 0.0,
-        led: bool = False,
-    ) -> None:
-        """Called by the bench after each step."""
-        fields = _holding(bench) | _seeing(bench, seen)
-        nodes = np.zeros((NODES_MAX, 3), np.float32)
-        nodes[: len(ground_truth.nodes)] = ground_truth.nodes
-        self._value.write(
-            episode=episode,
-            step=step,
-            phase=phase,
-            sim_s=seen.time_s,
-            told_s=time.monotonic(),
-            input_s=input_s,
-            work_s=work_s,
-            cloth=bench.spec.cloth,
-            robot=bench.spec.robot.name,
-            node_count=len(ground_truth.nodes),
-            nodes=nodes,
-            corners=seen.corner_positions,
-            holder=seen.holder_position,
-            force=bench.force_n(),
-            word=seen.word,
-            strength=seen.word_strength,
-            contact=seen.contact_portion,
-            contact_true=ground_truth.contact_portion_true,
-            flat_area=ground_truth.flat_area,
-            led=led,
-            **fields,
+    def publish(self, sim: ClothSimulation, run: EpisodeRunner, *, input_s: float = 0.0, work_s: float = 0.0) -> None:
+        """Write the state after the last step of an episode that has a process of its own."""
+        seen, truth = run.observation, run.ground_truth
+        state = sim.cloth_state
+        has_image = seen.rgb is not None and state is not None and state.cloth_mask.shape == (_GRID.height, _GRID.width)
+        self.write(
+            SimulationFrame(
+                episode=os.getpid(),
+                step=run.n_steps,
+                phase=run.steps[-1].phase if run.steps else "place",
+                sim_s=seen.time_s,
+                published_s=time.monotonic(),
+                input_s=input_s,
+                work_s=work_s,
+                robot=run.env.spec.robot.name,
+                cloth=run.env.spec.cloth,
+                nodes=np.zeros((0, 3)) if truth is None else truth.nodes,
+                corners=seen.corner_positions,
+                holder=seen.holder_position,
+                joints=sim.joint_angles(),
+                hands=sim.hand_positions()[: _SIZED["hands"][0]],
+                force_n=sim.force_n(),
+                drag=sim.drag_target,
+                word=seen.word,
+                word_strength=seen.word_strength,
+                contact=seen.contact_portion,
+                contact_true=0.0 if truth is None else truth.contact_portion_true,
+                flat_area=0.0 if truth is None else truth.flat_area,
+                rgb=seen.rgb if has_image else None,
+                cloth_state=state if has_image else None,
+                human_in_control=bool(run.steps) and run.steps[-1].intervention,
+            )
         )
 
-    def read(self, after: int = 0) -> tuple[int, BenchFrame] | None:
-        """The newest moment and its number; None where there is none newer than number ``after``."""
+    def write(self, frame: SimulationFrame) -> None:
+        """Replace the newest frame."""
+        values = {name: getattr(frame, name) for name in _PLAIN.names or ()}
+        for name, shape in _SIZED.items():
+            array = getattr(frame, name)
+            values[name] = np.zeros(shape)
+            values[name][: len(array)] = array
+            values[f"n_{name}"] = len(array)
+        drag, state = frame.drag, frame.cloth_state
+        values |= {
+            "dragged_node": -1 if drag is None else drag.node,
+            "drag_target": np.zeros(3) if drag is None else drag.target_m,
+            "has_image": frame.rgb is not None and state is not None,
+        }
+        if frame.rgb is not None and state is not None:
+            values["rgb"] = frame.rgb
+            values |= {n: getattr(state, n) for n in ("cloth_mask", "contact_mask", "coherence", "out_of_view")}
+        self._value.write(**values)
+
+    def read(self, after: int = 0) -> tuple[int, SimulationFrame] | None:
+        """Return the newest frame and its number, or None where there is none newer than number ``after``."""
         found = self._value.read(after)
-        return None if found is None else (found[0], _moment(found[1]))
+        return None if found is None else (found[0], _frame(found[1]))
 
 
-def _holding(bench: ClothSimulation) -> dict[str, Any]:
-    """Joints, hands and pull."""
-    joints, hands = np.zeros(JOINTS_MAX), np.zeros((HANDS_MAX, 3))
-    angles = bench.joint_angles()
-    joints[: len(angles)] = angles
-    places = bench.hand_positions()[:HANDS_MAX]
-    hands[: len(places)] = places
-    pull = bench.drag_target
-    return {
-        "joint_count": len(angles),
-        "joints": joints,
-        "hand_count": len(places),
-        "hands": hands,
-        "pulled": -1 if pull is None else pull.node,
-        "pull_target": np.zeros(3) if pull is None else pull.target_m,
-    }
-
-
-def _seeing(bench: ClothSimulation, seen: Observation) -> dict[str, Any]:
-    """The camera's image and what perception made of it."""
-    cloth_state = bench.cloth_state
-    if seen.rgb is None or cloth_state is None or cloth_state.cloth_mask.shape != (_GRID.height, _GRID.width):
-        return {"has_image": False}
-    return {
-        "has_image": True,
-        "rgb": seen.rgb,
-        "cloth_mask": cloth_state.cloth_mask,
-        "contact_mask": cloth_state.contact_mask,
-        "coherence": cloth_state.coherence,
-        "out_of_view": cloth_state.out_of_view,
-    }
-
-
-def _moment(value: np.void) -> BenchFrame:
-    return BenchFrame(
-        episode=int(value["episode"]),
-        step=int(value["step"]),
-        phase=str(value["phase"]),
-        sim_s=float(value["sim_s"]),
-        told_s=float(value["told_s"]),
-        input_s=float(value["input_s"]),
-        work_s=float(value["work_s"]),
-        robot=str(value["robot"]),
-        cloth=str(value["cloth"]),
-        nodes=value["nodes"][: int(value["node_count"])].astype(float),
-        corners=value["corners"],
-        holder=value["holder"],
-        joints=value["joints"][: int(value["joint_count"])],
-        hands=value["hands"][: int(value["hand_count"])],
-        force_n=value["force"],
-        pull=None if value["pulled"] < 0 else (int(value["pulled"]), value["pull_target"]),
-        word=value["word"],
-        strength=float(value["strength"]),
-        contact=float(value["contact"]),
-        contact_true=float(value["contact_true"]),
-        flat_area=float(value["flat_area"]),
+def _frame(value: np.void) -> SimulationFrame:
+    plain = {name: value[name] for name in _PLAIN.names or ()}
+    fields: dict[str, Any] = {n: item if isinstance(item, np.ndarray) else item.item() for n, item in plain.items()}
+    fields |= {name: value[name][: int(value[f"n_{name}"])] for name in _SIZED}
+    node = int(value["dragged_node"])
+    return SimulationFrame(
+        **fields,
+        drag=None if node < 0 else DragTarget(node=node, target_m=value["drag_target"]),
         rgb=value["rgb"] if value["has_image"] else None,
         cloth_state=_cloth_state(value) if value["has_image"] else None,
-        led=bool(value["led"]),
     )
 
 
@@ -207,6 +183,18 @@ def _cloth_state(value: np.void) -> ClothState:
         contact_portion=float(value["contact"]),
         word=value["word"],
         coherence=float(value["coherence"]),
-        strength=float(value["strength"]),
+        strength=float(value["word_strength"]),
         out_of_view=bool(value["out_of_view"]),
     )
+
+
+@dataclass(frozen=True)
+class FramePublisher:
+    """Callback of an episode's process that publishes each step."""
+
+    channel: FrameChannel
+
+    def __call__(self, sim: ClothSimulation, run: EpisodeRunner, teleop: TeleopInput) -> None:
+        """Publish the state after a step on ``teleop``, or before the first step."""
+        work_s = time.monotonic() - teleop.stamp_s if teleop.stamp_s else 0.0
+        self.channel.publish(sim, run, input_s=teleop.stamp_s if run.steps else 0.0, work_s=work_s)

@@ -1,4 +1,4 @@
-"""A person beside a policy that places: they take the lead when it goes wrong, and hand it back."""
+"""InterventionController: a person beside a policy, who takes over when it goes wrong and returns control."""
 
 from __future__ import annotations
 
@@ -9,48 +9,47 @@ from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
 from layflat.policy.base import Policy
 from layflat.policy.wrappers.takeover import ControlRequest, MotionTakeoverTrigger, TakeoverPolicy
 
-Change: TypeAlias = Literal["gone", "back"]
-"""Of the device."""
+DeviceChange: TypeAlias = Literal["disconnected", "reconnected"]
 YOU = "you"
-"""Who leads, in a status: the person, or a policy by its name."""
+"""Controller in a status: the person, or else the policy by its name."""
 
 
 class InterventionController:
-    """Who leads, by what the hands do. A device that is gone leads nobody."""
+    """Decides who is in control, by the person's input. A disconnected device is never in control."""
 
     def __init__(self, policy: Policy, source: str) -> None:
-        """``policy`` has the lead at first; ``source`` names the device, as records have it."""
-        self.reading = zero_input(policy.robot)
-        """The newest of the device."""
-        self.helped = policy.name
-        self._grip = MotionTakeoverTrigger(lambda: self.reading.moving)
-        self.policy = TakeoverPolicy(policy, TeleopPolicy(policy.robot, source, lambda: self.reading), self._wish)
-        """What decides."""
+        """Start with ``policy`` in control; ``source`` names the device in records."""
+        self.teleop = zero_input(policy.robot)
+        """Newest input."""
+        self.assisted_policy = policy.name
+        self._trigger = MotionTakeoverTrigger(lambda: self.teleop.moving)
+        self.policy = TakeoverPolicy(policy, TeleopPolicy(policy.robot, source, lambda: self.teleop), self._request)
+        """Policy and person together."""
 
     @property
-    def leads(self) -> bool:
-        """Whether the person does."""
+    def human_in_control(self) -> bool:
+        """Whether the person is in control."""
         return self.policy.human_in_control
 
-    def hear(self, reading: TeleopInput) -> Change | None:
-        """Take note of a reading; says whether the device has gone with it, or come."""
-        before, self.reading = self.reading.connected, reading
-        if before == reading.connected:
+    def handle_input(self, teleop: TeleopInput) -> DeviceChange | None:
+        """Take a new input; return whether the device was disconnected or reconnected with it."""
+        before, self.teleop = self.teleop.connected, teleop
+        if before == teleop.connected:
             return None
-        return "back" if reading.connected else "gone"
+        return "reconnected" if teleop.connected else "disconnected"
 
-    def hand_back(self) -> None:
-        """The person has done, and the policy leads from the next step on, unless the hands still move."""
-        self._grip.release()
+    def release_control(self) -> None:
+        """Return control to the policy from the next step on, unless the person still moves."""
+        self._trigger.release()
 
-    def told(self) -> str:
-        """Who leads, in a sentence."""
-        return led_sentence(self.leads, self.helped)
+    def describe(self) -> str:
+        """Return who is in control, as a sentence."""
+        return describe_control(self.human_in_control, self.assisted_policy)
 
-    def _wish(self) -> ControlRequest | None:
-        return self._grip() if self.reading.connected else "release"
+    def _request(self) -> ControlRequest | None:
+        return self._trigger() if self.teleop.connected else "release"
 
 
-def led_sentence(person: bool, policy: str) -> str:
-    """What is said when the lead changes hands."""
-    return f"you have the lead; rest, and {policy} has it again" if person else f"{policy} has the lead again"
+def describe_control(human: bool, policy: str) -> str:
+    """Return the sentence for a change of control."""
+    return f"you are in control; stop moving to return control to {policy}" if human else f"{policy} is in control"

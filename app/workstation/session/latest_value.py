@@ -15,8 +15,8 @@ _HEADER = np.dtype([("begun", "i8"), ("done", "i8")])
 class LatestValue:
     """Two slots of one structured dtype: one is written while the other is read.
 
-    One writer at a time. The memory is anonymous: given to a child process as an argument, gone with the last process,
-    however that ends.
+    One writer at a time. The memory is anonymous: passed to a child process as an argument, and freed with the last
+    process, however that ends.
     """
 
     def __init__(self, context: BaseContext, dtype: np.dtype[Any]) -> None:
@@ -28,7 +28,7 @@ class LatestValue:
         return header, np.frombuffer(self._memory, dtype=self.dtype, count=2, offset=_HEADER.itemsize)
 
     def write(self, **fields: Any) -> None:
-        """Make a new value of these fields; the others are zero or as they were two values ago, so give them all."""
+        """Write a new value; pass all fields, since the others are zero or as they were two values ago."""
         header, slots = self._views()
         number = int(header["done"][0]) + 1
         header["begun"][0] = number
@@ -37,15 +37,11 @@ class LatestValue:
             slot[name] = value
         header["done"][0] = number
 
-    def number(self) -> int:
-        """How many values have been written."""
-        return int(self._views()[0]["done"][0])
-
     def read(self, after: int = 0) -> tuple[int, np.void] | None:
-        """The newest value, copied, and its number; None where there is none newer than number ``after``.
+        """Return the number and a copy of the newest value, or None where there is none newer than number ``after``.
 
-        A value that was overwritten while it was copied is copied again: the writer would have to come round twice in
-        each of many tries to prevent it.
+        A value that was overwritten while it was copied is copied again: the writer would have to write twice in each
+        of many tries to prevent that.
         """
         header, slots = self._views()
         for _ in range(_TRIES):

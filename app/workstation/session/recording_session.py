@@ -1,7 +1,6 @@
-"""Recording as a state machine: what the controls do, whoever has them, and what is said about it.
+"""RecordingSession: the state machine of a recording by a person.
 
-It knows no device, no window and no simulator: readings come in by ``hear``, episodes run behind the seam
-``EpisodeHandle``.
+It knows no device, no window and no simulator: inputs come by `handle_input`, episodes run behind `EpisodeHandle`.
 """
 
 from __future__ import annotations
@@ -10,27 +9,28 @@ import time
 from collections.abc import Callable, Collection
 
 from layflat.app.support.session_lines import discarded_line, kept_line
-from layflat.app.workstation.session.control_actions import ACTIVE, OUTCOMES, VERBS, SessionState, control_action
+from layflat.app.workstation.session.command_effects import ACTIVE, OUTCOMES, SessionState, command_effect
 from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
-from layflat.app.workstation.session.intervention import led_sentence
-from layflat.app.workstation.session.session_queries import stored
+from layflat.app.workstation.session.intervention import describe_control
+from layflat.app.workstation.session.session_queries import n_episodes
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 COUNTDOWN_S = 3.0
-STEPS_MAX = 600
-"""A minute of motion: several times what a placing takes."""
-JUDGED: StoppedBy = "converged"
-"""What an episode says when the person said that it was over."""
+MAX_STEPS = 600
+"""A minute of motion: several times what placing takes."""
+ENDED_BY_PERSON: StoppedBy = "converged"
+"""Reason of an episode that the person ended by their verdict."""
+POLICY = "the policy"
 
 
 class RecordingSession:
-    """Demonstrations of consecutive seeds into one session.
+    """Demonstrations of consecutive seeds, recorded into one session file.
 
     >>> while recording.state != "over":
-    ...     recording.hear(source.poll())
+    ...     recording.handle_input(teleoperator.poll())
     ...     if not recording.step():
     ...         time.sleep(0.01)
     """
@@ -38,275 +38,269 @@ class RecordingSession:
     def __init__(
         self,
         recorder: SessionRecorder,
-        begin: HandleFactory,
+        make_episode: HandleFactory,
         *,
         seed: int = 0,
-        skip: Collection[int] = (),
+        used_seeds: Collection[int] = (),
         episodes: int | None = None,
         disturbance: str = "none",
         countdown_s: float = COUNTDOWN_S,
-        steps_max: int = STEPS_MAX,
-        led: bool = False,
-        tell: Callable[[str], None] = print,
+        max_steps: int = MAX_STEPS,
+        policy_in_control: bool = False,
+        print_line: Callable[[str], None] = print,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """``episodes``: over after so many have been kept as success or failure; None: until QUIT.
+        """Start with the cloth of the first seed being hung.
 
-        Seeds go up from ``seed``, without those in ``skip``, which the session has already. ``tell`` gets the
-        contract's lines (``kept demo_3 success 84 steps contact 0.97 FILE.h5``, ``discarded seed 4 ...``), each only
-        when it is true. ``disturbance`` is what DISTURB begins. ``led``: a policy has the lead until the person's hands
-        move, so that time waits for no motion before it has stopped.
+        Parameters
+        ----------
+        seed, used_seeds
+            Seeds go up from ``seed``, without ``used_seeds``.
+        episodes
+            The recording is over when so many are kept as success or failure; None: with QUIT.
+        disturbance
+            Disturbance that DISTURB starts.
+        policy_in_control
+            Whether a policy is in control until the person moves, so that time does not wait for the first motion.
+        print_line
+            Called with each line about a kept or discarded episode, once it is durable.
         """
-        self._begin = begin
-        self._skip = frozenset(skip)
+        self._make_episode = make_episode
+        self._used_seeds = frozenset(used_seeds)
         self._episodes = episodes
         self._disturbance = disturbance
         self._countdown_s = countdown_s
-        self._steps_max = steps_max
-        self._led = led
-        self._tell = tell
+        self._max_steps = max_steps
+        self._policy_in_control = policy_in_control
+        self._print_line = print_line
         self._clock = clock
         self._path = recorder.path
-        self.stored = stored(recorder.path)
-        """Episodes in the session."""
-        self._reading: TeleopInput | None = None
-        self._interrupted_by_device: SessionState | None = None
-        self._still = True
-        self._from_s = 0.0
+        self.n_episodes = n_episodes(recorder.path)
+        """Number of episodes in the session."""
+        self._teleop: TeleopInput | None = None
+        self._disconnected_in: SessionState | None = None
+        """State in which the device was disconnected."""
+        self._at_rest = True
+        self._countdown_start_s = 0.0
         self.counts: dict[str, int] = {"success": 0, "failure": 0, "partial": 0, "discarded": 0}
-        """What came of the demonstrations of this recording."""
+        """Number of demonstrations of this recording by their outcome."""
         self.message = ""
-        """The last thing that was said, one sentence for a person."""
+        """Newest sentence for the person."""
         self.seed = seed
-        """Of the demonstration that waits or runs."""
+        """Seed of the current demonstration."""
         self.state: SessionState = "waiting"
-        self.glance = EpisodeStatus()
-        """How it stands."""
-        self._take: EpisodeHandle | None = None
-        for kept in recorder.recovered:
-            self._tell(kept_line(kept))
-            self.message = f"an earlier recording was cut off; what there was of it is {kept.name}, {kept.outcome}"
+        self.status = EpisodeStatus()
+        """Status of the current demonstration."""
+        self._episode: EpisodeHandle | None = None
+        for saved in recorder.recovered:
+            self._print_line(kept_line(saved))
+            self.message = f"an earlier recording was interrupted; its steps are {saved.name}, {saved.outcome}"
         self._prepare(seed)
 
     @property
     def ready(self) -> bool:
         """Whether the cloth hangs."""
-        return self._take is not None and self._take.ready()
+        return self._episode is not None and self._episode.ready()
 
-    def hear(self, reading: TeleopInput) -> None:
-        """Take note of a reading: obey its controls, pause where the device has gone, go on when it is back."""
-        self._reading = reading.heard()
-        if not reading.connected:
-            self._without_device(reading)
-        elif self._interrupted_by_device is not None:
-            self._with_device_again()
-        for control in reading.controls:
-            self.handle(control)
+    @property
+    def is_stepping(self) -> bool:
+        """Whether the next `step` will simulate one, if the cloth is not dragged."""
+        return self.state == "running" and not (self._at_rest and (self._teleop is None or not self._teleop.moving))
 
-    def handle(self, control: Command) -> None:
-        """Obey one control; one that makes no sense now does nothing but say so."""
-        if self.does(control) is None:
-            self.message = f"there is nothing to {VERBS[control]} now"
+    @property
+    def waiting_for_motion(self) -> bool:
+        """Whether it runs, but simulated time waits for the first motion."""
+        return self.state == "running" and self._at_rest
+
+    def handle_input(self, teleop: TeleopInput) -> None:
+        """Take a new input: handle its commands, pause where the device is disconnected, continue when it is back."""
+        self._teleop = teleop.without_commands()
+        if not teleop.connected:
+            self._handle_disconnect(teleop)
+        elif self._disconnected_in is not None:
+            self._handle_reconnect(teleop)
+        for command in teleop.commands:
+            self.handle_command(command)
+
+    def effect(self, command: Command) -> str | None:
+        """Return what a command would do now, or None where it would do nothing."""
+        return command_effect(command, self.state, self.status, seed=self.seed, disturbance=self._disturbance)
+
+    def handle_command(self, command: Command) -> None:
+        """Carry out a command; one without an effect changes only the message."""
+        if self.effect(command) is None:
+            self.message = f"nothing to {command.value} now"
             return
-        if control is Command.QUIT:
+        if command is Command.QUIT:
             self.close()
-        elif control in OUTCOMES:
-            self._keep(OUTCOMES[control])
-        elif control is Command.DISTURB:
+        elif command in OUTCOMES:
+            self._save(OUTCOMES[command])
+        elif command is Command.DISTURB:
             self._disturb()
-        elif control in (Command.DISCARD, Command.REDO):
+        elif command in (Command.DISCARD, Command.REDO):
             self._discard()
-            again = control is Command.REDO
-            self._prepare(self.seed if again else self.seed + 1)
-            if again:
-                self._count_down()
+            self._prepare(self.seed if command is Command.REDO else self.seed + 1)
+            if command is Command.REDO:
+                self._start_countdown()
         elif self.state == "waiting":
-            self._count_down()
+            self._start_countdown()
         elif self.state == "countdown":
-            self._wait()
-        elif control is Command.START and self.state == "running":
-            self._hand_back()
+            self.state, self.message = "waiting", "countdown stopped"
+        elif command is Command.START and self.state == "running":
+            self._release_control()
         elif self.state == "running":
-            self._pause("paused")
+            self.state = self.message = "paused"
         else:
             self._run()
 
-    def does(self, control: Command) -> str | None:
-        """What the control would do now, for a person; None where it would do nothing."""
-        return control_action(control, self.state, self.glance, seed=self.seed, disturbance=self._disturbance)
+    def step(self, drag: DragTarget | None = None) -> bool:
+        """Advance by what the state asks for; return whether a step was simulated. Wait only for the simulation.
 
-    def step(self, pull: DragTarget | None = None) -> bool:
-        """One step of what the state asks; True where a step was simulated. Waits for nothing but the simulation.
-
-        ``pull`` is what the mouse draws the cloth by. EpisodeLost where no cloth can be hung at all.
+        ``drag`` is where the mouse drags the cloth. EpisodeLost where no cloth can be hung at all.
         """
-        if self.state == "waiting" or self.state == "countdown":
-            if self.ready and self._take is not None:
-                self.glance = self._take.glance()
+        if self.state in ("waiting", "countdown"):
+            if self.ready and self._episode is not None:
+                self.status = self._episode.status()
                 if self.state == "countdown" and self.countdown_left_s() == 0:
                     self._run()
             return False
-        if self.state != "running" or self._take is None or self._reading is None:
+        if self.state != "running" or self._episode is None or self._teleop is None:
             return False
-        if self._still and pull is None and not self._reading.moving:
+        if self._at_rest and not self._teleop.moving and drag is None:
             return False
-        if self._still and self._led:
-            self.message = led_sentence(True, "the policy")
-        self._still, led = False, self.glance.led
+        if self._at_rest and self._policy_in_control:
+            self.message = describe_control(True, POLICY)
+        self._at_rest, before = False, self.status.human_in_control
         try:
-            self.glance = self._take.step(self._reading, pull)
+            self.status = self._episode.step(self._teleop, drag)
         except EpisodeLost as lost:
-            self._lose(lost)
+            self._handle_loss(lost)
             return False
-        if self.glance.led != led:
-            self.message = led_sentence(self.glance.led, "the policy")
-        self._look_for_the_end()
+        if self.status.human_in_control != before:
+            self.message = describe_control(self.status.human_in_control, POLICY)
+        self._check_end()
         return True
 
     def countdown_left_s(self) -> float:
-        """Seconds until it runs; 0 in any other state."""
+        """Return the seconds until it runs; 0 in any other state."""
         if self.state != "countdown":
             return 0.0
-        return max(self._from_s + self._countdown_s - self._clock(), 0.0)
-
-    @property
-    def simulates(self) -> bool:
-        """Whether the next ``step`` will simulate one, if nothing is pulled at."""
-        return self.state == "running" and not (self._still and (self._reading is None or not self._reading.moving))
-
-    @property
-    def awaits_motion(self) -> bool:
-        """Whether it runs, but simulated time stands until the first motion."""
-        return self.state == "running" and self._still
+        return max(self._countdown_start_s + self._countdown_s - self._clock(), 0.0)
 
     def close(self) -> None:
-        """End it now: a demonstration that runs is kept as partial. May be called twice; called by QUIT."""
-        take, self._take = self._take, None
-        was, self.state = self.state, "over"
-        if take is None:
+        """End the recording; a running demonstration is kept as partial. May be called twice."""
+        episode, self._episode = self._episode, None
+        before, self.state = self.state, "over"
+        if episode is None:
             return
-        if was in ACTIVE and self.glance.n_steps:
-            kept = take.keep("partial", "interrupted")
-            if kept is not None:
-                self._say_kept(kept)
+        if before in ACTIVE and self.status.n_steps:
+            self._note_saved(episode.save("partial", "interrupted"))
         else:
-            take.discard()
-            self.message = f"the recording is over; {self._so_far()}"
+            episode.discard()
+            self.message = f"the recording has ended; {self._summary()}"
 
     def _prepare(self, seed: int) -> None:
-        """The next take; its cloth is hung while the person has a look at what to do."""
-        while seed in self._skip:
+        """Start the next episode; its cloth is hung while the person decides."""
+        while seed in self._used_seeds:
             seed += 1
         self.seed = seed
-        self.glance = EpisodeStatus()
-        self._interrupted_by_device = None
-        self._take = self._begin(seed)
+        self.status = EpisodeStatus()
+        self._disconnected_in = None
+        self._episode = self._make_episode(seed)
         self.state = "waiting"
 
-    def _wait(self) -> None:
-        self.state = "waiting"
-        self.message = "not begun"
-
-    def _count_down(self) -> None:
+    def _start_countdown(self) -> None:
         self.state = "countdown"
-        self._from_s = self._clock()
+        self._countdown_start_s = self._clock()
         self.message = f"seed {self.seed}: get ready"
 
     def _run(self) -> None:
         self.state = "running"
-        self._still = not self._led
-        self.message = "the policy places; move to take over" if self._led else "runs with your first motion"
+        self._at_rest = not self._policy_in_control
+        self.message = "the policy places; move to take over" if self._policy_in_control else "starts when you move"
 
-    def _pause(self, why: str) -> None:
-        self.state = "paused"
-        self.message = why
-
-    def _without_device(self, reading: TeleopInput) -> None:
+    def _handle_disconnect(self, teleop: TeleopInput) -> None:
         if self.state in ("running", "countdown"):
-            self._interrupted_by_device = self.state
-            self._pause(f"paused: {reading.problem}")
-        elif self._interrupted_by_device is None:
-            self.message = reading.problem
+            self._disconnected_in = self.state
+            self.state, self.message = "paused", f"paused: {teleop.problem}"
+        elif self._disconnected_in is None:
+            self.message = teleop.problem
 
-    def _with_device_again(self) -> None:
-        before, self._interrupted_by_device = self._interrupted_by_device, None
+    def _handle_reconnect(self, teleop: TeleopInput) -> None:
+        before, self._disconnected_in = self._disconnected_in, None
         if self.state != "paused":
             return
-        device = self._reading.device if self._reading is not None else ""
         if before == "countdown":
-            self._count_down()
+            self._start_countdown()
         else:
             self._run()
-        self.message = f"{device or 'the device'} is back; {self.message}"
+        self.message = f"{teleop.device or 'the device'} is connected again; {self.message}"
 
     def _disturb(self) -> None:
-        if self._take is None:
+        if self._episode is None:
             return
         try:
-            self._take.disturb(self._disturbance)
-            self.glance = self._take.glance()
-            self.message = f"disturbing: {self._disturbance}"
+            self._episode.disturb(self._disturbance)
+            self.status = self._episode.status()
+            self.message = f"disturbance: {self._disturbance}"
         except EpisodeLost as lost:
-            self._lose(lost)
+            self._handle_loss(lost)
 
-    def _hand_back(self) -> None:
-        if self._take is None:
+    def _release_control(self) -> None:
+        if self._episode is None:
             return
         try:
-            self._take.hand_back()
+            self._episode.release_control()
         except EpisodeLost as lost:
-            self._lose(lost)
+            self._handle_loss(lost)
 
-    def _look_for_the_end(self) -> None:
-        if self.glance.stopped_by == "unstable":
-            self._finish("the cloth came apart; keep it as failure, discard it, or do it again")
-        elif self.glance.stopped_by is not None:
-            self._still = True
-            self.message = f"the policy has stopped ({self.glance.stopped_by}); move to go on yourself, or keep it"
-        elif self.glance.n_steps >= self._steps_max:
-            self._finish(f"{self._steps_max} steps are over; keep it or discard it")
+    def _check_end(self) -> None:
+        if self.status.stopped_by == "unstable":
+            self.state = "finished"
+            self.message = "the simulation diverged; keep it as failure, discard it, or redo it"
+        elif self.status.stopped_by is not None:
+            self._at_rest = True
+            self.message = f"the policy has stopped ({self.status.stopped_by}); move to continue yourself, or keep it"
+        elif self.status.n_steps >= self._max_steps:
+            self.state = "finished"
+            self.message = f"the limit of {self._max_steps} steps is reached; keep it or discard it"
 
-    def _finish(self, why: str) -> None:
-        self.state = "finished"
-        self.message = why
-
-    def _keep(self, outcome: Outcome) -> None:
-        take, self._take = self._take, None
-        if take is None:
+    def _save(self, outcome: Outcome) -> None:
+        episode, self._episode = self._episode, None
+        if episode is None:
             return
-        kept = take.keep(outcome, self.glance.stopped_by or ("step_limit" if self.state == "finished" else JUDGED))
-        if kept is not None:
-            self._say_kept(kept)
+        limit: StoppedBy = "step_limit" if self.state == "finished" else ENDED_BY_PERSON
+        self._note_saved(episode.save(outcome, self.status.stopped_by or limit))
         if self._episodes is not None and self.counts["success"] + self.counts["failure"] >= self._episodes:
             self.state = "over"
         else:
             self._prepare(self.seed + 1)
 
     def _discard(self) -> None:
-        take, self._take = self._take, None
-        if take is None:
+        episode, self._episode = self._episode, None
+        if episode is None:
             return
-        take.discard()
-        glance = self.glance
-        if glance.n_steps:
+        episode.discard()
+        if self.status.n_steps:
             self.counts["discarded"] += 1
-            self._tell(discarded_line(self.seed, glance.n_steps, glance.contact_portion, self._path))
-        self.message = f"discarded seed {self.seed}; {self._so_far()}"
+            self._print_line(discarded_line(self.seed, self.status.n_steps, self.status.contact_portion, self._path))
+        self.message = f"discarded seed {self.seed}; {self._summary()}"
 
-    def _lose(self, lost: EpisodeLost) -> None:
-        """The simulation died: what there is of it is kept, and the same seed comes again."""
-        take, self._take = self._take, None
-        kept = take.keep("partial", "crashed") if take is not None else None
-        if kept is not None:
-            self._say_kept(kept)
+    def _handle_loss(self, lost: EpisodeLost) -> None:
+        """Save the steps of an episode whose simulation died, and prepare the same seed again."""
+        episode, self._episode = self._episode, None
+        saved = episode.save("partial", "crashed") if episode is not None else None
+        self._note_saved(saved)
         self._prepare(self.seed)
-        self.message = f"{lost}; " + ("what there was is kept as partial" if kept else "nothing of it was left")
+        self.message = f"{lost}; " + ("its steps are kept as partial" if saved else "it had no steps")
 
-    def _say_kept(self, kept: SavedEpisode) -> None:
-        self.counts[kept.outcome] += 1
-        self.stored += 1
-        self._tell(kept_line(kept))
-        self.message = f"kept {kept.name} as {kept.outcome}; {self._so_far()}"
+    def _note_saved(self, saved: SavedEpisode | None) -> None:
+        if saved is None:
+            return
+        self.counts[saved.outcome] += 1
+        self.n_episodes += 1
+        self._print_line(kept_line(saved))
+        self.message = f"kept {saved.name} as {saved.outcome}; {self._summary()}"
 
-    def _so_far(self) -> str:
-        return f"{self.stored} {'demonstration' if self.stored == 1 else 'demonstrations'} in {self._path}"
+    def _summary(self) -> str:
+        return f"{self.n_episodes} {'demonstration' if self.n_episodes == 1 else 'demonstrations'} in {self._path}"

@@ -1,41 +1,62 @@
-"""What an order of the window says: of which bench, which model, and where it goes."""
+"""Requests of the window: what an activity's process is to do."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from layflat.app.workstation.session.bench_process import Request
 from layflat.data.session.recorder import SessionRecorder
-from layflat.policy import model_io as model_files
+from layflat.policy.spec import PolicySpec
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.config import SimConfig
 
 
-def model_of(policy: str) -> TrainedModel | None:
-    """The model of a path; None for a policy that has none."""
-    return model_files.load(Path(policy)) if policy.endswith(".npz") else None
+@dataclass(frozen=True, kw_only=True)
+class ActivityRequest:
+    """Settings that all activities have."""
+
+    sim_config: SimConfig
+    seed: int = 0
+    speed: float = 1.0
+    """Simulated over wall time at most; 0 is as fast as possible."""
+    images: bool = False
+    """Whether camera images are saved."""
+    source: str = ""
+    """Teleoperator of the person; empty where there is none."""
+    session: Path | None = None
+    """Session to record into, or None."""
+
+    def open_recorder(self) -> SessionRecorder | None:
+        """Open the session; DataError where it holds something else."""
+        if self.session is None:
+            return None
+        self.session.parent.mkdir(parents=True, exist_ok=True)
+        return SessionRecorder(
+            self.session,
+            robot=self.sim_config.robot_spec,
+            cloth=self.sim_config.cloth,
+            save_images=self.images,
+            descriptor=self.sim_config.descriptor,
+        )
 
 
-def settings_of(order: Request, *, descriptor: str | None) -> SimConfig:
-    return SimConfig(
-        robot=order["robot"],
-        cloth=str(order["cloth"]),
-        descriptor=descriptor or str(order["descriptor"]),
-        noise=bool(order["noise"]),
-        step_s=float(order["step_s"]),
-    )
+@dataclass(frozen=True, kw_only=True)
+class RecordRequest(ActivityRequest):
+    """Record demonstrations of a person, one after another."""
+
+    countdown_s: float
+    episodes: int | None = None
+    """Number of episodes to keep; None: until the person quits."""
+    disturbance: str = "none"
+    """Disturbance that the device's disturb button starts."""
+    model: TrainedModel | None = None
+    """Policy that places and that the person takes over from, or None."""
 
 
-def recorder_of(order: Request, settings: SimConfig) -> SessionRecorder | None:
-    """Where the order records; DataError where that session holds something else."""
-    path = str(order.get("record") or "")
-    if not path:
-        return None
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    return SessionRecorder(
-        path,
-        robot=settings.robot_spec,
-        cloth=settings.cloth,
-        save_images=bool(order.get("images")),
-        descriptor=settings.descriptor,
-    )
+@dataclass(frozen=True, kw_only=True)
+class PlaceRequest(ActivityRequest):
+    """Run one episode of a policy; with a ``source``, a person may take over."""
+
+    policy: PolicySpec
+    fast_forward: bool = False
+    """Whether to run as fast as possible until the cloth is placed."""

@@ -1,4 +1,4 @@
-"""What a session has so far."""
+"""Queries about a session that may not exist yet."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from layflat.data.session.parts import part_files
 from layflat.data.session.reader import open_session
 
 
-def stored(path: Path) -> int:
-    """How many episodes a session has, those included that are kept and not yet in the one file."""
+def n_episodes(path: Path) -> int:
+    """Return the number of episodes, including those that are not yet in the one file."""
     if not _exists(path):
         return 0
     with open_session(path) as session:
@@ -17,7 +17,7 @@ def stored(path: Path) -> int:
 
 
 def recorded_seeds(path: Path, source: str) -> frozenset[int]:
-    """Seeds of which the session has whole episodes from this source: who records on begins with the next one."""
+    """Return the seeds of whole episodes from this source, which a further recording leaves out."""
     if not _exists(path):
         return frozenset()
     with open_session(path) as session:

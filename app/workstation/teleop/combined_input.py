@@ -1,4 +1,4 @@
-"""A device beside a keyboard whose controls count as well: a pad that has gone must not be the only way to quit."""
+"""A device beside a keyboard: a disconnected gamepad must not be the only way to quit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from layflat.app.workstation.teleop.teleoperator import Button, Teleoperator
 
 
 class CombinedInput:
-    """The device moves; both control."""
+    """Teleoperator that takes motion from the device, and commands from the device and the keyboard."""
 
     def __init__(self, device: Teleoperator, keyboard: Teleoperator) -> None:
         self.name = device.name
@@ -17,20 +17,23 @@ class CombinedInput:
         self._keyboard = keyboard
 
     def poll(self) -> TeleopInput:
-        reading = self._device.poll()
-        return replace(reading, controls=(*reading.controls, *self._keyboard.poll().controls))
+        """Return the device's motion with the commands of both."""
+        newest = self._device.poll()
+        return replace(newest, commands=(*newest.commands, *self._keyboard.poll().commands))
 
     def rumble(self, strength: float, seconds: float) -> None:
+        """Rumble the device."""
         self._device.rumble(strength, seconds)
 
     def help(self) -> tuple[Button, ...]:
-        """Buttons that ask for the same are one line."""
-        keys = {button.control: button.name for button in self._keyboard.help() if button.control is not None}
+        """Return the device's buttons, with the key that gives the same command on the same line."""
+        keys = {button.command: button.name for button in self._keyboard.help() if button.command is not None}
         return tuple(
-            button._replace(name=f"{button.name} or {keys[button.control]}") if button.control in keys else button
+            button._replace(name=f"{button.name} or {keys[button.command]}") if button.command in keys else button
             for button in self._device.help()
         )
 
     def close(self) -> None:
+        """Release both."""
         self._device.close()
         self._keyboard.close()

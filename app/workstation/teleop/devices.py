@@ -1,5 +1,4 @@
-"""GamepadRegistry that are plugged in: SDL's controllers first, then what was calibrated, then the known raw
-layouts."""
+"""Gamepads that are plugged in: calibrated ones first, then SDL's controllers, then the known raw layouts."""
 
 from __future__ import annotations
 
@@ -10,54 +9,55 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState, state_of
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState, make_state
 from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, raw_layout
 from layflat.app.workstation.teleop.mapping import read_mapping, saved_mapping
 
-FULL = 32767
-"""Of an axis of SDL's controllers."""
+AXIS_MAX = 32767
+"""Full deflection of an axis of SDL's controllers."""
 UNMOVED = (16383, 16384)
-"""What a controller's trigger reads where the raw axis has not moved yet and reads 0."""
+"""Reading of a controller's trigger whose raw axis has not moved yet and reads 0."""
 
 
-class Device(Protocol):
-    """One pad."""
+class GamepadDevice(Protocol):
+    """One gamepad whose buttons are known."""
 
     name: str
-    how: str
-    """How its buttons are known: "SDL", "calibrated", "raw layout B"."""
+    source: str
+    """Source of that knowledge: "SDL", "calibrated", "raw layout B"."""
     instance: int
     """SDL's number for it while it is plugged in."""
 
-    def state(self) -> GamepadState: ...
+    def state(self) -> GamepadState:
+        """Return the state now."""
 
-    def press(self, event: Any) -> str | None:
-        """The button whose press this event of the pad is, if it is one."""
+    def pressed_button(self, event: Any) -> str | None:
+        """Return the button whose press this event of the gamepad is, or None."""
 
     def rumble(self, strength: float, seconds: float) -> bool:
-        """False where the pad cannot."""
+        """Rumble; return False where the gamepad cannot."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Release it."""
 
 
-class _FirstMoves:
-    """Until it is first moved a trigger may read 0, which would be half pulled: till then it counts as let go."""
+class _Triggers:
+    """Triggers that count as released until they first move: before that they may read 0, which is half pulled."""
 
     def __init__(self) -> None:
         self._moved: set[str] = set()
 
-    def pulled(self, name: str, value: float, *, unmoved: bool) -> float:
-        if name not in self._moved:
-            if unmoved:
-                return 0.0
-            self._moved.add(name)
+    def value(self, name: str, value: float, *, unmoved: bool) -> float:
+        if unmoved and name not in self._moved:
+            return 0.0
+        self._moved.add(name)
         return value
 
 
 class ControllerDevice:
-    """A pad that SDL's database knows."""
+    """Gamepad that SDL's database knows."""
 
-    how = "SDL"
+    source = "SDL"
 
     def __init__(self, pygame: Any, controller: Any) -> None:
         self._pygame = pygame
@@ -65,91 +65,101 @@ class ControllerDevice:
         self._joystick = controller.as_joystick()
         self.name = str(controller.name)
         self.instance = int(self._joystick.get_instance_id())
-        self._triggers = _FirstMoves()
+        self._triggers = _Triggers()
 
     def state(self) -> GamepadState:
+        """Return the state now."""
         raw = [self._controller.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
-        sticks = {name: max(raw[axis] / FULL, -1.0) for axis, name in enumerate(STICKS)}
+        sticks = {name: max(raw[axis] / AXIS_MAX, -1.0) for axis, name in enumerate(STICKS)}
         triggers = {
-            name: self._triggers.pulled(name, value / FULL, unmoved=value in UNMOVED or value == 0)
+            name: self._triggers.value(name, value / AXIS_MAX, unmoved=value in UNMOVED or value == 0)
             for name, value in zip(TRIGGERS, raw[len(STICKS) :], strict=True)
         }
-        return state_of(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._controller.get_button(k)])
+        return make_state(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._controller.get_button(k)])
 
-    def press(self, event: Any) -> str | None:
+    def pressed_button(self, event: Any) -> str | None:
+        """Return the button whose press this event is, or None."""
         if event.type == self._pygame.CONTROLLERBUTTONDOWN and event.button < len(BUTTONS):
             return BUTTONS[event.button]
         return None
 
     def rumble(self, strength: float, seconds: float) -> bool:
+        """Rumble both motors."""
         return bool(self._controller.rumble(strength, strength, int(1000 * seconds)))
 
     def close(self) -> None:
+        """Release it."""
         with contextlib.suppress(self._pygame.error):
             self._controller.quit()
 
 
 class RawGamepad:
-    """A pad whose buttons a layout knows."""
+    """Gamepad whose buttons a layout names."""
 
-    def __init__(self, pygame: Any, joystick: Any, layout: GamepadLayout, how: str) -> None:
+    def __init__(self, pygame: Any, joystick: Any, layout: GamepadLayout, source: str) -> None:
         self._pygame = pygame
         self._joystick = joystick
         self._layout = layout
-        self.how = how
+        self.source = source
         self.name = str(joystick.get_name())
         self.instance = int(joystick.get_instance_id())
-        self._triggers = _FirstMoves()
+        self._triggers = _Triggers()
 
     def state(self) -> GamepadState:
+        """Return the state now."""
         sticks = {name: sign * self._joystick.get_axis(axis) for name, (axis, sign) in self._layout.sticks.items()}
         triggers = {name: self._trigger(name) for name in self._layout.triggers}
-        return state_of(sticks, triggers, [n for n, way in self._layout.buttons.items() if way.pressed(self._joystick)])
+        pressed = [name for name, binding in self._layout.buttons.items() if binding.is_pressed(self._joystick)]
+        return make_state(sticks, triggers, pressed)
 
     def _trigger(self, name: str) -> float:
-        way = self._layout.triggers[name]
-        if isinstance(way, Binding):
-            return float(way.pressed(self._joystick))
-        raw = self._joystick.get_axis(way.axis)
-        return self._triggers.pulled(name, way.pulled(raw), unmoved=raw == 0 and way.rest != 0)
+        trigger = self._layout.triggers[name]
+        if isinstance(trigger, Binding):
+            return float(trigger.is_pressed(self._joystick))
+        raw = self._joystick.get_axis(trigger.axis)
+        return self._triggers.value(name, trigger.value(raw), unmoved=raw == 0 and trigger.rest != 0)
 
-    def press(self, event: Any) -> str | None:
+    def pressed_button(self, event: Any) -> str | None:
+        """Return the button whose press this event is, or None."""
         if event.type == self._pygame.JOYBUTTONDOWN:
-            return self._named(f"b{event.button}")
+            return self._bound_to(f"b{event.button}")
         if event.type == self._pygame.JOYHATMOTION:
             x, y = event.value
-            ways = [f"h{event.hat}.{axis}{'+' if value > 0 else '-'}" for axis, value in (("x", x), ("y", y)) if value]
-            return next(filter(None, map(self._named, ways)), None)
+            texts = [f"h{event.hat}.{axis}{'+' if value > 0 else '-'}" for axis, value in (("x", x), ("y", y)) if value]
+            return next(filter(None, map(self._bound_to, texts)), None)
         return None
 
-    def _named(self, text: str) -> str | None:
-        return next((name for name, way in self._layout.buttons.items() if way.text == text), None)
+    def _bound_to(self, text: str) -> str | None:
+        return next((name for name, binding in self._layout.buttons.items() if binding.text == text), None)
 
     def rumble(self, strength: float, seconds: float) -> bool:
+        """Rumble both motors."""
         return bool(self._joystick.rumble(strength, strength, int(1000 * seconds)))
 
     def close(self) -> None:
+        """Release it."""
         with contextlib.suppress(self._pygame.error):
             self._joystick.quit()
 
 
 class GamepadRegistry:
-    """All pads that are plugged in, by SDL's instance numbers; ``refresh`` notices plugging and unplugging."""
+    """All gamepads that are plugged in, by SDL's instance numbers; `refresh` notices plugging and unplugging."""
 
     def __init__(self, pygame: Any, controller: Any, *, mapping: Path | None = None) -> None:
-        """``mapping``: a file to use for every pad that it fits, instead of the user's own."""
+        """Start empty; ``mapping`` is a file for every gamepad that it fits, instead of the user's own."""
         self._pygame = pygame
         self._controller = controller
         self._mapping = mapping
-        self.devices: dict[int, Device] = {}
-        """Usable ones, in the order in which they came."""
+        self.devices: dict[int, GamepadDevice] = {}
+        """Usable gamepads, in the order in which they came."""
         self._open: dict[int, tuple[int, Any]] = {}
         self.unknown: dict[int, str] = {}
-        """GamepadRegistry whose buttons nobody knows, and why: one sentence each."""
+        """One sentence for each gamepad that cannot be used."""
 
     def refresh(self) -> None:
+        """Add gamepads that have come and remove those that were disconnected."""
         joysticks = self._joysticks()
-        self._open = joysticks  # Or those that nobody reads would be closed, and opened again each time.
+        self._open = joysticks  # Else those that are not read would be closed, and opened again each time.
         for instance in [i for i in self.devices if i not in joysticks]:
             self.devices.pop(instance).close()
         for instance in [i for i in self.unknown if i not in joysticks]:
@@ -159,57 +169,58 @@ class GamepadRegistry:
                 self._add(instance, index, joystick)
 
     def _joysticks(self) -> dict[int, tuple[int, Any]]:
-        """Index and joystick by instance number."""
+        """Return index and joystick by instance number."""
         found = {}
         for index in range(self._pygame.joystick.get_count()):
-            with contextlib.suppress(self._pygame.error):  # It may go between counting and opening.
+            with contextlib.suppress(self._pygame.error):  # It may be unplugged between counting and opening.
                 joystick = self._pygame.joystick.Joystick(index)
                 found[int(joystick.get_instance_id())] = (index, joystick)
         return found
 
     def _add(self, instance: int, index: int, joystick: Any) -> None:
         try:
-            device = self._device(index, joystick)
+            device = self._make_device(index, joystick)
         except (LayflatError, self._pygame.error) as error:
             self.unknown[instance] = str(error)
             return
-        if device is None:
-            counts = DeviceCapabilities.of(joystick)
-            self.unknown[instance] = (
-                f"{joystick.get_name()} ({counts.axes} axes, {counts.buttons} buttons) is a pad that SDL does not know;"
-                " `layflat gamepad calibrate` maps it"
-            )
-        else:
+        if device is not None:
             self.devices[instance] = device
+            return
+        has = DeviceCapabilities.of(joystick)
+        self.unknown[instance] = (
+            f"{joystick.get_name()} ({has.axes} axes, {has.buttons} buttons) is a gamepad that SDL does not know;"
+            " map it with `layflat gamepad calibrate`"
+        )
 
-    def _device(self, index: int, joystick: Any) -> Device | None:
-        counts = DeviceCapabilities.of(joystick)
+    def _make_device(self, index: int, joystick: Any) -> GamepadDevice | None:
+        capabilities = DeviceCapabilities.of(joystick)
         guid = joystick.get_guid()
-        calibrated = read_mapping(self._mapping, counts) if self._mapping else saved_mapping(guid, counts)
+        calibrated = read_mapping(self._mapping, capabilities) if self._mapping else saved_mapping(guid, capabilities)
         if calibrated is not None:
             return RawGamepad(self._pygame, joystick, calibrated, "calibrated")
         if self._controller.is_controller(index):
             controller = self._controller.Controller(index)
-            if _fits(controller.get_mapping(), counts):
+            if _fits(controller.get_mapping(), capabilities):
                 return ControllerDevice(self._pygame, controller)
         layout = raw_layout(joystick)
         return None if layout is None else RawGamepad(self._pygame, joystick, layout, f"raw layout {layout.name}")
 
     def close(self) -> None:
+        """Release all of them."""
         for device in self.devices.values():
             device.close()
         self.devices.clear()
 
 
-def _fits(mapping: Mapping[str, str], counts: DeviceCapabilities) -> bool:
-    """Whether SDL's mapping names only what the pad has: one that was guessed may not."""
-    limits = {"b": counts.buttons, "a": counts.axes, "h": counts.hats}
+def _fits(mapping: Mapping[str, str], capabilities: DeviceCapabilities) -> bool:
+    """Return whether SDL's mapping names only inputs that the gamepad has: a guessed one may not."""
+    limits = {"b": capabilities.buttons, "a": capabilities.axes, "h": capabilities.hats}
     places = [re.fullmatch(r"[+-]?([bah])(\d+)(?:\.\d+)?[~+-]?", str(place)) for place in mapping.values()]
     return all(place is None or int(place[2]) < limits[place[1]] for place in places)
 
 
-def pad_events(pygame: Any) -> list[int]:
-    """Types of the events that pads send."""
+def gamepad_events(pygame: Any) -> list[int]:
+    """Return the types of events that gamepads send."""
     names = ("BUTTONDOWN", "BUTTONUP", "AXISMOTION", "DEVICEADDED", "DEVICEREMOVED")
     kinds = [getattr(pygame, kind + name) for kind in ("JOY", "CONTROLLER") for name in names]
     return [*kinds, pygame.JOYHATMOTION, pygame.JOYBALLMOTION, pygame.CONTROLLERDEVICEREMAPPED]

@@ -1,4 +1,4 @@
-"""What every pad is taken for: a PS4's sticks, triggers and buttons, whatever its maker calls them."""
+"""State of a gamepad in the words of a PS4's: sticks, triggers and buttons, however its maker names them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BUTTONS = (
 )
 """In the order of SDL's controllers; the last four are the d-pad."""
 LABELS = {"l1": "L1", "r1": "R1", "l3": "L3", "r3": "R3", "ps": "PS", "up": "d-pad up"}
-"""Where a person would not just write the name with a capital."""
+"""Labels that are not just the name with a capital."""
 
 DEAD_ZONE = 0.12
 """Share of a stick's way that counts as none: worn sticks rest up to 0.1 off the middle."""
@@ -22,22 +22,24 @@ DEAD_ZONE = 0.12
 
 @dataclass(frozen=True, kw_only=True)
 class GamepadState:
-    """One moment of a pad."""
+    """One moment of a gamepad."""
 
     left: tuple[float, float] = (0.0, 0.0)
-    """The left stick behind its dead zone: to the right, up; at most 1 long."""
+    """Left stick outside its dead zone: to the right, up; length at most 1."""
     right: tuple[float, float] = (0.0, 0.0)
+    """Right stick likewise."""
     l2: float = 0.0
-    """Trigger, 0 let go to 1 pulled."""
+    """Trigger: 0 released, 1 pulled."""
     r2: float = 0.0
+    """Trigger likewise."""
     pressed: frozenset[str] = frozenset()
-    """Names out of BUTTONS."""
+    """Names from BUTTONS."""
 
 
 def dead_zone(x: float, y: float, *, dead: float = DEAD_ZONE) -> tuple[float, float]:
-    """A stick's raw place, each within -1..1, without the dead middle: same direction, length 0..1 without a step.
+    """Map a stick's raw place, each within -1..1, to the same direction with a length of 0..1.
 
-    What is left of the way is stretched to the whole, so that slow motion just outside the middle stays possible.
+    The rest of the way is stretched to the whole, so that slow motion just outside the dead zone stays possible.
     """
     length = math.hypot(x, y)
     if length <= dead:
@@ -47,12 +49,12 @@ def dead_zone(x: float, y: float, *, dead: float = DEAD_ZONE) -> tuple[float, fl
 
 
 def label(button: str) -> str:
-    """How a button is called to a person."""
+    """Return the name of a button for a person."""
     return LABELS.get(button, button.capitalize())
 
 
-def state_of(sticks: dict[str, float], triggers: dict[str, float], pressed: Iterable[str]) -> GamepadState:
-    """From raw sticks (-1..1, down is positive) and triggers (0..1)."""
+def make_state(sticks: dict[str, float], triggers: dict[str, float], pressed: Iterable[str]) -> GamepadState:
+    """Make a state of raw sticks (-1..1, down is positive) and triggers (0..1)."""
     return GamepadState(
         left=dead_zone(sticks["left_x"], -sticks["left_y"]),
         right=dead_zone(sticks["right_x"], -sticks["right_y"]),

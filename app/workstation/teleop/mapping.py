@@ -1,9 +1,10 @@
-"""Mappings of pads that a person has calibrated: one JSON file for each kind of pad."""
+"""Mappings of gamepads that a person has calibrated: one JSON file for each kind of gamepad."""
 
 from __future__ import annotations
 
 import json
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,90 +19,88 @@ LARGEST_BYTES = 100_000
 
 
 def mapping_file(guid: str) -> Path:
-    """Where the mapping of a kind of pad is kept, in the user's folder for configuration."""
+    """Return the file for a kind of gamepad, in the user's folder for configuration."""
     return Path(platformdirs.user_config_dir("layflat")) / "pads" / f"{re.sub('[^0-9a-zA-Z]', '', guid)}.json"
 
 
-def saved_mapping(guid: str, counts: DeviceCapabilities) -> GamepadLayout | None:
-    """What the user has calibrated for this kind of pad, checked; None where nothing is there."""
+def saved_mapping(guid: str, capabilities: DeviceCapabilities) -> GamepadLayout | None:
+    """Return the checked layout that the user has calibrated for this kind of gamepad, or None."""
     path = mapping_file(guid)
-    return read_mapping(path, counts) if path.is_file() else None
+    return read_mapping(path, capabilities) if path.is_file() else None
 
 
-def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, pad: str, counts: DeviceCapabilities) -> None:
-    """Write a checked layout, whole or not at all."""
-    layout.check(counts)
+def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, name: str, capabilities: DeviceCapabilities) -> None:
+    """Check a layout and write it atomically."""
+    layout.check(capabilities)
     text = {
         "schema": SCHEMA,
-        "pad": pad,
+        "pad": name,
         "guid": guid,
-        "axes": counts.axes,
-        "buttons": counts.buttons,
-        "hats": counts.hats,
+        "axes": capabilities.axes,
+        "buttons": capabilities.buttons,
+        "hats": capabilities.hats,
         "sticks": {name: {"axis": axis, "sign": sign} for name, (axis, sign) in layout.sticks.items()},
-        "triggers": {name: _trigger_text(way) for name, way in layout.triggers.items()},
-        "pressed": {name: way.text for name, way in layout.buttons.items()},
+        "triggers": {name: _trigger_json(trigger) for name, trigger in layout.triggers.items()},
+        "pressed": {name: binding.text for name, binding in layout.buttons.items()},
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as part:
         part.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
-def read_mapping(path: Path, counts: DeviceCapabilities) -> GamepadLayout:
-    """The layout in a file, or UsageError: not one of ours, damaged, or of a pad with other counts."""
+def read_mapping(path: Path, capabilities: DeviceCapabilities) -> GamepadLayout:
+    """Return the layout in a file; UsageError where it is foreign, damaged or for a gamepad with other inputs."""
     try:
         if path.stat().st_size > LARGEST_BYTES:
-            raise UsageError(f"{path} is too large for the mapping of a pad")
+            raise UsageError(f"{path} is too large for the mapping of a gamepad")
         content = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
             raise UsageError(
-                f"{path} is no mapping of a pad in version {SCHEMA}; `layflat gamepad calibrate` writes one"
+                f"{path} is not a gamepad mapping with schema {SCHEMA}; write one with `layflat gamepad calibrate`"
             )
-        had = DeviceCapabilities(content["axes"], content["buttons"], content["hats"])
-        if had != counts:
+        mapped = DeviceCapabilities(content["axes"], content["buttons"], content["hats"])
+        if mapped != capabilities:
             raise UsageError(
-                f"{path} is for a pad with {_said(had)}, and this one has {_said(counts)}; calibrate this one"
+                f"{path} is for a gamepad with {mapped}, and this one has {capabilities}; calibrate this one"
             )
-        return _layout(content).check(counts)
+        return _layout(content).check(capabilities)
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}") from error
     except (UnicodeDecodeError, json.JSONDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(f"{path} is no mapping of a pad ({error}); `layflat gamepad calibrate` writes one") from error
+        raise UsageError(
+            f"{path} is not a gamepad mapping ({error}); write one with `layflat gamepad calibrate`"
+        ) from error
 
 
 def _layout(content: dict[str, Any]) -> GamepadLayout:
     return GamepadLayout(
         name="calibrated",
-        sticks={name: (_index(way["axis"]), _direction(way["sign"])) for name, way in content["sticks"].items()},
-        triggers={name: _trigger(way) for name, way in content["triggers"].items()},
+        sticks={name: (_index(stick["axis"]), _sign(stick["sign"])) for name, stick in content["sticks"].items()},
+        triggers={name: _trigger(trigger) for name, trigger in content["triggers"].items()},
         buttons={name: Binding(text) for name, text in content["pressed"].items()},
     )
 
 
-def _trigger(way: Any) -> TriggerAxis | Binding:
-    if isinstance(way, str):
-        return Binding(way)
-    rest, full = float(way["rest"]), float(way["full"])
+def _trigger(trigger: Any) -> TriggerAxis | Binding:
+    if isinstance(trigger, str):
+        return Binding(trigger)
+    rest, full = float(trigger["rest"]), float(trigger["full"])
     if not (-1 <= rest <= 1 and -1 <= full <= 1 and abs(full - rest) > 0.1):
-        raise ValueError(f"a trigger from {rest} to {full}")
-    return TriggerAxis(_index(way["axis"]), rest, full)
+        raise ValueError(f"a trigger goes from {rest} to {full}")
+    return TriggerAxis(_index(trigger["axis"]), rest, full)
 
 
-def _trigger_text(way: TriggerAxis | Binding) -> str | dict[str, float]:
-    return way.text if isinstance(way, Binding) else {"axis": way.axis, "rest": way.rest, "full": way.full}
+def _trigger_json(trigger: TriggerAxis | Binding) -> str | dict[str, float]:
+    return trigger.text if isinstance(trigger, Binding) else asdict(trigger)
 
 
 def _index(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ValueError(f"an axis called {value!r}")
+        raise ValueError(f"an axis is {value!r}")
     return value
 
 
-def _direction(value: Any) -> int:
+def _sign(value: Any) -> int:
     if value not in (1, -1):
-        raise ValueError(f"a sign of {value!r}")
+        raise ValueError(f"a sign is {value!r}")
     return int(value)
-
-
-def _said(counts: DeviceCapabilities) -> str:
-    return f"{counts.axes} axes, {counts.buttons} buttons and {counts.hats} hats"

@@ -1,4 +1,4 @@
-"""The mouse in the window as a joystick: how far it has been dragged from where it was pressed is how fast to move."""
+"""The mouse in the window as a joystick: the farther it is dragged from where it was pressed, the faster the motion."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import dead_zone
+from layflat.app.workstation.teleop.key_map import LEFT, RIGHT
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
@@ -15,74 +16,100 @@ from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 
 REACH_PX = 150.0
-"""Dragged so far, it moves at the whole speed."""
+"""Length of a drag that moves at full speed."""
 DEAD = 0.05
-"""Share of that which counts as none."""
+"""Share of it that counts as none."""
 LEFT_BUTTON = 1
 
+Pixel = tuple[int, int]
 
-class Mouse:
-    """Drag with the left button; the keys do the rest, and may move, too."""
+
+class DragTeleoperator:
+    """Base of what a drag with the left button does, beside a keyboard for everything else."""
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self.robot: RobotSpec = robot
+        self.keyboard = WindowKeyboard(robot)
+        self.dragging = False
+        self._pygame = sdl.load()
+
+    def press(self, at: Pixel) -> bool:
+        """Start a drag at a pixel of the window; return whether there is something to drag."""
+        raise NotImplementedError
+
+    def move(self, at: Pixel) -> None:
+        """Continue the drag."""
+        raise NotImplementedError
+
+    def on_event(self, event: Any) -> bool:
+        """Handle the left mouse button, and keys."""
+        pygame = self._pygame
+        if event.type == pygame.MOUSEBUTTONDOWN and event.button == LEFT_BUTTON:
+            self.dragging = self.press(event.pos)
+            return self.dragging
+        if event.type == pygame.MOUSEBUTTONUP and event.button == LEFT_BUTTON:
+            dragged, self.dragging = self.dragging, False
+            return dragged
+        if event.type == pygame.MOUSEMOTION and self.dragging:
+            self.move(event.pos)
+            return True
+        if event.type == pygame.WINDOWFOCUSLOST:
+            self.dragging = False
+        return self.keyboard.on_event(event)
+
+    def rumble(self, strength: float, seconds: float) -> None:
+        """Do nothing: mice cannot rumble."""
+
+    def close(self) -> None:
+        """End the drag and release all keys."""
+        self.dragging = False
+        self.keyboard.close()
+
+
+class Mouse(DragTeleoperator):
+    """Teleoperator that is dragged as a joystick is pushed; keys may move the robot, too."""
 
     name = "mouse"
 
-    def __init__(self, robot: RobotSpec, *, left: int = 2) -> None:
-        self.robot: RobotSpec = robot
-        self._pygame = sdl.load()
-        self._keys = WindowKeyboard(robot, left=left)
-        self._left = left
-        self._from: tuple[int, int] | None = None
-        self._at = (0, 0)
+    def __init__(self, robot: RobotSpec) -> None:
+        super().__init__(robot)
+        self._start: Pixel = (0, 0)
+        self._at: Pixel = (0, 0)
 
-    def on_event(self, event: Any) -> bool:
-        pygame = self._pygame
-        if event.type == pygame.MOUSEBUTTONDOWN and event.button == LEFT_BUTTON:
-            self._from = self._at = event.pos
-            return True
-        if event.type == pygame.MOUSEBUTTONUP and event.button == LEFT_BUTTON:
-            dragged, self._from = self._from is not None, None
-            return dragged
-        if event.type == pygame.MOUSEMOTION and self._from is not None:
-            self._at = event.pos
-            return True
-        if event.type == pygame.WINDOWFOCUSLOST:
-            self._from = None
-        return self._keys.on_event(event)
+    def press(self, at: Pixel) -> bool:
+        """Start a drag; it may start anywhere."""
+        self._start = self._at = at
+        return True
+
+    def move(self, at: Pixel) -> None:
+        """Continue the drag."""
+        self._at = at
 
     def poll(self) -> TeleopInput:
-        keys = self._keys.poll()
-        motion = np.clip(keys.motion + self._dragged(), -1.0, 1.0)
-        return TeleopInput(motion=motion, speed=keys.speed, controls=keys.controls, device="mouse")
-
-    def rumble(self, strength: float, seconds: float) -> None:
-        """Mice do not."""
+        """Return the motion of the drag and the keys, and the keys' commands."""
+        keys = self.keyboard.poll()
+        motion = np.clip(keys.motion + self._drag_motion(), -1.0, 1.0)
+        return TeleopInput(motion=motion, speed=keys.speed, commands=keys.commands, device="mouse")
 
     def help(self) -> tuple[Button, ...]:
-        return (
-            *_HELP[self.robot.n_points],
-            *(button for button in self._keys.help() if button.control or "speed" in button.does),
-        )
+        """Return the effect of drags and keys."""
+        keys = (button for button in self.keyboard.help() if button.command or "speed" in button.text)
+        return (*_HELP[self.robot.n_points], *keys)
 
-    def close(self) -> None:
-        self._from = None
-        self._keys.close()
-
-    def _dragged(self) -> FloatArray:
-        """(A,) of the drag: to the right is +x, up is +z."""
-        if self._from is None:
+    def _drag_motion(self) -> FloatArray:
+        """Return the motion (A,) of the drag: to the right is +x, up is +z."""
+        if not self.dragging:
             return self.robot.zeros()
-        right, up = (self._at[0] - self._from[0]) / REACH_PX, (self._from[1] - self._at[1]) / REACH_PX
+        right, up = (self._at[0] - self._start[0]) / REACH_PX, (self._start[1] - self._at[1]) / REACH_PX
         right, up = dead_zone(right, up, dead=DEAD)
         if self.robot.n_points == 1:
             return self.robot.pack([right, 0.0, up])
         held = self._pygame.key.get_mods()
-        across = 1.0 if self._left == 2 else -1.0
-        way = [0.0, across * right, up] if held & self._pygame.KMOD_SHIFT else [right, 0.0, up]
-        pair = np.array([way, way])
+        pair = np.array([[0.0, right, up] if held & self._pygame.KMOD_SHIFT else [right, 0.0, up]] * 2)
         if held & self._pygame.KMOD_CTRL:
-            pair[2 - self._left] = 0.0
+            pair[RIGHT] = 0.0
         elif held & self._pygame.KMOD_ALT:
-            pair[self._left - 1] = 0.0
+            pair[LEFT] = 0.0
         return self.robot.pack(pair)
 
 

@@ -1,4 +1,4 @@
-"""Every source by name. A new one adds a file and a line here."""
+"""Every teleoperator by its name. A new one adds a file and a line here."""
 
 from __future__ import annotations
 
@@ -21,45 +21,45 @@ from layflat.data.robot import RobotSpec
 
 @dataclass(frozen=True)
 class TeleoperatorSpec:
-    """What there is to know of a source before it is made."""
+    """Description of a teleoperator."""
 
-    does: str
-    """For a person who chooses."""
+    about: str
+    """What it is, for a person who chooses."""
     terminal: bool
     """Whether it works without a window."""
 
 
 TELEOPERATORS: Mapping[str, TeleoperatorSpec] = {
-    "gamepad": TeleoperatorSpec("a PS4 pad, or any that SDL knows or that was calibrated", terminal=True),
+    "gamepad": TeleoperatorSpec("a PS4 gamepad, or any that SDL knows or that was calibrated", terminal=True),
     "keyboard": TeleoperatorSpec("keys, in the window or in a plain terminal", terminal=True),
-    "mouse": TeleoperatorSpec("drag in the window: how far from where you began is how fast", terminal=False),
-    "kinesthetic": TeleoperatorSpec("drag the hanger itself, with the arm compliant", terminal=False),
+    "mouse": TeleoperatorSpec("drag in the window: the farther, the faster", terminal=False),
+    "kinesthetic": TeleoperatorSpec("drag the robot itself, which is compliant", terminal=False),
 }
 
 
-def terminal_source(name: str, robot: RobotSpec, *, mapping: Path | None = None) -> Teleoperator:
-    """A source that needs no window. LayflatError where its device is missing."""
+def make_terminal_teleoperator(name: str, robot: RobotSpec, *, mapping: Path | None = None) -> Teleoperator:
+    """Make a teleoperator that needs no window; LayflatError where its device is missing."""
     if name == "keyboard":
         return TerminalKeyboard(robot)
-    pad = Gamepad(robot, mapping=mapping)
-    reading = pad.poll()
-    if not reading.connected:
-        pad.close()
-        raise LayflatError(reading.problem)
-    return CombinedInput(pad, TerminalKeyboard(robot)) if sys.stdin and sys.stdin.isatty() else pad
+    gamepad = Gamepad(robot, mapping=mapping)
+    newest = gamepad.poll()
+    if not newest.connected:
+        gamepad.close()
+        raise LayflatError(newest.problem)
+    return CombinedInput(gamepad, TerminalKeyboard(robot)) if sys.stdin and sys.stdin.isatty() else gamepad
 
 
-def window_source(
+def make_window_teleoperator(
     name: str, robot: RobotSpec, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
 ) -> WindowTeleoperator:
-    """A source that hears of the window's events; one whose device is missing says so in its readings.
+    """Make a teleoperator that is given the window's events; a missing device is a problem of its inputs.
 
-    ``ray`` and ``corners`` are for what is taken hold of with the mouse, see HandGuidingTeleoperator.
+    ``ray`` and ``corners`` are for `HandGuidingTeleoperator`, ``mapping`` for gamepads.
     """
-    made: Mapping[str, Callable[[], WindowTeleoperator]] = {
+    makers: Mapping[str, Callable[[], WindowTeleoperator]] = {
         "gamepad": lambda: Gamepad(robot, mapping=mapping, own_events=False),
         "keyboard": lambda: WindowKeyboard(robot),
         "mouse": lambda: Mouse(robot),
         "kinesthetic": lambda: HandGuidingTeleoperator(robot, ray, corners),
     }
-    return made[name]()
+    return makers[name]()

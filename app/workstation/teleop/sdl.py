@@ -1,4 +1,4 @@
-"""pygame made ready for pads, with a window or without one."""
+"""Start of pygame for gamepads, with or without a window."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from layflat.app.support.errors import LayflatError
 
 SETTINGS = {
     "PYGAME_HIDE_SUPPORT_PROMPT": "1",
-    # Or a pad is dead as soon as another window has the focus.
+    # Else a gamepad is dead as soon as another window has the focus.
     "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",
-    # SIGTERM would become an event that nobody waits for.
+    # Else SIGTERM becomes an event that is never read.
     "SDL_NO_SIGNAL_HANDLERS": "1",
 }
 
 
 def prepare() -> None:
-    """What SDL reads when it starts; call it before pygame is imported."""
+    """Set what SDL reads when it starts; call it before pygame is imported."""
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
 
 
 def load() -> Any:
-    """pygame, loaded with these settings."""
+    """Return pygame, loaded with these settings."""
     prepare()
     return importlib.import_module("pygame")
 
 
 def start() -> tuple[Any, Any]:
-    """pygame and its controllers, started; pads only speak through an event loop, which needs a display of some kind.
+    """Start pygame and its controllers and return both.
 
-    Where there is no window yet, SDL's dummy display serves: nothing is shown.
+    Gamepads need an event loop, and that a display: where there is no window yet, SDL's dummy display serves.
     """
     try:
         pygame = load()
@@ -44,5 +44,7 @@ def start() -> tuple[Any, Any]:
         controller.init()
     except Exception as error:
         reason = " ".join(str(error).split())
-        raise LayflatError(f"pads cannot be read here: {reason}; --source keyboard works without SDL") from error
+        raise LayflatError(
+            f"gamepads cannot be read here: {reason}; use --source keyboard, which works without SDL"
+        ) from error
     return pygame, controller

@@ -1,4 +1,4 @@
-"""What a person's hands say at one moment."""
+"""Input of a person at one moment: motion and commands."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from layflat.data.types import ACTION_LIMIT_M, frozen_hand
 
 
 class Command(Enum):
-    """What a button can ask of a recording; what it does depends on the state, see ``Recording.does``."""
+    """Request of a button; its effect depends on the state, see `RecordingSession.effect`."""
 
     START = "start"
-    """Begin the next demonstration (after a countdown); where one is paused, go on."""
+    """Start the next demonstration after a countdown, or continue a paused one."""
     PAUSE = "pause"
-    """Stop simulated time; the same again goes on."""
+    """Stop simulated time, or continue."""
     KEEP_SUCCESS = "keep as success"
     KEEP_FAILURE = "keep as failure"
     DISCARD = "discard"
-    """Forget this demonstration and turn to the next seed."""
+    """Discard this demonstration and go to the next seed."""
     REDO = "redo"
-    """Forget this demonstration and begin the same seed again."""
+    """Discard this demonstration and start the same seed again."""
     QUIT = "quit"
-    """End the recording; a demonstration that is running is kept as partial."""
+    """End the recording; a running demonstration is kept as partial."""
     DISTURB = "disturb"
-    """Begin the disturbance that was chosen, while the person goes on."""
+    """Start the chosen disturbance while the person continues."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TeleopInput:
-    """The newest state of a source, and the controls since it was last asked."""
+    """Newest state of a teleoperator, and the commands since the last poll."""
 
     motion: FloatArray
     """(A,) in [-1, 1], in the order of the robot's axes: share of the speed along each axis."""
     speed: float = 1.0
-    """0..1: share of ACTION_LIMIT_M that a full deflection moves in one step."""
-    controls: tuple[Command, ...] = ()
-    """In the order in which they came."""
+    """Share of ACTION_LIMIT_M that a full deflection moves in one step, 0..1."""
+    commands: tuple[Command, ...] = ()
+    """Commands in the order in which they were given."""
     connected: bool = True
     """False: there is no device; a recording pauses until there is one."""
     device: str = ""
-    """Its name, for a person."""
+    """Name of the device, for a person."""
     problem: str = ""
-    """One sentence where something is wrong, what to do about it included."""
+    """One sentence about what is wrong and what to do, or empty."""
     stamp_s: float = 0.0
-    """When it was read, by the system's monotonic clock; 0 where nobody asks."""
+    """Time of the reading by the system's monotonic clock; 0 where it is not measured."""
     hand: FloatArray | None = None
-    """Kinesthetic teaching: where the hand draws the holder, (3,) or for two pickers (2, 3) m, world."""
+    """Place to which a guiding hand draws the robot: (3,), or (2, 3) for two points; m, world."""
 
     def __post_init__(self) -> None:
         motion = frozen_array(self.motion, (None,), "motion")
@@ -65,23 +65,19 @@ class TeleopInput:
 
     @property
     def action(self) -> FloatArray:
-        """(A,) m: the displacement of one step."""
+        """Displacement of one step, (A,) m."""
         return self.motion * (self.speed * ACTION_LIMIT_M)
 
     @property
     def moving(self) -> bool:
-        """Whether the hands ask for any motion."""
+        """Whether the person asks for any motion."""
         return self.hand is not None or bool(np.any(self.motion) and self.speed > 0)
 
-    def after(self, earlier: TeleopInput) -> TeleopInput:
-        """This reading where ``earlier`` was never looked at: the newest motion, the controls of both in order."""
-        return replace(self, controls=(*earlier.controls, *self.controls))
-
-    def heard(self) -> TeleopInput:
-        """The same without its controls: each is obeyed once."""
-        return replace(self, controls=())
+    def without_commands(self) -> TeleopInput:
+        """Return the same motion without its commands: each is handled once."""
+        return replace(self, commands=())
 
 
 def zero_input(robot: RobotSpec, *, connected: bool = True, device: str = "", problem: str = "") -> TeleopInput:
-    """No motion, no controls."""
+    """Return an input without motion and commands."""
     return TeleopInput(motion=robot.zeros(), connected=connected, device=device, problem=problem)

@@ -11,21 +11,20 @@ from layflat.policy.base import Decision
 
 
 class TeleopPolicy:
-    """Decides what the newest reading says; a person stops an episode by a control, never by a decision.
-
-    ``read`` gives the newest reading and does not wait; ``name`` is the source's, as records have it.
-    """
+    """Policy that acts as the newest input says; a person ends an episode by a command, never by a decision."""
 
     def __init__(self, robot: RobotSpec, name: str, read: Callable[[], TeleopInput]) -> None:
+        """Use ``read``, which returns the newest input without waiting; ``name`` is the device's, for records."""
         self.robot: RobotSpec = robot
         self.name = name
         self._read = read
 
     def reset(self, seed: int) -> None:
-        """A person remembers what they like."""
+        """Do nothing: a person has no state here."""
 
     def act(self, observation: Observation) -> Decision:
-        reading = self._read()
-        if reading.hand is not None:
-            return Decision(action=reading.action, hand=reading.hand, reason="led by hand")
-        return Decision(action=reading.action, reason="moved by hand" if reading.moving else "held still")
+        """Return the action of the newest input."""
+        newest = self._read()
+        if newest.hand is not None:
+            return Decision(action=newest.action, hand=newest.hand, reason="guided by hand")
+        return Decision(action=newest.action, reason="moved by hand" if newest.moving else "held still")

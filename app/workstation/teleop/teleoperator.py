@@ -1,4 +1,4 @@
-"""The seam between a device and the rest."""
+"""Protocols of devices with which a person moves the robot."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ class Button(NamedTuple):
     """One line of help."""
 
     name: str
-    """As the device calls it: "Cross", "left stick", "w s"."""
-    does: str
-    """What it does now, for a person."""
-    control: Command | None = None
-    """What it asks of the recording, whose ``does`` then knows what that means now; None: motion and the like."""
+    """Name on the device: "Cross", "left stick", "w s"."""
+    text: str
+    """Effect, for a person."""
+    command: Command | None = None
+    """Command that the button gives; None for motion and the like."""
 
 
 @runtime_checkable
 class Teleoperator(Protocol):
-    """A device in a person's hands."""
+    """Device in a person's hands."""
 
     name: str
-    """As records have it: gamepad, keyboard, mouse, kinesthetic."""
+    """Name in records: gamepad, keyboard, mouse, kinesthetic."""
 
     def poll(self) -> TeleopInput:
-        """The newest state, and the controls since the last poll; never waits."""
+        """Return the newest state and the commands since the last poll; never wait."""
 
     def rumble(self, strength: float, seconds: float) -> None:
-        """Let the hands feel something, 0..1, where the device can."""
+        """Rumble with a strength of 0..1, where the device can."""
 
     def help(self) -> tuple[Button, ...]:
-        """What each button does now."""
+        """Return the effect of each button."""
 
     def close(self) -> None:
-        """Give the device back as it was; may be called twice."""
+        """Release the device; may be called twice."""
 
 
 @runtime_checkable
 class WindowTeleoperator(Teleoperator, Protocol):
-    """A source that hears what happens in the window."""
+    """Device that needs the events of a window."""
 
     def on_event(self, event: Any) -> bool:
-        """One of pygame's events; True where it was for this source."""
+        """Handle one of pygame's events; return whether it was for this device."""

@@ -1,15 +1,14 @@
-"""The keyboard of a plain terminal as a source; works over SSH.
+"""Keyboard of a plain terminal; works over SSH.
 
-A terminal tells of keys that go down, and of repetitions while they are held, but never of keys that come up. So a key
-counts as held for a while after it was last heard of. It only repeats the newest key: diagonals have keys of their own.
+A terminal reports keys that go down and repetitions while they are held, but never keys that come up. So a key counts
+as held for a while after it was last reported. Only the newest key repeats: diagonals have keys of their own.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-
-import numpy as np
 
 from layflat.app.workstation.teleop import key_map
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
@@ -18,15 +17,15 @@ from layflat.app.workstation.teleop.terminal_keys import TerminalKeys
 from layflat.data.robot import RobotSpec
 
 TAP_S = 0.3
-"""A key that is pressed counts as held for so long: three steps, 3 cm at the first speed."""
+"""Time for which a pressed key counts as held: three steps, 3 cm at the first speed."""
 REPEAT_S = 0.2
-"""The same of a key that repeats, which terminals do 10 to 30 times a second."""
+"""The same for a key that repeats, which terminals do 10 to 30 times a second."""
 SAME_PRESS_S = 0.8
-"""A key heard of again within this time may be repeating: the first repetition comes after 0.25 to 0.7 s."""
+"""A key reported again within this time may be repeating: the first repetition comes after 0.25 to 0.7 s."""
 
 
 class TerminalKeyboard:
-    """Made, it takes the terminal; ``close`` gives it back."""
+    """Teleoperator that takes over the terminal until `close`."""
 
     name = "keyboard"
 
@@ -34,55 +33,58 @@ class TerminalKeyboard:
         self,
         robot: RobotSpec,
         *,
-        left: int = 2,
         pressed: Callable[[], list[str]] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """``pressed`` gives the names of keys since its last call, for tests; else the terminal does."""
+        """Read keys from the terminal, or from ``pressed``, which returns those since its last call."""
         self.robot: RobotSpec = robot
-        self._moves = key_map.key_motions(robot, left=left)
+        self._motions = key_map.key_motions(robot)
         self._clock = clock
         self._terminal = TerminalKeys() if pressed is None else None
-        self._pressed = self._terminal.pressed if self._terminal is not None else pressed
+        self._pressed = pressed
         self._held_until: dict[str, float] = {}
-        self._heard: dict[str, float] = {}
+        self._reported: dict[str, float] = {}
         self._speed = key_map.SPEED
 
     def poll(self) -> TeleopInput:
+        """Return the motion of the held keys and the commands since the last poll."""
         now = self._clock()
-        controls = []
-        for key in self._pressed() if self._pressed is not None else []:
-            if key in key_map.CONTROLS:
-                controls.append(key_map.CONTROLS[key])
+        commands = []
+        pressed = self._terminal.pressed() if self._terminal is not None else self._pressed() if self._pressed else []
+        for key in pressed:
+            if key in key_map.COMMANDS:
+                commands.append(key_map.COMMANDS[key])
             elif key in key_map.SPEEDS:
                 self._speed = key_map.SPEEDS[key]
-            elif key in self._moves:
-                self._hear(key, now)
+            elif key in self._motions:
+                self._hold(key, now)
         if self._terminal is not None and self._terminal.gone:
-            controls.append(Command.QUIT)
+            commands.append(Command.QUIT)
         held = [key for key, until in self._held_until.items() if now < until]
         return TeleopInput(
-            motion=key_map.sum_motions(self.robot, self._moves, held),
+            motion=key_map.sum_motions(self.robot, self._motions, held),
             speed=self._speed,
-            controls=tuple(controls),
+            commands=tuple(commands),
             device="terminal",
         )
 
     def rumble(self, strength: float, seconds: float) -> None:
-        """Keyboards do not."""
+        """Do nothing: keyboards cannot rumble."""
 
     def help(self) -> tuple[Button, ...]:
-        return key_map.help_of(self.robot)
+        """Return the effect of each key."""
+        return key_map.key_help(self.robot)
 
     def close(self) -> None:
+        """Restore the terminal."""
         if self._terminal is not None:
             self._terminal.close()
 
-    def _hear(self, key: str, now: float) -> None:
-        repeats = now - self._heard.get(key, -np.inf) < SAME_PRESS_S
-        self._heard[key] = now
-        # What moves against the new key has been let go.
-        against = [other for other in self._held_until if self._moves[other] @ self._moves[key] < 0]
-        for other in against:
+    def _hold(self, key: str, now: float) -> None:
+        repeats = now - self._reported.get(key, -math.inf) < SAME_PRESS_S
+        self._reported[key] = now
+        # Keys that move against the new one have been released.
+        opposite = [other for other in self._held_until if self._motions[other] @ self._motions[key] < 0]
+        for other in opposite:
             del self._held_until[other]
         self._held_until[key] = now + (REPEAT_S if repeats else TAP_S)

@@ -1,4 +1,4 @@
-"""Keys from a plain terminal, and the terminal as it was afterwards, however the program ends."""
+"""Keys of a plain terminal, which is restored however the program ends."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _SPECIAL = {
 
 
 class TerminalKeys:
-    """Each key as it is pressed, without Enter and without echo; Ctrl-C still interrupts."""
+    """Terminal that returns each key as it is pressed, without Enter and echo; Ctrl-C still interrupts."""
 
     def __init__(self) -> None:
-        """LayflatError where standard input is no terminal."""
+        """Change the terminal's mode; LayflatError where standard input is not a terminal."""
         try:
             import termios
             import tty
@@ -37,10 +37,10 @@ class TerminalKeys:
         self._termios: Any = termios
         self._fd = -1
         self.gone = False
-        """The terminal has been closed."""
+        """Whether the terminal was closed."""
         if not sys.stdin or not sys.stdin.isatty():
             raise LayflatError(
-                "the keys of a terminal are needed, and standard input is none; run it in a terminal, or use"
+                "standard input is not a terminal, so no keys can be read; run it in a terminal, or use"
                 " --source gamepad or scripted"
             )
         self._fd = sys.stdin.fileno()
@@ -49,7 +49,7 @@ class TerminalKeys:
         tty.setcbreak(self._fd, termios.TCSANOW)
 
     def pressed(self) -> list[str]:
-        """Keys since the last call, in order, by their names; never waits."""
+        """Return the names of the keys since the last call, in order; never wait."""
         if self._fd < 0 or self.gone or not select.select([self._fd], [], [], 0)[0]:
             return []
         try:
@@ -57,20 +57,20 @@ class TerminalKeys:
         except OSError:
             text = b""
         self.gone = not text
-        return names_of(text.decode("utf-8", "ignore"))
+        return key_names(text.decode("utf-8", "ignore"))
 
     def close(self) -> None:
-        """The terminal as it was; what was typed ahead is thrown away, or the shell would take it for commands."""
+        """Restore the terminal and drop what was typed ahead: the shell would take it for commands."""
         if self._fd < 0:
             return
-        with contextlib.suppress(self._termios.error, OSError):  # It may be closed by now.
+        with contextlib.suppress(self._termios.error, OSError):  # It may be closed already.
             self._termios.tcsetattr(self._fd, self._termios.TCSAFLUSH, self._before)
         self._fd = -1
         atexit.unregister(self.close)
 
 
-def names_of(text: str) -> list[str]:
-    """The keys behind what a terminal has sent; unknown sequences are none."""
+def key_names(text: str) -> list[str]:
+    """Return the keys behind what a terminal has sent, without unknown sequences."""
     names = []
     while text:
         special = next((code for code in _SPECIAL if text.startswith(code)), None)
@@ -86,7 +86,7 @@ def names_of(text: str) -> list[str]:
 
 
 def _sequence_length(text: str) -> int:
-    """Characters of the escape sequence that ``text`` begins with."""
+    """Return the length of the escape sequence at the start of ``text``."""
     if len(text) < 2 or text[1] not in "[O":
         return 1
     for length, character in enumerate(text[2:], start=3):

@@ -1,4 +1,4 @@
-"""The keyboard in the window: keys come up there, too, so several may be held."""
+"""Keyboard in the window, where several keys may be held together."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.data.robot import RobotSpec
 
-_NAMED = ("left", "right", "up", "down")
+_ARROWS = ("left", "right", "up", "down")
 
 
 class WindowKeyboard:
-    """Hears of keys by ``on_event``; forgets those that are held when the window loses the focus."""
+    """Teleoperator of key events; held keys are released when the window loses the focus."""
 
     name = "keyboard"
 
-    def __init__(self, robot: RobotSpec, *, left: int = 2) -> None:
+    def __init__(self, robot: RobotSpec) -> None:
         self.robot: RobotSpec = robot
         self._pygame = sdl.load()
-        self._moves = key_map.key_motions(robot, left=left)
+        self._motions = key_map.key_motions(robot)
         self._held: dict[int, str] = {}
-        """Name at the time of the press by pygame's code: letting go of shift first must not leave a key held."""
-        self._controls: list[Command] = []
+        """Name of each held key when it was pressed, by pygame's code: releasing shift first must not leave it held."""
+        self._commands: list[Command] = []
         self._speed = key_map.SPEED
 
     def on_event(self, event: Any) -> bool:
+        """Handle key presses and releases; leave shortcuts with Ctrl, Alt and Meta to the window."""
         pygame = self._pygame
         if event.type == pygame.WINDOWFOCUSLOST:
             self._held.clear()
@@ -35,38 +36,41 @@ class WindowKeyboard:
             return self._held.pop(event.key, None) is not None
         if event.type != pygame.KEYDOWN or event.mod & (pygame.KMOD_CTRL | pygame.KMOD_ALT | pygame.KMOD_META):
             return False
-        name = self._name(event)
-        if name in key_map.CONTROLS:
-            self._controls.append(key_map.CONTROLS[name])
+        name = self._key_name(event)
+        if name in key_map.COMMANDS:
+            self._commands.append(key_map.COMMANDS[name])
         elif name in key_map.SPEEDS:
             self._speed = key_map.SPEEDS[name]
-        elif name in self._moves:
+        elif name in self._motions:
             self._held[event.key] = name
         else:
             return False
         return True
 
     def poll(self) -> TeleopInput:
-        controls, self._controls = tuple(self._controls), []
-        motion = key_map.sum_motions(self.robot, self._moves, self._held.values())
-        return TeleopInput(motion=motion, speed=self._speed, controls=controls, device="keyboard")
+        """Return the motion of the held keys and the commands since the last poll."""
+        commands, self._commands = tuple(self._commands), []
+        motion = key_map.sum_motions(self.robot, self._motions, self._held.values())
+        return TeleopInput(motion=motion, speed=self._speed, commands=commands, device="keyboard")
 
     def rumble(self, strength: float, seconds: float) -> None:
-        """Keyboards do not."""
+        """Do nothing: keyboards cannot rumble."""
 
     def help(self) -> tuple[Button, ...]:
-        return key_map.help_of(self.robot)
+        """Return the effect of each key."""
+        return key_map.key_help(self.robot)
 
     def close(self) -> None:
+        """Release all keys."""
         self._held.clear()
 
-    def _name(self, event: Any) -> str:
-        """As the terminal has it."""
+    def _key_name(self, event: Any) -> str:
+        """Return the name that the terminal uses for this key."""
         pygame = self._pygame
         if event.key in (pygame.K_RETURN, pygame.K_KP_ENTER):
             return "enter"
         name = str(pygame.key.name(event.key))
         shift = bool(event.mod & pygame.KMOD_SHIFT)
-        if name in _NAMED:
+        if name in _ARROWS:
             return f"shift-{name}" if shift else name
         return name.upper() if shift and len(name) == 1 else name

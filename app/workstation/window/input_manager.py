@@ -1,8 +1,7 @@
-"""What the person's hands do, from device and mouse into the bench's mailbox, once a frame."""
+"""InputManager: the input of device and mouse, sent to the activity once a frame."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,103 +9,95 @@ import numpy as np
 import pygame
 
 from layflat.app.support.errors import format_error
-from layflat.app.workstation.teleop import Button, Teleoperator
 from layflat.app.workstation.teleop.contact_rumble import ContactRumble
-from layflat.app.workstation.teleop.registry import window_source
-from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
-from layflat.app.workstation.window.pages.page import Page, WindowContext
+from layflat.app.workstation.teleop.registry import make_window_teleoperator
+from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
+from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
+from layflat.app.workstation.window.context import WindowContext
 from layflat.app.workstation.window.viewport import Viewport
 from layflat.data.arrays import FloatArray
-from layflat.sim.robots.registry import robot_spec
+from layflat.data.robot import RobotSpec
 
 
 class InputManager:
-    """The device that is in use, and the mouse in the view."""
+    """The device in use, and the mouse in the view."""
 
-    def __init__(self, shop: WindowContext, pane: Viewport) -> None:
+    def __init__(self, context: WindowContext, viewport: Viewport) -> None:
         self.mapping: Path | None = None
-        """A pad's own mapping, for pads that SDL does not know."""
+        """Mapping of a gamepad that SDL does not know."""
         self.problem = ""
         """Why there is no device, one sentence."""
-        self.reading: TeleopInput | None = None
-        """The newest."""
-        self._shop = shop
-        self._pane = pane
-        self._source: Teleoperator | None = None
-        self._touch: ContactRumble | None = None
-        self._robot: str = "hanger"
+        self.newest: TeleopInput | None = None
+        """Newest input of the device."""
+        self._context = context
+        self._viewport = viewport
+        self._teleoperator: WindowTeleoperator | None = None
+        self._rumble: ContactRumble | None = None
 
-    def use(self, name: str, robot: str) -> bool:
-        """Take a device into the hands; False, and a ``problem``, where that cannot be."""
-        self.drop()
+    def select(self, name: str, robot: RobotSpec) -> bool:
+        """Open a device; return False and set `problem` where that fails."""
+        self.release()
         try:
-            self._source = window_source(
-                name, robot_spec(robot), ray=self._ray, corners=self._corners, mapping=self.mapping
+            self._teleoperator = make_window_teleoperator(
+                name, robot, ray=self._ray, corners=self._corners, mapping=self.mapping
             )
         except Exception as error:
             self.problem, _ = format_error(error)
             return False
-        self._touch = ContactRumble(self._source)
-        self._robot = robot
+        self._rumble = ContactRumble(self._teleoperator)
         return True
 
     def _ray(self, at: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-        """The line of sight behind a pixel of the window."""
-        view = self._shop.place.view
-        return self._pane.orbit.ray((at[0] - view.left, at[1] - view.top), view.size)
+        """Return the line of sight behind a pixel of the window."""
+        view = self._context.layout.view
+        return self._viewport.camera.ray((at[0] - view.left, at[1] - view.top), view.size)
 
     def _corners(self) -> FloatArray:
-        moment = self._shop.link.moment
-        return np.full((2, 3), np.inf) if moment is None else moment.corners
+        frame = self._context.client.frame
+        return np.full((2, 3), np.inf) if frame is None else frame.corners
 
-    def drop(self) -> None:
-        """Give the device back."""
-        if self._source is not None:
-            self._source.close()
-        self._source = self._touch = self.reading = None
+    def release(self) -> None:
+        """Close the device."""
+        if self._teleoperator is not None:
+            self._teleoperator.close()
+        self._teleoperator = self._rumble = self.newest = None
 
-    def leads(self) -> bool:
-        """Whether the device is the mouse in the view, which then does not pull at the cloth."""
-        return self._source is not None and self._source.name in ("mouse", "kinesthetic")
+    def uses_mouse(self) -> bool:
+        """Return whether the device is the mouse in the view, which then does not drag the cloth."""
+        return self._teleoperator is not None and self._teleoperator.name in ("mouse", "kinesthetic")
 
     def help(self) -> tuple[Button, ...]:
-        return () if self._source is None else self._source.help()
+        """Return the effect of each button of the device."""
+        return () if self._teleoperator is None else self._teleoperator.help()
 
-    def take(self, event: pygame.event.Event) -> bool:
-        """One event of this frame; True where it was the device's.
+    def handle_event(self, event: pygame.event.Event) -> bool:
+        """Pass an event to the device; return whether it was for it.
 
-        A press of the mouse is only the device's in the view: elsewhere it is on a tab or a button.
+        A press of the mouse is only for the device in the view: elsewhere it is on a tab or a button.
         """
-        if event.type == pygame.MOUSEBUTTONDOWN and not self._shop.place.view.collidepoint(event.pos):
+        if event.type == pygame.MOUSEBUTTONDOWN and not self._context.layout.view.collidepoint(event.pos):
             return False
-        on_event: Callable[[Any], bool] | None = getattr(self._source, "on_event", None)
-        return on_event is not None and on_event(event)
+        return self._teleoperator is not None and self._teleoperator.on_event(event)
 
-    def put(self, mode: Page) -> None:
-        """The newest of everything, for the bench."""
-        link = self._shop.link
-        if self._source is not None:
-            self.reading = self._source.poll()
-            for control in self.reading.controls:
-                self._press(control)
-        self._pane.lead = None if self.reading is None else self.reading.hand
-        if not link.alive:
-            self._pane.release_pull()
+    def send(self, *, accepts_drag: bool) -> None:
+        """Send the newest input to the activity; ``accepts_drag``: the mouse may drag the cloth now."""
+        client = self._context.client
+        if self._teleoperator is not None:
+            self.newest = self._teleoperator.poll()
+            for command in self.newest.commands:
+                self._context.send_command(command)
+        self._viewport.hand = None if self.newest is None else self.newest.hand
+        if not (client.alive and accepts_drag):
+            self._viewport.end_drag()
+        if client.robot is None:
             return
-        if not mode.pullable():
-            self._pane.release_pull()
-        link.put(self.reading or zero_input(robot_spec(self._robot)), self._pane.pull)
-        if self._touch is not None:
-            self._touch.see(float(link.status.get("contact", 0.0)), int(link.status.get("steps", 0)))
+        client.send_input(self.newest or zero_input(client.robot), self._viewport.drag)
+        if self._rumble is not None:
+            status: dict[str, Any] = client.status
+            self._rumble.update(float(status.get("contact", 0.0)), int(status.get("steps", 0)))
 
-    def _press(self, control: Command) -> None:
-        self._shop.link.ask("control", name=control.name)
-
-    def told(self) -> str:
-        """The device, for a person."""
-        if self._source is None or self.reading is None:
+    def describe(self) -> str:
+        """Return the device's name or its problem, for a person."""
+        if self.newest is None:
             return ""
-        return self.reading.device if self.reading.connected else self.reading.problem
-
-    def close(self) -> None:
-        self.drop()
+        return self.newest.device if self.newest.connected else self.newest.problem

@@ -1,8 +1,9 @@
-"""`layflat app`, and the window of `layflat record`: what must be there, and the window."""
+"""`layflat app`, and the window of `layflat record`: what they need, and the window."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -12,37 +13,44 @@ from typing import TYPE_CHECKING, Any
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.record_config import RecordConfig
-from layflat.app.workstation.session.teleop_record import has_display
 from layflat.app.workstation.teleop import sdl
+from layflat.policy.trained_model import TrainedModel
 
 if TYPE_CHECKING:
     from layflat.app.workstation.window.window import Window
 
 ALTERNATIVES = (
-    "without one `layflat record --source keyboard`, `gamepad` and `scripted`, `train`, `place`, `replay`, `data` and"
-    " `demo` do the same in this terminal"
+    "without one, use `layflat record --source keyboard`, `gamepad` or `scripted`, `train`, `place`, `replay`, `data`"
+    " and `demo` in this terminal"
 )
 NO_DISPLAY = f"there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); {ALTERNATIVES}"
 UNSEEN = ("dummy", "offscreen")
 
 
+def has_display() -> bool:
+    """Return whether a window could be seen."""
+    if os.environ.get("SDL_VIDEODRIVER") in UNSEEN:
+        return False
+    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
 def app(folder: Path) -> int:
-    """Open the workstation on the sessions and models in ``folder``; returns the exit status."""
+    """Open the workstation on the sessions and models in ``folder``; return the exit status."""
     validators.writable_folder(folder)
-    with opened(folder) as window:
+    with open_window(folder) as window:
         return window.run()
 
 
 @contextmanager
-def opened(folder: Path, **options: Any) -> Iterator[Window]:
-    """A window; LayflatError where there can be none. It is closed at the end, whatever happens."""
+def open_window(folder: Path, **options: Any) -> Iterator[Window]:
+    """Open a window, and close it at the end; LayflatError where there can be none."""
     if not has_display():
         raise LayflatError(NO_DISPLAY)
     sdl.prepare()
     try:
         import pygame
 
-        from layflat.app.workstation.session.tasks import make_task
+        from layflat.app.workstation.session.activities import make_activity
         from layflat.app.workstation.window.window import Window
     except ImportError as error:
         raise LayflatError(f"the window needs pygame and pygame-menu ({error}); run `layflat doctor`") from None
@@ -51,44 +59,38 @@ def opened(folder: Path, **options: Any) -> Iterator[Window]:
     except pygame.error as error:
         raise LayflatError(f"no window can be opened on this display ({error}); {ALTERNATIVES}") from None
     if pygame.display.get_driver() in UNSEEN:
-        # SDL would rather draw where nobody sees it than say that a display does not answer.
+        # SDL would rather draw where nothing is seen than report that a display does not answer.
         raise LayflatError(f"the display {os.environ.get('DISPLAY', '')} does not answer; {ALTERNATIVES}")
-    window = Window(folder, make_task, **options)
+    window = Window(folder, make_activity, **options)
     try:
         yield window
     finally:
         window.close()
 
 
-def record_in_window(wish: RecordConfig) -> None:
-    """Record in a window of its own, which closes when ``wish.episodes`` are kept or the person quits.
+def record_in_window(config: RecordConfig, model: TrainedModel | None) -> None:
+    """Record in a window of its own, which closes when ``config.episodes`` are kept or the person quits.
 
-    One line on stdout for each that is kept or discarded. Nothing but the session is written.
+    One line on stdout for each that is kept or discarded. Only the session is written.
     """
-    from layflat.app.workstation.session.recording_session import COUNTDOWN_S
-    from layflat.app.workstation.window.pages.record import RecordPage
-
-    with opened(wish.path.parent, remember=False) as window:
-        mode = window.mode
-        if not isinstance(mode, RecordPage):
-            raise TypeError(f"the window opens with {mode.name}, not with its recording")
-        window.shop.settings = replace(
-            window.shop.settings,
-            robot=wish.robot,
-            cloth=wish.cloth,
-            source=wish.source,
-            descriptor=wish.descriptor,
-            images=wish.images,
-            countdown_s=COUNTDOWN_S,
-            session=wish.path.name,
+    with open_window(config.path.parent, remember=False) as window:
+        page = window.record_page
+        window.context.settings = replace(
+            window.context.settings,
+            robot=config.robot,
+            cloth=config.cloth,
+            source=config.source,
+            descriptor=config.descriptor,
+            images=config.images,
+            session=config.path.name,
         )
-        mode.seed, mode.episodes, mode.disturbance, mode.echo = wish.seed, wish.episodes, wish.disturb, True
-        mode.correct = "" if wish.correct is None else str(wish.correct)
-        window.hands.mapping = wish.mapping
-        mode.start()
-        status = window.run(until=lambda: not mode.running)
-        sentence = window.shop.link.sentence
+        page.seed, page.episodes, page.disturbance, page.model = config.seed, config.episodes, config.disturb, model
+        page.print_lines = True
+        window.input_manager.mapping = config.mapping
+        page.start()
+        status = window.run(until=lambda: not page.running)
+        problem = window.context.client.problem
     if status:
         raise KeyboardInterrupt
-    if sentence:
-        raise LayflatError(sentence)
+    if problem:
+        raise LayflatError(problem)

@@ -1,4 +1,4 @@
-"""Where everything is in a window of some size."""
+"""WindowLayout: the areas of a window of some size."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ from dataclasses import dataclass
 import pygame
 
 SIZE = (1280, 720)
-LEAST = (960, 600)
+MIN_SIZE = (960, 600)
 GAP = 8
-TOP, STRIP, STATUS = 46, 74, 26
+TOP, HINTS, STATUS = 46, 74, 26
 
 
 @dataclass(frozen=True, kw_only=True)
 class WindowLayout:
-    """Rectangles in px; nothing overlaps but what lies inside ``view``."""
+    """Rectangles in px, which do not overlap; ``text`` takes the place of the view and what is right of it."""
 
     window: pygame.Rect
     top: pygame.Rect
     panel: pygame.Rect
-    """At the left: the mode's menu, or how it goes."""
+    """Left column: the page's menu, or its state."""
     view: pygame.Rect
-    """The bench."""
+    """The simulation."""
     status: pygame.Rect
-    """One line below the bench."""
+    """One line below the view."""
     camera: pygame.Rect
     contact: pygame.Rect
     word: pygame.Rect
     text: pygame.Rect
-    """Where modes without a bench write: view, status line and right column."""
-    strip: pygame.Rect
-    """What each button does now."""
+    """Area of pages without a simulation: view, status line and right column."""
+    hints: pygame.Rect
+    """Effect of each button now."""
 
 
 def layout(size: tuple[int, int]) -> WindowLayout:
-    """For a window of ``size`` px; a smaller one than LEAST is laid out as that and cut."""
-    width, height = max(size[0], LEAST[0]), max(size[1], LEAST[1])
+    """Lay out a window of ``size`` px; a smaller one than MIN_SIZE is laid out as that and cut."""
+    width, height = max(size[0], MIN_SIZE[0]), max(size[1], MIN_SIZE[1])
     top = pygame.Rect(0, 0, width, TOP)
-    strip = pygame.Rect(GAP, height - STRIP - GAP, width - 2 * GAP, STRIP)
-    y, tall = top.bottom + GAP, strip.top - GAP - (top.bottom + GAP)
+    hints = pygame.Rect(GAP, height - HINTS - GAP, width - 2 * GAP, HINTS)
+    y, tall = top.bottom + GAP, hints.top - GAP - (top.bottom + GAP)
     panel = pygame.Rect(GAP, y, 268 if width >= 1200 else 238, tall)
     right_width = min(max(int(width * 0.27), 272), 520)
     right = pygame.Rect(width - GAP - right_width, y, right_width, tall)
@@ -57,5 +57,5 @@ def layout(size: tuple[int, int]) -> WindowLayout:
         contact=contact,
         word=pygame.Rect(right.left, word_top, right_width, y + tall - word_top),
         text=pygame.Rect(middle.left, y, right.right - middle.left, tall),
-        strip=strip,
+        hints=hints,
     )

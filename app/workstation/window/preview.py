@@ -1,4 +1,4 @@
-"""The bench before anything runs: the chosen cloth hanging where an episode will begin."""
+"""Frame before anything runs: the chosen cloth, hanging where an episode will start."""
 
 from __future__ import annotations
 
@@ -6,40 +6,37 @@ from functools import lru_cache
 
 import numpy as np
 
-from layflat.app.workstation.session.frame_channel import BenchFrame
-from layflat.sim.config import SimConfig
+from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.data.arrays import FloatArray
+from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import robot_type
 from layflat.sim.starts.base import home_corners
 
 
 @lru_cache(maxsize=4)
-def preview(robot: str, cloth: str) -> BenchFrame:
-    """What one would see, without a simulator."""
-    settings = SimConfig(robot=robot, cloth=cloth)
-    home = home_corners(settings.cloth_spec)
+def initial_frame(robot: str, cloth: str) -> SimulationFrame:
+    """Return what an episode starts with, without a simulator."""
+    spec = cloth_spec(cloth)
+    home = home_corners(spec)
     centre = home.mean(axis=0)
-    return BenchFrame(
+    return SimulationFrame(
         episode=-1,
         step=0,
         phase="place",
         sim_s=0.0,
-        told_s=0.0,
-        input_s=0.0,
-        work_s=0.0,
         robot=robot,
         cloth=cloth,
-        nodes=settings.cloth_spec.hanging_nodes(home),
+        nodes=spec.hanging_nodes(home),
         corners=home,
         holder=centre,
-        joints=robot_type(robot).joint_angles_at(centre),
-        hands=np.zeros((0, 3)),
-        force_n=np.zeros(3),
-        pull=None,
-        word=np.zeros(2),
-        strength=0.0,
-        contact=0.0,
-        contact_true=0.0,
-        flat_area=0.0,
-        rgb=None,
-        cloth_state=None,
+        joints=arm_joints(robot, centre),
     )
+
+
+def arm_joints(robot: str, holder_m: FloatArray) -> FloatArray:
+    """Return the joint angles (J,) of the arm with its hand straight down; empty where there is no arm."""
+    try:
+        return robot_type(robot).joint_angles_at(holder_m)
+    except SimError:
+        return np.zeros(0)  # A place that no arm reaches was imported from elsewhere.

@@ -1,76 +1,75 @@
-"""What the window remembers between two times: ``workstation.json`` in its folder."""
+"""Settings of the window, which it keeps in ``workstation.json`` in its folder."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
+from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.data.atomic_files import write_text
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
 from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 
 FILE = "workstation.json"
-SPEEDS = {"half": 0.5, "real time": 1.0, "double": 2.0, "as fast as it goes": 0.0}
+SPEEDS = {"half": 0.5, "real time": 1.0, "double": 2.0, "as fast as possible": 0.0}
 """Simulated over wall time, at most."""
-SOURCES = ("gamepad", "keyboard", "mouse", "kinesthetic", "scripted")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What a bench is made of and how fast it runs; a session that is there decides for itself."""
+    """Parts and speed of the simulation; a session that exists keeps its own."""
 
-    robot: str = "hanger"
-    cloth: str = "towel"
-    source: str = "gamepad"
+    robot: str = next(iter(ROBOTS))
+    cloth: str = next(iter(CLOTHS))
+    source: str = next(iter(TELEOPERATORS))
     descriptor: str = DEFAULT_DESCRIPTOR
     noise: bool = True
     """Depth noise of the camera."""
     speed: str = "real time"
     step_s: float = STEP_S
     images: bool = False
+    """Whether camera images are saved."""
     session: str = "demos.h5"
-    """In the folder."""
+    """Session file in the folder."""
     model: str = ""
     policy: str = "gp-word"
     countdown_s: float = 3.0
 
     def __post_init__(self) -> None:
-        """What a file of another version says wrong is as if it said nothing."""
-        usual = {item.name: item.default for item in fields(self)}
-        for name, known in (
-            ("robot", ROBOTS), ("cloth", tuple(CLOTHS)), ("source", SOURCES), ("descriptor", tuple(DESCRIPTORS)),
-            ("speed", tuple(SPEEDS)),
-        ):  # fmt: skip
-            if getattr(self, name) not in known:
-                object.__setattr__(self, name, usual[name])
+        """Replace values that a file of another version has and that do not exist, or have the wrong type."""
+        choices = {
+            "robot": ROBOTS, "cloth": CLOTHS, "source": TELEOPERATORS, "descriptor": DESCRIPTORS, "speed": SPEEDS,
+        }  # fmt: skip
         for item in fields(self):
-            if type(getattr(self, item.name)) is not type(item.default):
+            value = getattr(self, item.name)
+            if type(value) is not type(item.default) or value not in choices.get(item.name, [value]):
                 object.__setattr__(self, item.name, item.default)
 
-    def bench(self) -> dict[str, Any]:
-        """The part of an order that says what the bench is made of."""
-        names = ("robot", "cloth", "descriptor", "noise", "step_s", "images")
-        return {name: getattr(self, name) for name in names} | {"speed": SPEEDS[self.speed]}
+    def with_value(self, name: str, value: object) -> Settings:
+        """Return the settings with one value changed."""
+        return replace(self, **{name: value})  # type: ignore[arg-type]
+
+    def sim_config(self) -> SimConfig:
+        """Return the settings of the simulation."""
+        return SimConfig(
+            robot=self.robot, cloth=self.cloth, descriptor=self.descriptor, noise=self.noise, step_s=self.step_s
+        )
 
 
 def load(folder: Path) -> Settings:
-    """Those of the last time; the usual ones where there are none, or none that can be read."""
+    """Return the settings kept in a folder; the defaults where there are none, or none that can be read."""
     try:
-        told = json.loads((folder / FILE).read_text())
+        values = dict(json.loads((folder / FILE).read_text()))
     except (OSError, ValueError):
         return Settings()
     known = {item.name for item in fields(Settings)}
-    return Settings(**{name: value for name, value in dict(told).items() if name in known})
-
-
-def with_one(settings: Settings, name: str, value: object) -> Settings:
-    """The same with one thing changed, by its name."""
-    return Settings(**{**asdict(settings), name: value})
+    return Settings(**{name: value for name, value in values.items() if name in known})
 
 
 def save(folder: Path, settings: Settings) -> None:
+    """Write the settings into a folder."""
     write_text(folder / FILE, json.dumps(asdict(settings), indent=2) + "\n")

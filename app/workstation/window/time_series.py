@@ -1,4 +1,4 @@
-"""Contact portion and WORD over time, drawn as they grow."""
+"""TimeSeries: contact portion and WORD over time, and their curves."""
 
 from __future__ import annotations
 
@@ -10,56 +10,56 @@ import numpy as np
 import pygame
 from numpy.typing import NDArray
 
-from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.window import style
 from layflat.data.types import Episode
 
-LEAST_S = 10.0
-"""The time axis is never shorter."""
+MIN_SPAN_S = 10.0
+"""Shortest time axis."""
 _PHASE_TINT = {"disturb": (74, 40, 44), "repair": (34, 50, 66)}
-"""Ground of a phase; placing has that of the card."""
-LED_PX = 6
-"""Height of the band below the curves where a person had the lead."""
+"""Background of a phase; placing has that of the card."""
+HUMAN_PX = 6
+"""Height of the band below the curves where a person was in control."""
 _SHIFT = 4
 
 
 @dataclass
 class TimeSeries:
-    """What was, step by step, of one episode."""
+    """Values of one episode, step by step."""
 
     episode: int = -1
     time_s: list[float] = field(default_factory=list)
     contact: list[float] = field(default_factory=list)
     angle_deg: list[float] = field(default_factory=list)
-    """Of WORD, -90..90; NaN where there is no direction."""
+    """Direction of WORD, -90..90; NaN where there is none."""
     phase: list[str] = field(default_factory=list)
-    led: list[bool] = field(default_factory=list)
-    """Whether a person had the lead over a policy in the step before."""
+    human: list[bool] = field(default_factory=list)
+    """Whether a person, not the policy, decided the step before."""
 
-    def add(self, moment: BenchFrame) -> None:
-        """Take note of a moment; another episode, or going back in time, begins anew."""
-        if moment.episode != self.episode or (self.time_s and moment.sim_s < self.time_s[-1] - 1e-9):
-            self.__init__(moment.episode)  # type: ignore[misc]
-        if self.time_s and moment.sim_s <= self.time_s[-1] + 1e-9:
+    def add(self, frame: SimulationFrame) -> None:
+        """Append a frame; another episode, or one earlier in time, starts again."""
+        if frame.episode != self.episode or (self.time_s and frame.sim_s < self.time_s[-1] - 1e-9):
+            self.__init__(frame.episode)  # type: ignore[misc]
+        if self.time_s and frame.sim_s <= self.time_s[-1] + 1e-9:
             return
-        self.time_s.append(moment.sim_s)
-        self.contact.append(moment.contact)
-        self.angle_deg.append(_angle(moment.word))
-        self.phase.append(moment.phase)
-        self.led.append(moment.led)
+        self.time_s.append(frame.sim_s)
+        self.contact.append(frame.contact)
+        self.angle_deg.append(_angle(frame.word))
+        self.phase.append(frame.phase)
+        self.human.append(frame.human_in_control)
 
     @staticmethod
     def of(episode: Episode, number: int) -> TimeSeries:
-        """All of a recorded episode."""
-        seen = episode.observations()
+        """Return the values of a recorded episode."""
+        observations = episode.observations()
         phases = [step.phase for step in episode.steps]
         return TimeSeries(
             episode=number,
-            time_s=[one.time_s for one in seen],
-            contact=[one.contact_portion for one in seen],
-            angle_deg=[_angle(one.word) for one in seen],
+            time_s=[one.time_s for one in observations],
+            contact=[one.contact_portion for one in observations],
+            angle_deg=[_angle(one.word) for one in observations],
             phase=[*phases, phases[-1] if phases else "place"],
-            led=[False, *(step.intervention for step in episode.steps)],
+            human=[False, *(step.intervention for step in episode.steps)],
         )
 
 
@@ -67,66 +67,66 @@ def _angle(word: NDArray[np.float64]) -> float:
     return math.degrees(math.atan2(word[1], word[0])) if np.any(word) else math.nan
 
 
-def draw_contact(surface: pygame.Surface, history: TimeSeries, now_s: float | None = None) -> None:
-    """The contact portion on a card of its own; ``now_s`` marks a moment (replay)."""
+def draw_contact(surface: pygame.Surface, series: TimeSeries, now_s: float | None = None) -> None:
+    """Draw the contact portion on a card; ``now_s`` marks a moment (replay)."""
     area = surface.get_rect()
-    value = _value_at(history.time_s, history.contact, now_s)
-    plot = _frame(surface, "Contact", "" if value is None else f"{100 * value:.0f} %", style.CONTACT)
-    canvas = _canvas(plot, history)
+    value = _value_at(series.time_s, series.contact, now_s)
+    plot = _draw_frame(surface, "Contact", "" if value is None else f"{100 * value:.0f} %", style.CONTACT)
+    canvas = _canvas(plot, series)
     for share in (0.0, 0.5, 1.0):
         y = _y(share, 0.0, 1.0, plot.height)
         cv2.line(canvas, (0, y), (plot.width, y), style.LINE, 1)
-    if history.time_s:
-        line = np.stack([_x(history, plot.width), _y_all(np.clip(history.contact, 0, 1), 0.0, 1.0, plot.height)], 1)
+    if series.time_s:
+        line = np.stack([_x(series, plot.width), _y_all(np.clip(series.contact, 0, 1), 0.0, 1.0, plot.height)], 1)
         shaded = np.vstack([line, [line[-1, 0], plot.height], [line[0, 0], plot.height]])
         tint = canvas.copy()
         cv2.fillPoly(tint, [_fixed(shaded)], style.CONTACT, cv2.LINE_AA, _SHIFT)
         cv2.addWeighted(tint, 0.16, canvas, 0.84, 0, canvas)
         cv2.polylines(canvas, [_fixed(line)], False, style.CONTACT, 2, cv2.LINE_AA, _SHIFT)
-    _finish(surface, canvas, plot, history, now_s)
+    _finish(surface, canvas, plot, series, now_s)
     for share, text in ((1.0, "100"), (0.5, "50"), (0.0, "0")):
         y = plot.top + _y(share, 0.0, 1.0, plot.height)
-        style.write(surface, text, (plot.left - 5, y - 8), 11, style.FAINT, align="right")
-    _time_axis(surface, area, plot, history)
+        style.draw_text(surface, text, (plot.left - 5, y - 8), 11, style.FAINT, align="right")
+    _time_axis(surface, area, plot, series)
 
 
-def draw_word(surface: pygame.Surface, history: TimeSeries, now_s: float | None = None, label: str = "WORD") -> None:
-    """WORD's angle to the robot's front."""
+def draw_word(surface: pygame.Surface, series: TimeSeries, now_s: float | None = None) -> None:
+    """Draw WORD's angle to the robot's front on a card."""
     area = surface.get_rect()
-    angle = _value_at(history.time_s, history.angle_deg, now_s)
-    told = "" if angle is None else "none" if math.isnan(angle) else f"{round(angle) or 0:+d}°"
-    plot = _frame(surface, label, told, style.WORD)
-    canvas = _canvas(plot, history)
+    angle = _value_at(series.time_s, series.angle_deg, now_s)
+    text = "" if angle is None else "none" if math.isnan(angle) else f"{round(angle) or 0:+d}°"
+    plot = _draw_frame(surface, "WORD", text, style.WORD)
+    canvas = _canvas(plot, series)
     for degrees in (-90, 0, 90):
         y = _y(degrees, -90, 90, plot.height)
         cv2.line(canvas, (0, y), (plot.width, y), style.LINE, 1)
-    if history.time_s:
-        angles = np.array(history.angle_deg)
+    if series.time_s:
+        angles = np.array(series.angle_deg)
         known = np.isfinite(angles)
-        places = np.stack([_x(history, plot.width)[known], _y_all(angles[known], -90, 90, plot.height)], axis=1)
+        places = np.stack([_x(series, plot.width)[known], _y_all(angles[known], -90, 90, plot.height)], axis=1)
         for x, y in _fixed(places).tolist():
             cv2.circle(canvas, (x, y), int(2.2 * 2**_SHIFT), style.WORD, -1, cv2.LINE_AA, _SHIFT)
-    _finish(surface, canvas, plot, history, now_s)
+    _finish(surface, canvas, plot, series, now_s)
     for degrees in (90, 0, -90):
         y = plot.top + _y(degrees, -90, 90, plot.height)
-        style.write(surface, f"{degrees}°", (plot.left - 4, y - 8), 11, style.FAINT, align="right")
-    _time_axis(surface, area, plot, history)
+        style.draw_text(surface, f"{degrees}°", (plot.left - 4, y - 8), 11, style.FAINT, align="right")
+    _time_axis(surface, area, plot, series)
 
 
-def _frame(surface: pygame.Surface, title: str, value: str, colour: style.Colour) -> pygame.Rect:
-    """The card with its heading; returns where the curve goes."""
-    surface.fill(style.GROUND)
+def _draw_frame(surface: pygame.Surface, title: str, value: str, color: style.Color) -> pygame.Rect:
+    """Draw the card and its heading; return the area of the curve."""
+    surface.fill(style.BACKGROUND)
     area = surface.get_rect()
-    style.card(surface, area)
-    style.write(surface, title, (12, 7), 13, style.QUIET)
-    style.write(surface, value, (area.width - 12, 3), 18, colour, face=style.BOLD, align="right")
+    style.draw_card(surface, area)
+    style.draw_text(surface, title, (12, 7), 13, style.QUIET)
+    style.draw_text(surface, value, (area.width - 12, 3), 18, color, face=style.BOLD, align="right")
     return pygame.Rect(42, 34, area.width - 42 - 14, max(area.height - 34 - 24, 10))
 
 
-def _canvas(plot: pygame.Rect, history: TimeSeries) -> NDArray[np.uint8]:
+def _canvas(plot: pygame.Rect, series: TimeSeries) -> NDArray[np.uint8]:
     canvas = np.full((plot.height, plot.width, 3), style.CARD, np.uint8)
-    x = _x(history, plot.width)
-    for k, phase in enumerate(history.phase):
+    x = _x(series, plot.width)
+    for k, phase in enumerate(series.phase):
         if phase in _PHASE_TINT:
             left = int(x[k - 1]) if k else 0
             canvas[:, left : int(x[k]) + 1] = _PHASE_TINT[phase]
@@ -134,30 +134,30 @@ def _canvas(plot: pygame.Rect, history: TimeSeries) -> NDArray[np.uint8]:
 
 
 def _finish(
-    surface: pygame.Surface, canvas: NDArray[np.uint8], plot: pygame.Rect, history: TimeSeries, now_s: float | None
+    surface: pygame.Surface, canvas: NDArray[np.uint8], plot: pygame.Rect, series: TimeSeries, now_s: float | None
 ) -> None:
-    places = _x(history, plot.width)
-    for k, led in enumerate(history.led):
-        if led and k:
-            canvas[-LED_PX:, int(places[k - 1]) : int(places[k]) + 1] = style.LED
+    places = _x(series, plot.width)
+    for k, human in enumerate(series.human):
+        if human and k:
+            canvas[-HUMAN_PX:, int(places[k - 1]) : int(places[k]) + 1] = style.HUMAN
     if now_s is not None:
-        x = int(now_s / _span_s(history) * (plot.width - 1))
+        x = int(now_s / _span_s(series) * (plot.width - 1))
         cv2.line(canvas, (x, 0), (x, plot.height), style.TEXT, 1)
-    surface.blit(style.picture(canvas), plot)
+    surface.blit(style.make_picture(canvas), plot)
 
 
-def _time_axis(surface: pygame.Surface, area: pygame.Rect, plot: pygame.Rect, history: TimeSeries) -> None:
-    span = _span_s(history)
-    style.write(surface, "0", (plot.left - 3, area.bottom - 21), 11, style.FAINT)
-    style.write(surface, f"{span:.0f} s", (plot.right, area.bottom - 21), 11, style.FAINT, align="right")
+def _time_axis(surface: pygame.Surface, area: pygame.Rect, plot: pygame.Rect, series: TimeSeries) -> None:
+    span = _span_s(series)
+    style.draw_text(surface, "0", (plot.left - 3, area.bottom - 21), 11, style.FAINT)
+    style.draw_text(surface, f"{span:.0f} s", (plot.right, area.bottom - 21), 11, style.FAINT, align="right")
 
 
-def _span_s(history: TimeSeries) -> float:
-    return max(LEAST_S, 5.0 * math.ceil((history.time_s[-1] if history.time_s else 0.0) / 5.0))
+def _span_s(series: TimeSeries) -> float:
+    return max(MIN_SPAN_S, 5.0 * math.ceil((series.time_s[-1] if series.time_s else 0.0) / 5.0))
 
 
-def _x(history: TimeSeries, width: int) -> NDArray[np.float64]:
-    return np.array(history.time_s) / _span_s(history) * (width - 1)
+def _x(series: TimeSeries, width: int) -> NDArray[np.float64]:
+    return np.array(series.time_s) / _span_s(series) * (width - 1)
 
 
 def _y_all(values: NDArray, low: float, high: float, height: int) -> NDArray[np.float64]:
@@ -173,7 +173,7 @@ def _fixed(points: NDArray) -> NDArray[np.int32]:
 
 
 def _value_at(time_s: list[float], values: list[float], now_s: float | None) -> float | None:
-    """The value at a moment, by default the last."""
+    """Return the value at a time, by default the last."""
     if not time_s:
         return None
     if now_s is None:

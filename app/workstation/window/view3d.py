@@ -1,4 +1,4 @@
-"""The bench drawn without a GPU: polygons sorted from far to near, filled at twice the size and reduced."""
+"""View3d: the scene drawn without a GPU: polygons sorted from far to near, filled at twice the size and reduced."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
 from layflat.sim.robots.arm_shape import ArmShape
 
 FINE = 2
-"""Pixels are drawn FINE times smaller than they are shown: smooth edges."""
+"""Factor by which pixels are drawn smaller than they are shown, for smooth edges."""
 _SHIFT = 4
 """Fractional bits of drawing coordinates."""
 FACE_RGB = np.array([72.0, 136.0, 240.0])
@@ -31,7 +31,7 @@ AXIS_RGB = (92, 104, 122)
 SKY_TOP, SKY_BOTTOM = np.array([24.0, 29.0, 38.0]), np.array([33.0, 40.0, 51.0])
 PICKER_RGB = (255, 148, 64)
 HAND_RGB = (255, 96, 112)
-LEAD_RGB = (255, 196, 0)
+GUIDE_RGB = (255, 196, 0)
 GRID_M = 0.1
 SHADOW = 0.55
 AMBIENT, DIFFUSE = 0.36, 0.74
@@ -39,24 +39,24 @@ AMBIENT, DIFFUSE = 0.36, 0.74
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """What stands on the bench at one moment; world frame, m and N."""
+    """Everything that is drawn at one moment; world frame, m and N."""
 
     nodes: FloatArray
-    """(N, 3), cloth."""
+    """Cloth, (N, 3)."""
     corners: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(2, 3): where pickers are; none where an arm holds the cloth."""
+    """Pickers, (2, 3); none where an arm holds the cloth."""
     joints: FloatArray | None = None
-    """(7,) rad, of the arm where there is one."""
+    """Angles of the arm where there is one, (J,) rad."""
     hands: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(K, 3): where a disturbance's hands hold the cloth."""
+    """Places where a disturbance holds the cloth, (K, 3)."""
     force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) mean force on the cloth."""
-    pull: tuple[FloatArray, FloatArray] | None = None
-    """The node that is pulled at and where it is pulled to, each (3,)."""
-    leads: tuple[tuple[FloatArray, FloatArray], ...] = ()
-    """What a hand leads and where it is, each (3,), in kinesthetic teaching."""
+    """Mean force on the cloth, (3,)."""
+    drag: tuple[FloatArray, FloatArray] | None = None
+    """Dragged node and its target, each (3,)."""
+    guided: tuple[FloatArray, FloatArray] | None = None
+    """Place that a hand guides and the place of the hand, each (3,)."""
     hover: FloatArray | None = None
-    """(3,): the node that a click would take hold of."""
+    """Node that a click would grab, (3,)."""
 
 
 class View3d:
@@ -68,39 +68,39 @@ class View3d:
         self._arm = arm
         self._ground: tuple[tuple[OrbitCamera, tuple[int, int]], NDArray[np.uint8]] | None = None
 
-    def draw(self, scene: Scene, orbit: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """(height, width, 3) uint8 of a picture of ``size`` (width, height) px."""
+    def draw(self, scene: Scene, camera: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """Return a picture of ``size`` (width, height) px as (height, width, 3) uint8."""
         big = (size[0] * FINE, size[1] * FINE)
-        canvas = self._background(orbit, big).copy()
+        canvas = self._background(camera, big).copy()
         arm = None if self._arm is None or scene.joints is None else self._arm.placed(scene.joints)
         mesh = self._meshes.mesh(scene.nodes)
-        self._shadows(canvas, scene, arm, orbit)
-        shapes = [_shaded(mesh.vertices, mesh.triangles, orbit, big, (FACE_RGB, REVERSE_RGB), normals=mesh.normals)]
+        self._shadows(canvas, scene, arm, camera)
+        shapes = [_shaded(mesh.vertices, mesh.triangles, camera, big, (FACE_RGB, REVERSE_RGB), normals=mesh.normals)]
         if self._arm is not None and arm is not None:
             for part, rgb in ((~self._arm.is_hanger, ARM_RGB), (self._arm.is_hanger, HANGER_RGB)):
-                shapes.append(_shaded(arm, self._arm.triangles[part], orbit, big, (rgb, None)))
+                shapes.append(_shaded(arm, self._arm.triangles[part], camera, big, (rgb, None)))
         _fill(canvas, shapes)
-        _marks(canvas, scene, orbit, big)
+        _draw_marks(canvas, scene, camera, big)
         return np.ascontiguousarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA))
 
-    def _background(self, orbit: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """Sky and table: the same picture until the camera moves."""
-        if self._ground is None or self._ground[0] != (orbit, size):
-            self._ground = ((orbit, size), _ground(orbit, size))
+    def _background(self, camera: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """Return sky and table: the same picture until the camera moves."""
+        if self._ground is None or self._ground[0] != (camera, size):
+            self._ground = ((camera, size), _ground(camera, size))
         return self._ground[1]
 
-    def _shadows(self, canvas: NDArray[np.uint8], scene: Scene, arm: FloatArray | None, orbit: OrbitCamera) -> None:
-        """Darken the table where cloth and arm keep the light away; soft, and at a quarter of the size."""
+    def _shadows(self, canvas: NDArray[np.uint8], scene: Scene, arm: FloatArray | None, camera: OrbitCamera) -> None:
+        """Darken the table below cloth and arm; soft, and at a quarter of the size."""
         quarter = (canvas.shape[1] // 4, canvas.shape[0] // 4)
         mask = np.zeros((quarter[1], quarter[0]), np.uint8)
         grid = np.arange(len(scene.nodes)).reshape(self._grid)
         quads = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
-        cast, depth = orbit.project(_on_table(scene.nodes), quarter)
+        cast, depth = camera.project(_on_table(scene.nodes), quarter)
         if depth.min() > NEAR_M:
             for corners in _fixed(cast[quads]):
                 cv2.fillConvexPoly(mask, cv2.convexHull(corners), 255, cv2.LINE_8, _SHIFT)
         if arm is not None and self._arm is not None:
-            cast, depth = orbit.project(_on_table(arm), quarter)
+            cast, depth = camera.project(_on_table(arm), quarter)
             for link in range(1, int(self._arm.link.max()) + 1):
                 own = self._arm.link == link
                 if depth[own].min() > NEAR_M:
@@ -120,7 +120,7 @@ class View3d:
 
 
 def _on_table(points: FloatArray) -> FloatArray:
-    """Where the light through ``points`` meets the table."""
+    """Return where the light through ``points`` meets the table."""
     cast: FloatArray = points - np.maximum(points[:, 2:], 0.0) / LIGHT[2] * LIGHT
     return np.clip(cast, _table_box()[0], _table_box()[1])
 
@@ -132,32 +132,32 @@ def _table_box() -> tuple[FloatArray, FloatArray]:
 
 
 def _fixed(pixels: FloatArray) -> NDArray[np.int32]:
-    """Drawing coordinates; far outside the picture they are cut, or OpenCV's integers run over."""
+    """Return drawing coordinates, clipped far outside the picture, where OpenCV's integers would overflow."""
     fixed: NDArray[np.int32] = np.rint(np.clip(pixels, -8000, 12000) * 2**_SHIFT).astype(np.int32)
     return fixed
 
 
 _Shape = tuple[NDArray[np.int32], FloatArray, FloatArray]
-"""Corners (T, 3, 2) in drawing coordinates, depths (T,) and colours (T, 3) of triangles."""
+"""Corners (T, 3, 2) in drawing coordinates, depths (T,) and colors (T, 3) of triangles."""
 
 
 def _shaded(
     vertices: FloatArray,
     triangles: NDArray,
-    orbit: OrbitCamera,
+    camera: OrbitCamera,
     size: tuple[int, int],
-    colours: tuple[FloatArray, FloatArray | None],
+    colors: tuple[FloatArray, FloatArray | None],
     *,
     normals: FloatArray | None = None,
 ) -> _Shape:
-    """The triangles that are seen; without a colour for their backs those are not."""
-    pixels, depth = orbit.project(vertices, size)
+    """Return the visible triangles; without a color for their backs, those are left out."""
+    pixels, depth = camera.project(vertices, size)
     corner = pixels[triangles]
     u, v = corner[..., 0], corner[..., 1]
     # The image's v runs down, so a triangle that faces the eye has a negative area.
     front = (u[:, 1] - u[:, 0]) * (v[:, 2] - v[:, 0]) - (u[:, 2] - u[:, 0]) * (v[:, 1] - v[:, 0]) < 0
     seen = depth[triangles].min(axis=1) > NEAR_M
-    face, back = colours
+    face, back = colors
     if back is None:
         seen &= front
     triangles, front = triangles[seen], front[seen]
@@ -170,58 +170,58 @@ def _shaded(
     # The light falls on the side that is seen, and a little comes from the eye.
     turned = np.where(front, 1.0, -1.0)
     light = np.clip(turned * (normal @ LIGHT), 0.0, 1.0)
-    eye = np.clip(turned * (normal @ orbit.axes()[2]), 0.0, 1.0)
+    eye = np.clip(turned * (normal @ camera.axes()[2]), 0.0, 1.0)
     bright = AMBIENT + DIFFUSE * (0.65 * light + 0.35 * eye)
     base = face if back is None else np.where(front[:, None], face, back)
     return _fixed(corner[seen]), depth[triangles].mean(axis=1), np.clip(base * bright[:, None], 0, 255)
 
 
 def _fill(canvas: NDArray[np.uint8], shapes: list[_Shape]) -> None:
-    """All triangles, the farthest first."""
+    """Draw all triangles, the farthest first."""
     corners = np.concatenate([shape[0] for shape in shapes])
     order = np.argsort(-np.concatenate([shape[1] for shape in shapes]), kind="stable")
-    colours = np.concatenate([shape[2] for shape in shapes])[order].tolist()
-    for triangle, colour in zip(corners[order], colours, strict=True):
-        cv2.fillConvexPoly(canvas, triangle, colour, cv2.LINE_8, _SHIFT)
+    colors = np.concatenate([shape[2] for shape in shapes])[order].tolist()
+    for triangle, color in zip(corners[order], colors, strict=True):
+        cv2.fillConvexPoly(canvas, triangle, color, cv2.LINE_8, _SHIFT)
 
 
-def _ground(orbit: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Sky, table and its grid; x = 0 and y = 0 are brighter."""
+def _ground(camera: OrbitCamera, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Draw sky, table and its grid, with x = 0 and y = 0 brighter."""
     share = np.linspace(0.0, 1.0, size[1])[:, None]
     column = np.rint(SKY_TOP + (SKY_BOTTOM - SKY_TOP) * share).astype(np.uint8)
     picture = np.repeat(column[:, None], size[0], axis=1)
     low, high = _table_box()
     top = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
     for depth_m, rgb in ((TABLE_SIZE_M[2] / 2, TABLE_EDGE_RGB), (0.0, TABLE_RGB)):
-        _plane(picture, top - [0, 0, depth_m], orbit, size, rgb)
+        _plane(picture, top - [0, 0, depth_m], camera, size, rgb)
     for axis in (0, 1):
         for at in np.arange(np.ceil(low[axis] / GRID_M), high[axis] / GRID_M + 1e-9) * GRID_M:
             ends = np.array([low, high])
             ends[:, axis] = at
-            _line(picture, ends, orbit, size, AXIS_RGB if abs(at) < 1e-9 else GRID_RGB)
+            _line(picture, ends, camera, size, AXIS_RGB if abs(at) < 1e-9 else GRID_RGB)
     return picture
 
 
 def _plane(
-    picture: NDArray[np.uint8], corners: FloatArray, orbit: OrbitCamera, size: tuple[int, int], rgb: tuple
+    picture: NDArray[np.uint8], corners: FloatArray, camera: OrbitCamera, size: tuple[int, int], rgb: tuple
 ) -> None:
-    """A convex polygon, cut where it comes behind the eye."""
-    points = _clipped(np.vstack([corners, corners[:1]]), orbit)
+    """Draw a convex polygon, cut where it is behind the eye."""
+    points = _clipped(np.vstack([corners, corners[:1]]), camera)
     if len(points) >= 3:
-        pixels = orbit.project(points, size)[0]
+        pixels = camera.project(points, size)[0]
         cv2.fillConvexPoly(picture, cv2.convexHull(_fixed(pixels)), rgb, cv2.LINE_AA, _SHIFT)
 
 
-def _line(picture: NDArray[np.uint8], ends: FloatArray, orbit: OrbitCamera, size: tuple[int, int], rgb: tuple) -> None:
-    points = _clipped(ends, orbit)
+def _line(picture: NDArray[np.uint8], ends: FloatArray, camera: OrbitCamera, size: tuple[int, int], rgb: tuple) -> None:
+    points = _clipped(ends, camera)
     if len(points) >= 2:
-        a, b = _fixed(orbit.project(points[[0, -1]], size)[0]).tolist()
+        a, b = _fixed(camera.project(points[[0, -1]], size)[0]).tolist()
         cv2.line(picture, a, b, rgb, FINE, cv2.LINE_AA, _SHIFT)
 
 
-def _clipped(path: FloatArray, orbit: OrbitCamera) -> FloatArray:
-    """The path (K, 3) with what is behind NEAR_M left out, and points where it crosses that plane."""
-    depth = (orbit.eye() - path) @ orbit.axes()[2] - NEAR_M
+def _clipped(path: FloatArray, camera: OrbitCamera) -> FloatArray:
+    """Return the path (K, 3) without points behind NEAR_M, and with points where it crosses that plane."""
+    depth = (camera.eye() - path) @ camera.axes()[2] - NEAR_M
     kept: list[FloatArray] = []
     for k in range(len(path)):
         if k and (depth[k] > 0) != (depth[k - 1] > 0):
@@ -233,43 +233,40 @@ def _clipped(path: FloatArray, orbit: OrbitCamera) -> FloatArray:
 
 
 FORCE_M_PER_N = 0.06
-"""Length of the arrow of a force."""
+"""Length of a force's arrow."""
 
 
-def _marks(canvas: NDArray[np.uint8], scene: Scene, orbit: OrbitCamera, size: tuple[int, int]) -> None:
-    """Pickers, hands, the mouse's pull and the force, before everything else."""
+def _draw_marks(canvas: NDArray[np.uint8], scene: Scene, camera: OrbitCamera, size: tuple[int, int]) -> None:
+    """Draw pickers, hands, drag, guiding hand and force over everything else."""
     for centres, radius_m, rgb in ((scene.corners, 0.009, PICKER_RGB), (scene.hands, 0.008, HAND_RGB)):
         for centre in centres:
-            _ball(canvas, centre, radius_m, orbit, size, rgb)
+            _ball(canvas, centre, radius_m, camera, size, rgb)
     at = scene.hands.mean(axis=0) if len(scene.hands) else None
-    if scene.pull is not None:
-        node, target = scene.pull
-        a, b = _fixed(orbit.project([node, target], size)[0]).tolist()
-        cv2.line(canvas, a, b, HAND_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
-        _ball(canvas, node, 0.009, orbit, size, HAND_RGB)
-        cv2.circle(canvas, b, FINE * 9 << _SHIFT, HAND_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
-        at = node
-    for held, hand in scene.leads:
-        a, b = _fixed(orbit.project([held, hand], size)[0]).tolist()
-        cv2.line(canvas, a, b, LEAD_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
-        cv2.circle(canvas, b, FINE * 9 << _SHIFT, LEAD_RGB, FINE * 2, cv2.LINE_AA, _SHIFT)
-    if scene.pull is None and scene.hover is not None:
-        place = _fixed(orbit.project(scene.hover, size)[0])[0].tolist()
+    for pair, rgb in ((scene.drag, HAND_RGB), (scene.guided, GUIDE_RGB)):
+        if pair is not None:
+            a, b = _fixed(camera.project(pair, size)[0]).tolist()
+            cv2.line(canvas, a, b, rgb, FINE * 2, cv2.LINE_AA, _SHIFT)
+            cv2.circle(canvas, b, FINE * 9 << _SHIFT, rgb, FINE * 2, cv2.LINE_AA, _SHIFT)
+    if scene.drag is not None:
+        at = scene.drag[0]
+        _ball(canvas, at, 0.009, camera, size, HAND_RGB)
+    elif scene.hover is not None:
+        place = _fixed(camera.project(scene.hover, size)[0])[0].tolist()
         cv2.circle(canvas, place, FINE * 8 << _SHIFT, (255, 255, 255), FINE, cv2.LINE_AA, _SHIFT)
     if np.linalg.norm(scene.force_n) > 0.02:
         start = scene.nodes.mean(axis=0) if at is None else at
-        _arrow(canvas, start, start + FORCE_M_PER_N * scene.force_n, orbit, size)
+        _arrow(canvas, start, start + FORCE_M_PER_N * scene.force_n, camera, size)
 
 
 def _ball(
     canvas: NDArray[np.uint8],
     centre: FloatArray,
     radius_m: float,
-    orbit: OrbitCamera,
+    camera: OrbitCamera,
     size: tuple[int, int],
     rgb: tuple,
 ) -> None:
-    pixel, depth = orbit.project(centre, size)
+    pixel, depth = camera.project(centre, size)
     if depth[0] < NEAR_M:
         return
     radius = max(2 * FINE, round(radius_m / depth[0] * size[1] * 1.45))
@@ -281,9 +278,9 @@ def _ball(
 
 
 def _arrow(
-    canvas: NDArray[np.uint8], tail: FloatArray, head: FloatArray, orbit: OrbitCamera, size: tuple[int, int]
+    canvas: NDArray[np.uint8], tail: FloatArray, head: FloatArray, camera: OrbitCamera, size: tuple[int, int]
 ) -> None:
-    (a, b), depth = orbit.project([tail, head], size)
+    (a, b), depth = camera.project([tail, head], size)
     if depth.min() < NEAR_M or np.linalg.norm(b - a) < 2 * FINE:
         return
     tip = min(0.45, 12 * FINE / float(np.linalg.norm(b - a)))

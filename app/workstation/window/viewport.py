@@ -1,16 +1,15 @@
-"""The bench in the window: 3D view and camera picture, drawn again when something has changed, and the mouse there."""
+"""Viewport: the 3D view and the camera's image, redrawn when something has changed, and the mouse in the view."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 import pygame
-from numpy.typing import NDArray
 
-from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.view3d import Scene, View3d
@@ -24,146 +23,147 @@ from layflat.sim.robots.registry import robot_type
 
 _PINHOLE = default_pinhole()
 TABLE_LIFT_M = 0.004
-"""What is pulled is never pulled below where cloth rests."""
+"""Lowest height of a drag's target: where cloth rests."""
 MIDDLE = 2
-"""The mouse's button that shifts the view; with Shift the others do, too."""
+"""Mouse button that pans the view; with Shift the others do, too."""
 
 
 @dataclass
 class Viewport:
-    """Draws moments, and turns what the mouse does into a view or a pull."""
+    """Draws frames, and turns the mouse into camera motion or a drag of the cloth."""
 
-    orbit: OrbitCamera = field(default_factory=OrbitCamera)
+    camera: OrbitCamera = field(default_factory=OrbitCamera)
     hover: int | None = None
-    """The node that a click would take hold of."""
-    pull: DragTarget | None = None
-    """What the mouse pulls at."""
-    lead: FloatArray | None = None
-    """Where the hand is that leads the holder, as in Reading.hand."""
-    dragging: str = ""
-    """turn, pan, or pull, while a button is down in the view."""
+    """Node that a click would grab."""
+    drag: DragTarget | None = None
+    """Node that the mouse drags, and where to."""
+    hand: FloatArray | None = None
+    """Place of the hand that guides the robot, as in TeleopInput.hand."""
+    dragging: Literal["", "turn", "pan", "cloth"] = ""
+    """What a button that is down in the view does."""
     _view: tuple[tuple[str, str], View3d] | None = None
-    _drawn: tuple[Any, pygame.Surface] | None = None
-    _seen: tuple[Any, pygame.Surface] | None = None
+    _scene_picture: tuple[Any, pygame.Surface] | None = None
+    _image_picture: tuple[Any, pygame.Surface] | None = None
 
-    def paint(self, surface: pygame.Surface, moment: BenchFrame) -> None:
-        """The 3D view fills ``surface``."""
-        key = (id(moment), self.orbit, surface.get_size(), self.hover, id(self.pull), id(self.lead))
-        if self._drawn is None or self._drawn[0] != key:
-            picture = self._picture(moment, surface.get_size())
-            self._drawn = (key, style.picture(picture))
-        surface.blit(self._drawn[1], (0, 0))
+    def draw(self, surface: pygame.Surface, frame: SimulationFrame) -> None:
+        """Fill ``surface`` with the 3D view."""
+        key = (id(frame), self.camera, surface.get_size(), self.hover, id(self.drag), id(self.hand))
+        if self._scene_picture is None or self._scene_picture[0] != key:
+            rgb = self._view3d(frame).draw(self._scene(frame), self.camera, surface.get_size())
+            self._scene_picture = (key, style.make_picture(rgb))
+        surface.blit(self._scene_picture[1], (0, 0))
 
-    def _picture(self, moment: BenchFrame, size: tuple[int, int]) -> NDArray[np.uint8]:
-        kind = (moment.robot, moment.cloth)
-        if self._view is None or self._view[0] != kind:
-            spec = cloth_spec(moment.cloth)
-            arm = robot_type(moment.robot).arm_shape(spec)
-            self._view = (kind, View3d(spec, arm))
-        return self._view[1].draw(self._scene(moment), self.orbit, size)
+    def _view3d(self, frame: SimulationFrame) -> View3d:
+        key = (frame.robot, frame.cloth)
+        if self._view is None or self._view[0] != key:
+            spec = cloth_spec(frame.cloth)
+            self._view = (key, View3d(spec, robot_type(frame.robot).arm_shape(spec)))
+        return self._view[1]
 
-    def _scene(self, moment: BenchFrame) -> Scene:
-        pull = self.pull or (None if moment.pull is None else DragTarget(node=moment.pull[0], target_m=moment.pull[1]))
-        arm = len(moment.joints) > 0
+    def _scene(self, frame: SimulationFrame) -> Scene:
+        drag = self.drag or frame.drag
+        has_arm = len(frame.joints) > 0
         return Scene(
-            nodes=moment.nodes,
-            corners=np.zeros((0, 3)) if arm else moment.corners,
-            joints=moment.joints if arm else None,
-            hands=moment.hands,
-            force_n=moment.force_n,
-            pull=None if pull is None else (moment.nodes[pull.node], np.array(pull.target_m)),
-            leads=_leads(moment, self.lead),
-            hover=None if self.hover is None else moment.nodes[self.hover],
+            nodes=frame.nodes,
+            corners=np.zeros((0, 3)) if has_arm else frame.corners,
+            joints=frame.joints if has_arm else None,
+            hands=frame.hands,
+            force_n=frame.force_n,
+            drag=None if drag is None else (frame.nodes[drag.node], np.array(drag.target_m)),
+            guided=_guided(frame, self.hand),
+            hover=None if self.hover is None else frame.nodes[self.hover],
         )
 
-    def paint_camera(self, surface: pygame.Surface, moment: BenchFrame | None) -> None:
-        """What the bench's camera sees, with contact and WORD drawn on it."""
+    def draw_camera(self, surface: pygame.Surface, frame: SimulationFrame | None) -> None:
+        """Fill ``surface`` with the camera's image, with contact and WORD drawn on it."""
         area = surface.get_rect()
-        surface.fill(style.GROUND)
-        if moment is None or moment.rgb is None or moment.cloth_state is None:
-            style.card(surface, area)
-            style.write(surface, "Camera", (12, 7), 13, style.QUIET)
+        surface.fill(style.BACKGROUND)
+        if frame is None or frame.rgb is None or frame.cloth_state is None:
+            style.draw_card(surface, area)
+            style.draw_text(surface, "Camera", (12, 7), 13, style.QUIET)
             return
-        key = (id(moment), area.size)
-        if self._seen is None or self._seen[0] != key:
+        key = (id(frame), area.size)
+        if self._image_picture is None or self._image_picture[0] != key:
             # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
             scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
-            drawn = draw_cloth_state(moment.rgb, moment.cloth_state, _PINHOLE, scale=scale)
+            drawn = draw_cloth_state(frame.rgb, frame.cloth_state, _PINHOLE, scale=scale)
             how = cv2.INTER_AREA if drawn.shape[1] > area.width else cv2.INTER_CUBIC
             small = np.asarray(cv2.resize(drawn, area.size, interpolation=how), dtype=np.uint8)
-            self._seen = (key, style.picture(small))
-        surface.blit(self._seen[1], (0, 0))
+            self._image_picture = (key, style.make_picture(small))
+        surface.blit(self._image_picture[1], (0, 0))
         _round_corners(surface)
 
     # The mouse, in pixels of the view
 
     def press(
-        self, at: tuple[int, int], button: int, size: tuple[int, int], moment: BenchFrame | None, pull: bool
+        self, at: tuple[int, int], button: int, size: tuple[int, int], frame: SimulationFrame | None, drag: bool
     ) -> None:
-        """A button goes down at ``at``; ``pull``: the cloth may be pulled at now."""
-        node = self._node(at, size, moment) if pull and button == 1 and moment is not None else None
-        if node is not None and moment is not None:
-            self.dragging = "pull"
-            self.pull = DragTarget(node=node, target_m=moment.nodes[node])
+        """Handle a button that goes down at ``at``; ``drag``: the cloth may be dragged now."""
+        node = self._node(at, size, frame) if drag and button == 1 else None
+        if node is not None and frame is not None:
+            self.dragging = "cloth"
+            self.drag = DragTarget(node=node, target_m=frame.nodes[node])
         else:
             shifted = bool(pygame.key.get_mods() & pygame.KMOD_SHIFT)
             self.dragging = "pan" if button == MIDDLE or shifted else "turn"
 
-    def move(self, at: tuple[int, int], by: tuple[int, int], size: tuple[int, int], moment: BenchFrame | None) -> None:
-        """The mouse moves: the view turns or shifts, or what is held follows in the plane that faces the eye."""
+    def move(self, by: tuple[int, int], size: tuple[int, int]) -> None:
+        """Turn or pan the view, or drag the cloth in the plane that faces the eye."""
         if self.dragging == "turn":
-            self.orbit = self.orbit.turned(*by)
+            self.camera = self.camera.turned(*by)
         elif self.dragging == "pan":
-            self.orbit = self.orbit.panned(*by, size[1])
-        elif self.dragging == "pull" and self.pull is not None:
-            target = self.orbit.dragged(np.array(self.pull.target_m), *by, size[1])
+            self.camera = self.camera.panned(*by, size[1])
+        elif self.dragging == "cloth" and self.drag is not None:
+            target = self.camera.dragged(np.array(self.drag.target_m), *by, size[1])
             target[2] = max(target[2], TABLE_LIFT_M)
-            self.pull = replace(self.pull, target_m=target)
+            self.drag = replace(self.drag, target_m=target)
 
-    def point(self, at: tuple[int, int], size: tuple[int, int], moment: BenchFrame | None, pull: bool) -> None:
-        """The mouse is at ``at`` with no button down."""
-        self.hover = self._node(at, size, moment) if pull and moment is not None else None
+    def point(self, at: tuple[int, int], size: tuple[int, int], frame: SimulationFrame | None, drag: bool) -> None:
+        """Handle the mouse at ``at`` with no button down."""
+        self.hover = self._node(at, size, frame) if drag else None
 
     def release(self) -> None:
-        self.dragging, self.pull = "", None
+        """Handle a button that comes up."""
+        self.dragging, self.drag = "", None
 
-    def release_pull(self) -> None:
-        """Let go of the cloth, if it is held; a view that is being turned stays in hand."""
-        if self.dragging == "pull":
+    def end_drag(self) -> None:
+        """Release the cloth, if it is dragged; a view that is being turned is left alone."""
+        if self.dragging == "cloth":
             self.release()
 
     def zoom(self, steps: float) -> None:
-        self.orbit = self.orbit.zoomed(steps)
+        """Zoom in by so many clicks of the wheel."""
+        self.camera = self.camera.zoomed(steps)
 
-    def _node(self, at: tuple[int, int], size: tuple[int, int], moment: BenchFrame | None) -> int | None:
-        if moment is None:
+    def _node(self, at: tuple[int, int], size: tuple[int, int], frame: SimulationFrame | None) -> int | None:
+        if frame is None:
             return None
-        origin, direction = self.orbit.ray(at, size)
-        return pick_node(moment.nodes, cloth_spec(moment.cloth).triangles(), origin, direction)
+        origin, direction = self.camera.ray(at, size)
+        return pick_node(frame.nodes, cloth_spec(frame.cloth).triangles(), origin, direction)
 
     def pixel_of(self, point: FloatArray, size: tuple[int, int]) -> tuple[int, int]:
-        """Where a point (3,) m is seen in a view of ``size``."""
-        x, y = self.orbit.project(point, size)[0][0]
+        """Return where a point (3,) m is seen in a view of ``size``."""
+        x, y = self.camera.project(point, size)[0][0]
         return round(float(x)), round(float(y))
 
 
-def _leads(moment: BenchFrame, hand: FloatArray | None) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """The hanger and its hand, or the picker that is led: the other hand is where its picker is."""
+def _guided(frame: SimulationFrame, hand: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
+    """Return the place that is guided and its hand; of two hands, the one that is not where its corner is."""
     if hand is None:
-        return ()
+        return None
     if hand.ndim == 1:
-        return ((moment.holder, hand),)
-    led = int(np.linalg.norm(hand - moment.corners, axis=1).argmax())
-    return ((moment.corners[led], hand[led]),)
+        return frame.holder, hand
+    point = int(np.linalg.norm(hand - frame.corners, axis=1).argmax())
+    return frame.corners[point], hand[point]
 
 
 def _round_corners(surface: pygame.Surface) -> None:
-    """Pictures end as cards do."""
+    """Give an image the corners of a card."""
     width, height = surface.get_size()
     radius = style.RADIUS
     for x, y in ((0, 0), (width - radius, 0), (0, height - radius), (width - radius, height - radius)):
         centre = (radius if x == 0 else width - radius - 1, radius if y == 0 else height - radius - 1)
         corner = pygame.Surface((radius, radius), pygame.SRCALPHA)
-        corner.fill(style.GROUND)
+        corner.fill(style.BACKGROUND)
         pygame.draw.circle(corner, (0, 0, 0, 0), (centre[0] - x, centre[1] - y), radius)
         surface.blit(corner, (x, y))

@@ -1,4 +1,4 @@
-"""The workstation's window: events in, modes, and everything drawn; only what has changed is drawn again."""
+"""Window: events in, pages, and everything drawn; only what has changed is drawn again."""
 
 from __future__ import annotations
 
@@ -6,80 +6,98 @@ import os
 import signal
 import time
 from collections.abc import Callable, Hashable
+from functools import partial
 from pathlib import Path
 
 import pygame
 
 from layflat.app.support.errors import INTERRUPTED
-from layflat.app.workstation.session.bench_client import BenchClient, warm
-from layflat.app.workstation.session.bench_process import TaskFactory
-from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.session.activity_client import ActivityClient, start_fork_server
+from layflat.app.workstation.session.activity_process import ActivityFactory
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.window import panels, settings, style
+from layflat.app.workstation.window.context import WindowContext
 from layflat.app.workstation.window.input_manager import InputManager
-from layflat.app.workstation.window.layout import LEAST, SIZE, layout
-from layflat.app.workstation.window.pages import Page, WindowContext, all_pages
-from layflat.app.workstation.window.pages.page import ASK_AGAIN_S
-from layflat.app.workstation.window.preview import preview
+from layflat.app.workstation.window.layout import MIN_SIZE, SIZE, layout
+from layflat.app.workstation.window.pages.data import DataPage
+from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, Page
+from layflat.app.workstation.window.pages.place import PlacePage
+from layflat.app.workstation.window.pages.record import RecordPage
+from layflat.app.workstation.window.pages.replay import ReplayPage
+from layflat.app.workstation.window.pages.settings import SettingsPage
+from layflat.app.workstation.window.pages.train import TrainPage
+from layflat.app.workstation.window.preview import initial_frame
 from layflat.app.workstation.window.time_series import draw_contact, draw_word
 from layflat.app.workstation.window.viewport import Viewport
-from layflat.sim.robots.registry import robot_spec
 
 FRAMES_HZ = 30
 REPEAT_MS = (350, 40)
-"""A held key: until it repeats, and from then on."""
+"""Time until a held key repeats, and between two repetitions."""
 TITLE = "Layflat"
+_Area = tuple[str, pygame.Rect, Hashable, Callable[[pygame.Surface], None]]
+"""Name, place, key of its content and function that draws it."""
 
 
 class Window:
-    """The whole program while it is open; ``frame`` does one round, ``run`` all of them."""
+    """The whole program while it is open: ``frame`` runs one round, ``run`` all of them."""
 
     def __init__(
         self,
         folder: Path,
-        make: TaskFactory,
+        make: ActivityFactory,
         *,
         size: tuple[int, int] = SIZE,
         start: str = "Record",
         remember: bool = True,
     ) -> None:
-        """``make`` does a bench process's work; ``remember``: read and write the settings of ``folder``."""
-        # No sound is made, and no sound card is to be opened for that.
+        """Open on the page ``start``; ``remember``: read and write the settings of ``folder``."""
+        # There is no sound, so do not open a sound card.
         os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
         sdl.prepare()
         pygame.init()
-        style.fresh()
+        style.clear_cache()
         pygame.display.set_caption(TITLE)
         self.surface = pygame.display.set_mode(size, pygame.RESIZABLE)
-        warm()
-        self.shop = WindowContext(
+        start_fork_server()
+        self.context = WindowContext(
             folder=folder,
             settings=settings.load(folder) if remember else settings.Settings(),
             remember=remember,
-            link=BenchClient(make),
-            place=layout(self.surface.get_size()),
+            client=ActivityClient(make),
+            layout=layout(self.surface.get_size()),
         )
-        self.pane = Viewport()
-        self.hands = InputManager(self.shop, self.pane)
-        self.modes: list[Page] = all_pages(self.shop, self.hands)
-        self.mode = next(mode for mode in self.modes if mode.name == start)
+        self.viewport = Viewport()
+        self.input_manager = InputManager(self.context, self.viewport)
+        self.record_page = RecordPage(self.context, input_manager=self.input_manager)
+        self.pages: list[Page] = [
+            self.record_page,
+            TrainPage(self.context),
+            PlacePage(self.context, input_manager=self.input_manager),
+            PlacePage(self.context, name="Disturb", fast_forward=True, input_manager=self.input_manager),
+            ReplayPage(self.context),
+            DataPage(self.context),
+            SettingsPage(self.context),
+        ]
+        self.page = next(page for page in self.pages if page.name == start)
         self.open = True
-        self._closed = False
-        self._keys_repeat = False
         self.interrupted = False
         self.frames_s: list[float] = []
         """Wall time of the work of each of the last frames."""
-        self._painted: dict[str, Hashable] = {}
+        self.tabs: list[tuple[pygame.Rect, Page]] = []
+        self.hints: list[tuple[pygame.Rect, Callable[[], None] | None]] = []
+        """Areas of the key hints that are drawn, and what a click on them does."""
+        self._closed = False
+        self._keys_repeat = False
+        self._drawn: dict[str, Hashable] = {}
         self._asked: tuple[str, float] = ("", 0.0)
         self._menu_touched = 0
-        self.tabs: list[tuple[pygame.Rect, Page]] = []
-        self.chips: list[tuple[pygame.Rect, Callable[[], None] | None]] = []
-        self.mode.enter()
+        self.page.enter()
 
     # Rounds
 
     def run(self, until: Callable[[], bool] = lambda: False) -> int:
-        """Until the window is closed, the program interrupted, or ``until`` says so; returns the exit status."""
+        """Run until the window is closed, the program interrupted, or ``until`` is True; return the exit status."""
         clock = pygame.time.Clock()
         before = {number: signal.signal(number, self._interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
@@ -96,187 +114,198 @@ class Window:
         self.open, self.interrupted = False, True
 
     def frame(self) -> None:
-        """Events, what the bench says, what the hands do, and what has changed on the screen."""
+        """Handle events of the window and the activity, send the input, and draw what has changed."""
         began = time.perf_counter()
         self._repeat_keys()
-        self._take(pygame.event.get())
-        self.mode.hear(self.shop.link.hear())
-        self.hands.put(self.mode)
-        self.mode.update()
+        self._handle_events(pygame.event.get())
+        self.page.on_event(self.context.client.poll_events())
+        self.input_manager.send(accepts_drag=self.page.accepts_drag())
+        self.page.update()
         self.draw()
         self.frames_s.append(time.perf_counter() - began)
         del self.frames_s[:-200]
 
     def _repeat_keys(self) -> None:
-        """Keys that are held repeat in menus and in a replay; never where each press is a button of a recording."""
-        wanted = not self.shop.link.alive
+        """Let held keys repeat in menus and in a replay, but not where each press is a command of a recording."""
+        wanted = not self.context.client.alive
         if wanted != self._keys_repeat:
             self._keys_repeat = wanted
             pygame.key.set_repeat(*(REPEAT_MS if wanted else ()))
 
     def close(self) -> None:
-        """End everything that was started; what is to be kept is on disk afterwards. May be called twice."""
+        """End everything that was started, with everything durable that is to be saved; may be called twice."""
         self.open = False
         if self._closed:
             return
         self._closed = True
-        self.mode.leave()
-        for mode in self.modes:
-            mode.close()
-        self.shop.link.end()
-        self.hands.close()
+        self.page.leave()
+        for page in self.pages:
+            page.close()
+        self.context.client.end()
+        self.input_manager.release()
         # Not pygame.quit(): pygame-menu keeps its fonts for a next window, and a font without its library crashes.
         pygame.display.quit()
 
     # Events
 
-    def _take(self, events: list[pygame.event.Event]) -> None:
+    def _handle_events(self, events: list[pygame.event.Event]) -> None:
         rest: list[pygame.event.Event] = []
         for event in events:
             if event.type == pygame.QUIT:
                 self.open = False
             elif event.type in (pygame.VIDEORESIZE, pygame.WINDOWSIZECHANGED):
                 self._resize()
-            elif not (self._clicked(event) or self.hands.take(event) or self._in_view(event)):
+            elif not (self._click(event) or self.input_manager.handle_event(event) or self._handle_mouse(event)):
                 rest.append(event)
         for event in rest:
-            menu = self.mode.menu
+            menu = self.page.menu
             if menu is not None:
                 # One by one: of a press and its release in one frame a menu would only see the first.
                 menu.update([event])
                 self._menu_touched += 1
             if menu is None or event.type != pygame.KEYDOWN:
-                self.mode.handle(event)
+                self.page.handle_event(event)
 
     def _resize(self) -> None:
         width, height = pygame.display.get_surface().get_size()
-        size = (max(width, LEAST[0]), max(height, LEAST[1]))
+        size = (max(width, MIN_SIZE[0]), max(height, MIN_SIZE[1]))
         if size != (width, height):
             pygame.display.set_mode(size, pygame.RESIZABLE)
         self.surface = pygame.display.get_surface()
-        self.shop.place = layout(self.surface.get_size())
-        self._painted.clear()
-        self.mode.relaid()
+        self.context.layout = layout(self.surface.get_size())
+        self._drawn.clear()
+        self.page.on_resize()
 
-    def _clicked(self, event: pygame.event.Event) -> bool:
-        """Tabs and the buttons of the strip."""
+    def _click(self, event: pygame.event.Event) -> bool:
+        """Handle a click on a tab or a key hint."""
         if event.type != pygame.MOUSEBUTTONDOWN or event.button != 1:
             return False
-        for area, mode in self.tabs:
-            if area.collidepoint(event.pos):
-                self.choose(mode)
-                return True
-        for area, act in self.chips:
-            if area.collidepoint(event.pos) and act is not None:
-                act()
+        targets = [(area, partial(self.choose, page)) for area, page in self.tabs]
+        for area, press in [*targets, *self.hints]:
+            if area.collidepoint(event.pos) and press is not None:
+                press()
                 return True
         return False
 
-    def choose(self, mode: Page) -> None:
-        """Go to another tab; what runs there is only ended when one asks twice."""
-        if mode is self.mode:
+    def choose(self, page: Page) -> None:
+        """Go to another page; something that runs here is only ended on a second request."""
+        if page is self.page:
             return
-        busy = self.mode.busy()
+        busy = self.page.busy()
         now = time.monotonic()
-        if busy and (self._asked[0] != mode.name or now - self._asked[1] > ASK_AGAIN_S):
-            self._asked = (mode.name, now)
-            self.shop.say(f"{mode.name} would end {busy}; click again to go there", style.WARNING)
+        if busy and (self._asked[0] != page.name or now - self._asked[1] > ASK_AGAIN_S):
+            self._asked = (page.name, now)
+            self.context.show_message(f"{page.name} would end {busy}; click again to go there", style.WARNING)
             return
-        self.mode.leave()
-        self.pane.release()
-        self.pane.hover = None
-        self.shop.say("")
-        self.mode = mode
-        self._painted.clear()
-        self.mode.enter()
+        self.page.leave()
+        self.viewport.release()
+        self.viewport.hover = None
+        self.context.show_message("")
+        self.page = page
+        self._drawn.clear()
+        self.page.enter()
 
-    def _in_view(self, event: pygame.event.Event) -> bool:
-        """The mouse over the bench; True where the event has done its service."""
-        view, shows = self.shop.place.view, self.mode.shows == "bench"
-        if event.type == pygame.MOUSEBUTTONUP and self.pane.dragging:
-            self.pane.release()
+    def _handle_mouse(self, event: pygame.event.Event) -> bool:
+        """Handle the mouse over the view; return whether the event is done with."""
+        view, viewport, page = self.context.layout.view, self.viewport, self.page
+        if event.type == pygame.MOUSEBUTTONUP and viewport.dragging:
+            viewport.release()
             return True
-        if not shows or event.type not in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEWHEEL):
+        mouse = (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEWHEEL)
+        if page.shows != "simulation" or event.type not in mouse:
             return False
-        pos = pygame.mouse.get_pos() if event.type == pygame.MOUSEWHEEL else event.pos
-        at, moment = (pos[0] - view.left, pos[1] - view.top), self.mode.moment()
-        if event.type == pygame.MOUSEMOTION and self.pane.dragging:
-            self.pane.move(at, event.rel, view.size, moment)
+        if event.type == pygame.MOUSEMOTION and viewport.dragging:
+            viewport.move(event.rel, view.size)
             return True
-        if not view.collidepoint(pos) or self.mode.handle(event):
+        pos = pygame.mouse.get_pos() if event.type == pygame.MOUSEWHEEL else event.pos
+        if not view.collidepoint(pos) or page.handle_event(event):
             return view.collidepoint(pos)
+        at = (pos[0] - view.left, pos[1] - view.top)
         if event.type == pygame.MOUSEWHEEL:
-            self.pane.zoom(event.precise_y if hasattr(event, "precise_y") else event.y)
+            viewport.zoom(event.precise_y if hasattr(event, "precise_y") else event.y)
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button in (1, 2, 3):
-            self.pane.press(at, event.button, view.size, moment, self.mode.pullable())
+            viewport.press(at, event.button, view.size, page.frame(), page.accepts_drag())
         elif event.type == pygame.MOUSEMOTION:
-            self.pane.point(at, view.size, moment, self.mode.pullable())
+            viewport.point(at, view.size, page.frame(), page.accepts_drag())
         return True
 
     # Drawing
 
     def draw(self) -> None:
-        """Areas whose key has changed since they were drawn."""
+        """Draw the areas whose key has changed since they were drawn."""
         changed: list[pygame.Rect] = []
-        for name, area, key, paint in self._areas():
-            if self._painted.get(name) != key:
-                self._painted[name] = key
-                paint(self.surface.subsurface(area.clip(self.surface.get_rect())))
+        for name, area, key, draw in self._areas():
+            if self._drawn.get(name) != key:
+                self._drawn[name] = key
+                draw(self.surface.subsurface(area.clip(self.surface.get_rect())))
                 changed.append(area)
         if changed:
             pygame.display.update(changed)
 
-    def _areas(self) -> list[tuple[str, pygame.Rect, Hashable, Callable[[pygame.Surface], None]]]:
-        place, mode = self.shop.place, self.mode
-        fresh = "all" not in self._painted
-        areas: list[tuple[str, pygame.Rect, Hashable, Callable[[pygame.Surface], None]]] = [
-            ("all", place.window, place.window.size, self._paint_ground),
-            ("top", place.top, panels.top_key(self), lambda s: panels.paint_top(self, s)),
-            ("panel", place.panel, self._panel_key(), self._paint_panel),
-            ("strip", place.strip, tuple(chip[:2] for chip in mode.chips()), lambda s: panels.paint_strip(self, s)),
-        ]
-        if mode.shows == "text":
-            areas.append(("text", place.text, time.monotonic() if fresh else _tenths(), mode.paint_text))
-            return areas
-        moment, (history, now_s) = mode.moment(), mode.history()
-        curve = (history.episode, len(history.time_s), now_s)
-        shown = moment or preview(robot_spec(self.shop.settings.robot).name, self.shop.settings.cloth)
-        view = (id(shown), self.pane.orbit, self.pane.hover, id(self.pane.pull), id(self.pane.lead), mode.banner())
-        areas += [
-            ("view", place.view, view, lambda s: self._paint_view(s, shown)),
-            ("status", place.status, panels.status_key(self), lambda s: panels.paint_status(self, s)),
-            ("camera", place.camera, id(moment), lambda s: self.pane.paint_camera(s, moment)),
-            ("contact", place.contact, curve, lambda s: draw_contact(s, history, now_s)),
-            ("word", place.word, curve, lambda s: draw_word(s, history, now_s)),
-        ]
-        return areas
+    def redraw(self) -> None:
+        """Draw everything."""
+        self._drawn.clear()
+        self.draw()
 
-    def _paint_ground(self, surface: pygame.Surface) -> None:
-        surface.fill(style.GROUND)
+    def _areas(self) -> list[_Area]:
+        place, page, status = self.context.layout, self.page, self.context.client.status
+        everything_new = "all" not in self._drawn
+        top = (page.name, self.input_manager.describe(), panels.real_time_factor(status))
+        areas: list[_Area] = [
+            ("all", place.window, place.window.size, self._draw_background),
+            ("top", place.top, top, partial(self._draw_top, top)),
+            ("panel", place.panel, self._panel_key(), self._draw_panel),
+            ("hints", place.hints, tuple(hint[:2] for hint in page.key_hints()), self._draw_key_hints),
+        ]
+        if page.shows == "text":
+            now = time.monotonic()
+            return [*areas, ("text", place.text, now if everything_new else int(10 * now), page.draw_text)]
+        frame, (series, now_s) = page.frame(), page.series()
+        curve = (series.episode, len(series.time_s), now_s)
+        shown = frame or initial_frame(self.context.settings.robot, self.context.settings.cloth)
+        viewport, message = self.viewport, (self.context.message, self.context.message_color)
+        view = (id(shown), viewport.camera, viewport.hover, id(viewport.drag), id(viewport.hand), page.banner())
+        line = (*message, status.get("timing"), status.get("controller"))
+        return [
+            *areas,
+            ("view", place.view, view, lambda s: self._draw_view(s, shown)),
+            ("status", place.status, line, lambda s: panels.draw_status(s, *message, status)),
+            ("camera", place.camera, id(frame), lambda s: viewport.draw_camera(s, frame)),
+            ("contact", place.contact, curve, lambda s: draw_contact(s, series, now_s)),
+            ("word", place.word, curve, lambda s: draw_word(s, series, now_s)),
+        ]
 
-    def _paint_view(self, surface: pygame.Surface, moment: BenchFrame) -> None:
-        surface.fill(style.GROUND)
-        self.pane.paint(surface, moment)
-        self.mode.paint_over(surface)
-        panels.paint_banner(surface, *self.mode.banner())
+    def _draw_background(self, surface: pygame.Surface) -> None:
+        surface.fill(style.BACKGROUND)
+
+    def _draw_top(self, texts: tuple[str, str, str], surface: pygame.Surface) -> None:
+        tabs = panels.draw_top(surface, [page.name for page in self.pages], *texts)
+        self.tabs = list(zip(tabs, self.pages, strict=True))
+
+    def _draw_key_hints(self, surface: pygame.Surface) -> None:
+        hints, corner = self.page.key_hints(), self.context.layout.hints.topleft
+        areas = panels.draw_key_hints(surface, hints)
+        self.hints = [(area.move(corner), hint.press) for area, hint in zip(areas, hints, strict=False)]
+
+    def _draw_view(self, surface: pygame.Surface, frame: SimulationFrame) -> None:
+        surface.fill(style.BACKGROUND)
+        self.viewport.draw(surface, frame)
+        self.page.draw_over(surface)
+        panels.draw_banner(surface, *self.page.banner())
 
     def _panel_key(self) -> Hashable:
-        if self.mode.menu is not None:
+        if self.page.menu is not None:
             # A cursor blinks twice a second.
-            return ("menu", id(self.mode.menu), self._menu_touched, int(2 * time.monotonic()))
-        return (self.mode.headline(), tuple(self.mode.rows()))
+            return ("menu", id(self.page.menu), self._menu_touched, int(2 * time.monotonic()))
+        return (self.page.headline(), tuple(self.page.rows()))
 
-    def _paint_panel(self, surface: pygame.Surface) -> None:
-        surface.fill(style.GROUND)
-        style.card(surface, surface.get_rect())
-        if self.mode.menu is not None:
+    def _draw_panel(self, surface: pygame.Surface) -> None:
+        surface.fill(style.BACKGROUND)
+        style.draw_card(surface, surface.get_rect())
+        if self.page.menu is not None:
             # A list that has dropped down would darken the whole window, of which only the panel is drawn again.
-            self.surface.set_clip(self.shop.place.panel)
-            self.mode.menu.draw(self.surface)
+            self.surface.set_clip(self.context.layout.panel)
+            self.page.menu.draw(self.surface)
             self.surface.set_clip(None)
         else:
-            panels.paint_rows(surface, self.mode.headline(), self.mode.rows())
-
-
-def _tenths() -> int:
-    return int(10 * time.monotonic())
+            panels.draw_rows(surface, self.page.headline(), self.page.rows())

@@ -1,4 +1,4 @@
-"""A person at the workstation: looks at the window, moves a pad that SDL takes for real, presses buttons and keys."""
+"""A person at the window, who moves a virtual gamepad and presses buttons and keys."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pygame
 import pygame_menu
 from pygame_menu.widgets import Button, DropSelect, TextInput
 
-from layflat.app.workstation.session.frame_channel import BenchFrame
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE
 from layflat.app.workstation.window.window import FRAMES_HZ, Window
@@ -25,44 +25,44 @@ from layflat.sim.robots.registry import robot_spec
 from layflat.tests.virtual_pad import VirtualPad
 
 PATIENCE_S = 90.0
-"""For a machine that does ten other things."""
+"""Time for a machine that does ten other things."""
 
 
 class Person:
-    """Sits before a window."""
+    """Looks at a window, and acts in it."""
 
     def __init__(self, window: Window, pad: VirtualPad | None = None) -> None:
         self.window = window
         self.pad = pad
         self.frames = 0
         self._expert: ScriptedDemonstrator | None = None
-        self._seen = (0, -1)
+        self._acted = (0, -1)
         self._clock = pygame.time.Clock()
 
     @property
     def status(self) -> dict:
-        return self.window.shop.link.status
+        return self.window.context.client.status
 
     def state(self) -> str:
         return str(self.status.get("state", ""))
 
-    def moment(self) -> BenchFrame | None:
-        return self.window.mode.moment()
+    def seen(self) -> SimulationFrame | None:
+        return self.window.page.frame()
 
     def look(self) -> None:
-        """One frame."""
+        """Run one frame."""
         self.window.frame()
         self.frames += 1
-        self._clock.step(FRAMES_HZ)
+        self._clock.tick(FRAMES_HZ)
 
     def wait(self, until: Callable[[], bool], what: str, seconds: float = PATIENCE_S) -> None:
         """Watch until it is so."""
         give_up = time.monotonic() + seconds
         while not until():
             if time.monotonic() > give_up:
-                shop = self.window.shop
+                shop = self.window.context
                 raise AssertionError(
-                    f"waited {seconds:.0f} s for {what}: {shop.message!r} {shop.link.sentence!r} {self.status}"
+                    f"waited {seconds:.0f} s for {what}: {shop.message!r} {shop.client.problem!r} {self.status}"
                 )
             self.look()
 
@@ -77,7 +77,7 @@ class Person:
         self.look()
         area = next(area for area, mode in self.window.tabs if mode.name == name)
         self.click(area.center)
-        assert self.window.mode.name == name, self.window.shop.message
+        assert self.window.page.name == name, self.window.context.message
 
     def click(self, at: tuple[int, int]) -> None:
         post(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0))
@@ -92,17 +92,17 @@ class Person:
         self.look()
 
     def press(self, text: str) -> None:
-        """Click on what the strip says, by what it does or by its key."""
+        """Click on a key hint, by its text or by its key."""
         self.window.draw()
-        for (area, _), chip in zip(self.window.chips, self.window.mode.chips(), strict=False):
-            if text in (chip.key, chip.does):
+        for (area, _), hint in zip(self.window.hints, self.window.page.key_hints(), strict=False):
+            if text in (hint.key, hint.text):
                 self.click(area.center)
                 return
-        raise AssertionError(f"no button {text!r} among {[chip[:2] for chip in self.window.mode.chips()]}")
+        raise AssertionError(f"no button {text!r} among {[hint[:2] for hint in self.window.page.key_hints()]}")
 
     def menu(self, text: str) -> None:
         """Press a button of the menu by what is written on it."""
-        menu = self.window.mode.menu
+        menu = self.window.page.menu
         assert menu is not None
         widget = next(w for w in menu.get_widgets() if isinstance(w, Button) and w.get_title() == text)
         menu.scroll_to_widget(widget)
@@ -111,7 +111,7 @@ class Person:
 
     def choose(self, number: int, name: str) -> None:
         """Open the ``number``-th list of the menu and click on what it has by that name."""
-        menu = self.window.mode.menu
+        menu = self.window.page.menu
         assert menu is not None
         widget = [w for w in menu.get_widgets() if isinstance(w, DropSelect)][number]
         names = [item[0] for item in widget.get_items()]
@@ -125,7 +125,7 @@ class Person:
 
     def widget(self, kind: type, number: int = 0) -> Any:
         """The ``number``-th widget of a kind in the menu, after a click on it, near its right end."""
-        menu = self.window.mode.menu
+        menu = self.window.page.menu
         assert menu is not None
         found = [w for w in menu.get_widgets() if isinstance(w, kind)][number]
         area = found.get_rect(to_real_position=True)
@@ -147,15 +147,12 @@ class Person:
         until: Callable[[], bool] = lambda: True,
         shot: Callable[[], None] | None = None,
     ) -> int | None:
-        """Take hold of a node with the mouse, or of what hides it, lead it by so many pixels, and let go.
-
-        Returns the node that is seen there.
-        """
-        moment, view = self.moment(), self.window.shop.place.view
-        assert moment is not None
-        x, y = self.window.pane.pixel_of(moment.nodes[node], view.size)
-        triangles = cloth_spec(moment.cloth).triangles()
-        seen = pick_node(moment.nodes, triangles, *self.window.pane.orbit.ray((x, y), view.size))
+        """Drag a node with the mouse, or what hides it, by so many pixels; return the node that is seen there."""
+        frame, view = self.seen(), self.window.context.layout.view
+        assert frame is not None
+        x, y = self.window.viewport.pixel_of(frame.nodes[node], view.size)
+        triangles = cloth_spec(frame.cloth).triangles()
+        seen = pick_node(frame.nodes, triangles, *self.window.viewport.camera.ray((x, y), view.size))
         self.drag_pixel((x + view.left, y + view.top), by, frames, until=until, shot=shot)
         return seen
 
@@ -168,7 +165,7 @@ class Person:
         until: Callable[[], bool] = lambda: True,
         shot: Callable[[], None] | None = None,
     ) -> None:
-        """The same of whatever is at a pixel of the window; it is held until then."""
+        """Drag what is at a pixel of the window, and release it when ``until`` is true."""
         post(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0))
         post(pygame.MOUSEBUTTONDOWN, pos=at, button=1)
         self.look()
@@ -188,25 +185,25 @@ class Person:
     # The pad
 
     def plug_in(self) -> VirtualPad:
-        """A pad, in the hands until ``unplug_all``."""
+        """Plug in a gamepad, until ``unplug_all``."""
         self.pad = VirtualPad()
         _PLUGGED.append(self.pad)
         return self.pad
 
     def begin(self, seconds: float = PATIENCE_S) -> None:
-        """Start the demonstration that waits, and see it count down."""
+        """Start the demonstration that waits, through its countdown."""
         self.wait(lambda: self.state() == "waiting" and bool(self.status.get("ready")), "the cloth to hang", seconds)
         self.pad.tap("cross")
         self.wait(lambda: self.state() == "running", "the countdown")
 
     def demonstrate(self, seed: int, *, n_steps: int | None = None, seconds: float = 240.0) -> None:
-        """Lay the cloth with the sticks, as the scripted demonstrator would from what the window shows."""
-        moment = self.moment()
-        assert moment is not None
-        if self._expert is None or self._seen[0] != moment.episode:
-            self._expert = self._teacher(moment)
+        """Lay the cloth with the sticks, as the scripted demonstrator would by what the window shows."""
+        frame = self.seen()
+        assert frame is not None
+        if self._expert is None or self._acted[0] != frame.episode:
+            self._expert = self._demonstrator(frame)
             self._expert.reset(seed)
-            self._seen = (moment.episode, -1)
+            self._acted = (frame.episode, -1)
         self.pad.axis("r2", 1.0)
         self.wait(
             lambda: self._move() or (n_steps is not None and self.status.get("steps", 0) >= n_steps), "the end", seconds
@@ -218,33 +215,30 @@ class Person:
             self.pad.axis(name, 0.0)
         self.look()
 
-    def _teacher(self, moment: BenchFrame) -> ScriptedDemonstrator:
-        spec, robot = cloth_spec(moment.cloth), robot_spec(moment.robot)
+    def _demonstrator(self, frame: SimulationFrame) -> ScriptedDemonstrator:
+        spec, robot = cloth_spec(frame.cloth), robot_spec(frame.robot)
         return ScriptedDemonstrator(
             robot, length_m=spec.length_m, columns=spec.columns, held_width_m=HELD_STRETCH * spec.width_m,
-            ground_truth=lambda: truth_of(self.moment()),
+            ground_truth=lambda: truth_of(self.seen()),
         )  # fmt: skip
 
     def _move(self) -> bool:
-        """Push the sticks as the newest moment asks for; True once the cloth lies."""
-        moment = self.moment()
-        if moment is None or (moment.episode, moment.step) == self._seen:
+        """Push the sticks as the newest frame asks for; return True once the cloth lies."""
+        frame = self.seen()
+        if frame is None or (frame.episode, frame.step) == self._acted:
             return self.state() not in ("running", "paused")
-        self._seen = (moment.episode, moment.step)
-        decision = self._expert.act(seen_of(moment))
+        self._acted = (frame.episode, frame.step)
+        decision = self._expert.act(observation_of(frame))
         if decision.stop is not None:
             return True
-        wanted = decision.action / ACTION_LIMIT_M
-        if moment.robot == "hanger":
-            self._stick("left", wanted[0], wanted[1])
-        else:
-            # The window's left is picker 2.
-            self._stick("right", wanted[0], wanted[2])
-            self._stick("left", wanted[3], wanted[5])
+        wanted = robot_spec(frame.robot).unpack(decision.action / ACTION_LIMIT_M)
+        # Of two points, the window's left one is the second.
+        for side, (right, _, up) in zip(("right", "left")[-len(wanted) :], wanted, strict=True):
+            self._stick(side, right, up)
         return False
 
     def _stick(self, side: str, right: float, up: float) -> None:
-        """Against the dead zone: what is wanted behind it."""
+        """Push a stick, beyond its dead zone."""
         length = min(math.hypot(right, up), 1.0)
         scale = (DEAD_ZONE + (1 - DEAD_ZONE) * length) / math.hypot(right, up) if length > 1e-6 else 0.0
         self.pad.axis(f"{side}_x", right * scale)
@@ -255,7 +249,7 @@ _PLUGGED: list[VirtualPad] = []
 
 
 def unplug_all() -> None:
-    """Every pad that anybody has plugged in; an SDL that ends under one crashes."""
+    """Unplug all gamepads; an SDL that ends before they do crashes."""
     while _PLUGGED:
         _PLUGGED.pop().unplug()
 
@@ -264,25 +258,25 @@ def post(kind: int, **values: object) -> None:
     pygame.event.post(pygame.event.Event(kind, values))
 
 
-def truth_of(moment: BenchFrame) -> GroundTruth:
-    return GroundTruth(nodes=moment.nodes, contact_portion_true=moment.contact_true, flat_area=moment.flat_area)
+def truth_of(frame: SimulationFrame) -> GroundTruth:
+    return GroundTruth(nodes=frame.nodes, contact_portion_true=frame.contact_true, flat_area=frame.flat_area)
 
 
-def seen_of(moment: BenchFrame) -> Observation:
+def observation_of(frame: SimulationFrame) -> Observation:
     return Observation(
-        time_s=moment.sim_s,
-        corner_positions=moment.corners,
-        holder_position=moment.holder,
-        word=moment.word,
-        word_strength=moment.strength,
-        contact_portion=moment.contact,
+        time_s=frame.sim_s,
+        corner_positions=frame.corners,
+        holder_position=frame.holder,
+        word=frame.word,
+        word_strength=frame.word_strength,
+        contact_portion=frame.contact,
     )
 
 
 def headless() -> None:
-    """SDL without a display and without sound."""
+    """Use SDL without a display and without sound."""
     sdl.prepare()
     os.environ["SDL_VIDEODRIVER"] = "dummy"
     os.environ["SDL_AUDIODRIVER"] = "dummy"
-    # It has no cursors either, of which pygame-menu would print a stack each time.
+    # It has no cursors either, which pygame-menu would report each time.
     pygame_menu.utils.warn = lambda *_: None

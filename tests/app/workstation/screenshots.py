@@ -16,7 +16,7 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from layflat.app.workstation.session.tasks import make_task
+from layflat.app.workstation.session.activities import make_activity
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.record import RecordPage
@@ -25,8 +25,8 @@ from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window.window import Window
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
-COLOURS = 224
-"""Of a picture's palette: a quarter of the bytes, and no eye sees the difference."""
+COLORS = 224
+"""Colors of a picture's palette: a quarter of the bytes, without a visible difference."""
 
 
 class Album:
@@ -39,32 +39,31 @@ class Album:
 
     def shoot(self, name: str) -> None:
         """Write ``workstation-<name>.png``."""
-        self.window._painted.clear()
-        self.window.draw()
+        self.window.redraw()
         rgb = np.ascontiguousarray(pygame.surfarray.array3d(self.window.surface).swapaxes(0, 1))
         path = self.out / f"workstation-{name}.png"
         palette = Image.fromarray(np.vstack([rgb, swatches(rgb.shape[1])]))
-        palette = palette.quantize(COLOURS, method=Image.Quantize.MEDIANCUT)
+        palette = palette.quantize(COLORS, method=Image.Quantize.MEDIANCUT)
         Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.NONE).save(path, optimize=True)
         print(f"{path} {path.stat().st_size // 1000} kB", flush=True)
 
     def settings(self, **changes: object) -> None:
-        shop = self.window.shop
+        shop = self.window.context
         shop.change(replace(shop.settings, **changes))  # type: ignore[arg-type]
-        self.window.mode.relaid()
+        self.window.page.on_resize()
 
     def wait_for_state(self, state: str) -> None:
         self.person.wait(lambda: self.person.state() == state, state, 60.0)
 
 
 def swatches(width: int) -> np.ndarray:
-    """(H, W, 3): the window's own colours, so that a palette has them however little of them is seen."""
+    """Return the window's own colors, (H, W, 3), so that a palette has them all."""
     own = [value for value in vars(style).values() if isinstance(value, tuple) and len(value) == 3]
     return np.repeat(np.repeat(np.array(own, np.uint8)[:, None], 16, axis=0), width, axis=1)
 
 
 def demonstrations(folder: Path) -> None:
-    """Sessions to train from, by the scripted demonstrator, where they are not there yet."""
+    """Record sessions to train from, where they do not exist yet."""
     for robot in ("hanger", "pickers"):
         path = folder / f"{robot}.h5"
         if not path.exists():
@@ -76,12 +75,12 @@ def demonstrations(folder: Path) -> None:
 
 def record(album: Album) -> None:
     person, window = album.person, album.window
-    album.settings(session="demonstrations.h5", speed="as fast as it goes", countdown_s=2.0, robot="hanger")
+    album.settings(session="demonstrations.h5", speed="as fast as possible", countdown_s=2.0, robot="hanger")
     album.shoot("record-menu")
     person.plug_in()
     for robot in ("hanger", "pickers"):
         album.settings(robot=robot, session=f"by-hand-{robot}.h5")
-        person.menu("Begin")
+        person.menu("Start")
         person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
         if robot == "hanger":
             person.pad.tap("cross")
@@ -101,22 +100,22 @@ def record(album: Album) -> None:
             album.wait_for_state("running")
         person.demonstrate(0)
         person.pad.tap("triangle")
-        person.wait(lambda: person.status.get("stored", 0) > 0 and person.state() == "waiting", "it to be kept")
-        assert isinstance(window.mode, RecordPage)
-        window.mode.stop()
+        person.wait(lambda: person.status.get("n_episodes", 0) > 0 and person.state() == "waiting", "it to be kept")
+        assert isinstance(window.page, RecordPage)
+        window.page.stop()
     person.pad.unplug()
 
 
-def lead_by_hand(album: Album) -> None:
+def guide_by_hand(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Record")
     album.settings(source="kinesthetic", robot="hanger", session="led.h5", speed="real time", countdown_s=0.0)
-    person.menu("Begin")
+    person.menu("Start")
     person.wait(lambda: person.state() == "waiting" and bool(person.status.get("ready")), "the cloth")
     person.key(pygame.K_RETURN)
     album.wait_for_state("running")
-    moment, view = person.moment(), window.shop.place.view
-    x, y = window.pane.pixel_of(moment.corners[1], view.size)
+    frame, view = person.seen(), window.context.layout.view
+    x, y = window.viewport.pixel_of(frame.corners[1], view.size)
     person.drag_pixel(
         (x + view.left, y + view.top),
         (70, 170),
@@ -124,7 +123,7 @@ def lead_by_hand(album: Album) -> None:
         until=lambda: person.status["steps"] >= 16,
         shot=lambda: album.shoot("kinesthetic"),
     )
-    window.mode.stop()
+    window.page.stop()
     album.settings(source="gamepad")
 
 
@@ -132,12 +131,12 @@ def train(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Train")
     for session in ("pickers", "hanger"):
-        mode = window.mode
-        mode.session, mode.model = f"{session}.h5", f"{session}-gp-word.npz"
-        mode.replace_model = True
-        mode.build()
+        page = window.page
+        page.session, page.model = f"{session}.h5", f"{session}-gp-word.npz"
+        page.overwrite = True
+        page.build()
         person.menu("Train")
-        person.wait(lambda mode=mode: mode.job is not None and mode.job.status is not None, "training", 180.0)
+        person.wait(lambda page=page: page.command is not None and page.command.status is not None, "training", 180.0)
         person.watch(0.3)
     album.shoot("train")
 
@@ -146,45 +145,47 @@ def place(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(model="hanger-gp-word.npz", speed="real time")
     person.tab("Place")
-    assert isinstance(window.mode, PlacePage)
-    window.mode.seed, window.mode.record = 21, "placed.h5"
-    window.mode.build()
+    assert isinstance(window.page, PlacePage)
+    window.page.seed, window.page.record = 21, "placed.h5"
+    window.page.build()
     person.menu("Place")
     person.wait(lambda: person.status.get("steps", 0) >= 42, "42 steps", 60.0)
     album.shoot("place")
     album.wait_for_state("placed")
     person.key(pygame.K_1)
     album.wait_for_state("disturbing")
-    person.wait(lambda: np.linalg.norm(window.mode.moment().force_n) > 0.3, "the push")
+    person.wait(lambda: np.linalg.norm(window.page.frame().force_n) > 0.3, "the push")
     person.watch(0.4)
     album.shoot("place-disturbed")
     album.wait_for_state("repairing")
     album.wait_for_state("placed")
     person.key(pygame.K_k)
-    person.wait(lambda: window.mode.finished, "it to be kept")
+    person.wait(lambda: window.page.finished, "it to be kept")
 
 
 def take_over(album: Album) -> None:
-    """A person takes the lead twice while a model places."""
+    """A person takes over twice while a model places."""
     person, window = album.person, album.window
     album.settings(model="hanger-gp-word.npz", speed="real time")
     person.plug_in()
     person.tab("Place")
-    assert isinstance(window.mode, PlacePage)
-    window.mode.seed, window.mode.record, window.mode.source = 21, "placed-corrected.h5", "gamepad"
-    window.mode.build()
+    assert isinstance(window.page, PlacePage)
+    window.page.seed, window.page.record, window.page.source = 21, "placed-corrected.h5", "gamepad"
+    window.page.build()
     person.menu("Place")
-    for n_steps, led in ((22, 5), (42, 16)):
+    for n_steps, human in ((22, 5), (42, 16)):
         person.wait(lambda n_steps=n_steps: person.status.get("steps", 0) >= n_steps, f"{n_steps} steps", 60.0)
         person.pad.axis("left_x", 0.5)
-        person.wait(lambda led=led: person.status["led_steps"] >= led, f"{led} steps of the person", 60.0)
-        if led == 5:
+        person.wait(
+            lambda human=human: person.status["intervention_steps"] >= human, f"{human} steps of the person", 60.0
+        )
+        if human == 5:
             person.rest()
-            person.wait(lambda: person.status["leads"] == "gp-word", "the model's lead", 60.0)
+            person.wait(lambda: person.status["controller"] == "gp-word", "the model", 60.0)
     album.shoot("take-over")
     person.rest()
-    window.mode.stop()
-    window.mode.source = "nobody"
+    window.page.stop()
+    window.page.source = "none"
     person.pad.unplug()
 
 
@@ -192,38 +193,38 @@ def disturb(album: Album) -> None:
     person, window = album.person, album.window
     album.settings(model="pickers-gp-word.npz")
     person.tab("Disturb")
-    assert isinstance(window.mode, PlacePage)
-    window.mode.seed = 5
-    window.mode.build()
-    person.menu("Lay and disturb")
+    assert isinstance(window.page, PlacePage)
+    window.page.seed = 5
+    window.page.build()
+    person.menu("Place and disturb")
     album.wait_for_state("placed")
     person.drag_node(
         45,
         (-90, -120),
         frames=40,
-        until=lambda: person.status["pulled_steps"] >= 9,
+        until=lambda: person.status["drag_steps"] >= 9,
         shot=lambda: album.shoot("disturb"),
     )
     album.wait_for_state("repairing")
-    window.mode.stop()
+    window.page.stop()
 
 
 def look_back(album: Album) -> None:
     person, window = album.person, album.window
     person.tab("Replay")
-    mode = window.mode
-    assert isinstance(mode, ReplayPage)
-    mode.session = "placed.h5"
-    mode.build()
+    page = window.page
+    assert isinstance(page, ReplayPage)
+    page.session = "placed.h5"
+    page.build()
     person.menu("Watch")
-    n_steps = [k for k, step in enumerate(mode.playback.episode.steps) if step.phase == "disturb"]
-    mode.to(n_steps[min(5, len(n_steps) - 1)])
+    n_steps = [k for k, step in enumerate(page.playback.episode.steps) if step.phase == "disturb"]
+    page.show(n_steps[min(5, len(n_steps) - 1)])
     album.shoot("replay")
     person.tab("Data")
-    window.mode.session = "hanger.h5"
-    window.mode.build()
+    window.page.session = "hanger.h5"
+    window.page.build()
     person.menu("Info")
-    person.wait(lambda: window.mode.job.status is not None, "info")
+    person.wait(lambda: window.page.command.status is not None, "info")
     person.watch(0.3)
     album.shoot("data")
     person.tab("Settings")
@@ -231,14 +232,14 @@ def look_back(album: Album) -> None:
 
 
 def small(album: Album) -> None:
-    """The least size that is still laid out."""
+    """The smallest size that is laid out."""
     person, window = album.person, album.window
     pygame.display.set_mode((960, 600), pygame.RESIZABLE)
     window._resize()
     album.settings(model="hanger-gp-word.npz")
     person.tab("Place")
-    window.mode.seed = 21
-    window.mode.build()
+    window.page.seed = 21
+    window.page.build()
     person.menu("Place")
     person.wait(lambda: person.status.get("steps", 0) >= 45, "45 steps", 60.0)
     album.shoot("small")
@@ -246,7 +247,7 @@ def small(album: Album) -> None:
 
 PARTS = {
     "record": record,
-    "lead": lead_by_hand,
+    "guide": guide_by_hand,
     "train": train,
     "place": place,
     "take-over": take_over,
@@ -258,12 +259,12 @@ PARTS = {
 
 def main(out: Path, folder: Path, parts: list[str]) -> None:
     headless()
-    os.environ["LAYFLAT_OPERATOR"] = "somebody"
+    os.environ["LAYFLAT_OPERATOR"] = "operator"
     folder.mkdir(parents=True, exist_ok=True)
     for old in [*folder.glob("by-hand*"), *folder.glob("placed*")] if not parts else []:
         old.unlink() if old.is_file() else old.rmdir()
     demonstrations(folder)
-    window = Window(folder, make_task)
+    window = Window(folder, make_activity)
     try:
         for name, part in PARTS.items():
             if not parts or name in parts:

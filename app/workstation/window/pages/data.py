@@ -1,4 +1,4 @@
-"""Data: everything that `layflat data` does to a session, by the very same commands."""
+"""DataPage: everything that `layflat data` does to a session, by the very same commands."""
 
 from __future__ import annotations
 
@@ -6,19 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import pygame_menu
-
-from layflat.app.workstation.window import menu_style
+from layflat.app.workstation.window.menu_style import Form
 from layflat.app.workstation.window.pages.command import CommandPage
 from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.data.format.schema import demo_number
-from layflat.data.session.reader import open_session
 from layflat.data.types import OUTCOMES
 
 INTRO = (
     "Look at, check, change and convert sessions.",
-    "Each operation is the command of the same name: what is shown here can be repeated in a terminal, and nothing is "
-    "replaced unless you say so.",
+    "Each operation is the command of the same name, which you can repeat in a terminal. No file is replaced unless "
+    "you switch that on.",
 )
 ANY = "any"
 
@@ -27,13 +24,13 @@ class Field(NamedTuple):
     """One option of a command."""
 
     name: str
-    about: str
+    label: str
     option: str
-    """``--out`` and the like; empty: the session comes twice (merge)."""
+    """``--out`` and the like; empty for a second session (merge)."""
     kind: str
-    """text, episode, outcome, format, session, switch."""
-    proposal: str = ""
-    """``{}`` stands for the session's name."""
+    """text, episode, outcome, format, session or switch."""
+    default: str = ""
+    """``{}`` stands for the name of the session, ``{op}`` for that of the operation."""
 
 
 _OUT = Field("out", "Session to write", "--out", "text", "{}-{op}.h5")
@@ -53,8 +50,8 @@ OPERATIONS: Mapping[str, tuple[Field, ...]] = {
         _OUTCOME,
         Field("source", "Source", "--source", "text"),
         Field("cloth", "Cloth", "--cloth", "text"),
-        Field("min-contact", "Contact at the end, at least", "--min-contact", "text"),
-        Field("max-contact", "Contact at the end, at most", "--max-contact", "text"),
+        Field("min-contact", "Final contact, at least", "--min-contact", "text"),
+        Field("max-contact", "Final contact, at most", "--max-contact", "text"),
         Field("min-steps", "Steps, at least", "--min-steps", "text"),
         Field("max-steps", "Steps, at most", "--max-steps", "text"),
     ),
@@ -62,16 +59,16 @@ OPERATIONS: Mapping[str, tuple[Field, ...]] = {
     "trim": (
         _EPISODE, _OUT,
         Field("start", "First step to keep", "--start", "text", "0"),
-        Field("stop", "Step after the last (empty: the end)", "--stop", "text"),
+        Field("stop", "Step after the last one (empty: the end)", "--stop", "text"),
     ),
     "repair": (Field("out", "Write to (empty: in place)", "--out", "text"),),
     "export": (
-        Field("format", "For", "--format", "format"), Field("out", "File or folder", "--out", "text", "{}-export"),
+        Field("format", "Format", "--format", "format"), Field("out", "File or folder", "--out", "text", "{}-export"),
         _OUTCOME, Field("images", "With images (lerobot)", "--no-images", "switch", "on"),
     ),
     "import": (Field("out", "Session to write", "--out", "text", "{}-imported.h5"),
-               Field("cloth", "Cloth (where it is not told)", "--cloth", "text")),
-    "video": (_EPISODE, Field("out", "Film to write", "--out", "text", "{}.webm")),
+               Field("cloth", "Cloth (if the file has none)", "--cloth", "text")),
+    "video": (_EPISODE, Field("out", "Video to write", "--out", "text", "{}.webm")),
     "plot": (Field("out", "Picture to write", "--out", "text", "{}.png"),),
 }  # fmt: skip
 """Every command of `layflat data`, and its options; a test compares them with the command line."""
@@ -81,101 +78,93 @@ PATHS = ("out",)
 
 @dataclass
 class DataPage(CommandPage):
+    """Page of `layflat data`."""
+
     name: str = "Data"
-    session: str = ""
     operation: str = "info"
     values: dict[str, str] = field(default_factory=dict)
-    """What was chosen or written, by the field's name."""
+    """Chosen and written values, by the field's name."""
     force: bool = False
-    intro: tuple[str, ...] = INTRO
-    _rebuild: bool = False
+    intro = INTRO
     _ended: SubprocessCommand | None = None
-    """The last command whose end was noticed."""
+    """Last command whose end was noticed."""
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Options of the chosen operation."""
+        return OPERATIONS[self.operation]
 
     def build(self) -> None:
-        shop, width = self.shop, self.shop.place.panel.width
-        self.menu = menu = menu_style.menu(shop.place.panel)
-        menu_style.heading(menu, "Data")
-        sessions = self._files()
-        if not sessions:
-            menu_style.note(menu, f"There is no session in {shop.folder}; record one first.", width)
+        """Make the menu."""
+        form = self.session_form("Data", "Session", self._files())
+        if form is None:
             return
-        self.session = self.session if self.session in sessions else sessions[0]
-        menu_style.choice(menu, "Session", sessions, self.session, self._take_session, width=width)
-        menu_style.choice(menu, "What to do", list(OPERATIONS), self.operation, self._take_operation, width=width)
-        for item in OPERATIONS[self.operation]:
-            self._build(menu, item, width)
-        if any(item.name in PATHS for item in OPERATIONS[self.operation]):
-            menu_style.switch(menu, "Replace if it exists", self.force, self._take_force)
-        menu_style.button(menu, self.operation.capitalize(), self.start, main=True)
-        menu_style.button(menu, "Cancel", self.cancel)
+        form.choice("Operation", list(OPERATIONS), self.operation, self._choose_operation)
+        for item in self.fields:
+            self._add_field(form, item)
+        if any(item.name in PATHS for item in self.fields):
+            form.switch("Replace if it exists", self.force, self._set_force)
+        form.button(self.operation.capitalize(), self.start, main=True)
+        form.button("Cancel", self.cancel)
 
     def _files(self) -> list[str]:
-        """Sessions; another tool's files too where they are to be imported."""
-        files = self.shop.sessions()
+        """Return the sessions; for an import, also files of other tools."""
+        files = self.context.sessions()
         if self.operation != "import":
             return files
-        return [*sorted(path.name for path in self.shop.folder.glob("*.hdf5")), *files]
+        return [*sorted(path.name for path in self.context.folder.glob("*.hdf5")), *files]
 
-    def _build(self, menu: pygame_menu.Menu, item: Field, width: int) -> None:
-        value = self.values.setdefault(item.name, self._proposal(item))
-        take = self._taker(item.name)
-        known: Mapping[str, Callable[[], list[str]]] = {
-            "episode": self._episodes, "outcome": lambda: [ANY, *OUTCOMES], "format": lambda: list(FORMATS),
-            "session": lambda: [name for name in self.shop.sessions() if name != self.session],
+    def _add_field(self, form: Form, item: Field) -> None:
+        value = self.values.setdefault(item.name, self._default(item))
+        change = self._setter(item.name)
+        choices: Mapping[str, Callable[[], list[str]]] = {
+            "episode": self.episode_names, "outcome": lambda: [ANY, *OUTCOMES], "format": lambda: list(FORMATS),
+            "session": lambda: [name for name in self.context.sessions() if name != self.session],
         }  # fmt: skip
-        if item.kind in known:
-            names = known[item.kind]()
+        if item.kind in choices:
+            names = choices[item.kind]()
             value = value if value in names else names[0] if names else ""
             self.values[item.name] = value
-            menu_style.choice(menu, item.about, names, value, take, width=width)
+            form.choice(item.label, names, value, change)
         elif item.kind == "switch":
-            menu_style.switch(menu, item.about, value == "on", lambda on: take("on" if on else "off"))
+            form.switch(item.label, value == "on", lambda on: change("on" if on else "off"))
         else:
-            menu_style.entry(menu, item.about, value, take, width=width)
+            form.entry(item.label, value, change)
 
-    def _proposal(self, item: Field) -> str:
-        return item.proposal.replace("{op}", self.operation).replace("{}", self.session.rsplit(".", 1)[0])
+    def _default(self, item: Field) -> str:
+        return item.default.replace("{op}", self.operation).replace("{}", self.session.rsplit(".", 1)[0])
 
-    def _episodes(self) -> list[str]:
-        try:
-            with open_session(self.shop.folder / self.session) as session:
-                return list(session.names)
-        except (ValueError, OSError):
-            return []
+    def _setter(self, name: str) -> Callable[[str], None]:
+        return lambda value: self.values.update({name: value})
 
-    def _taker(self, name: str) -> Callable[[str], None]:
-        return lambda value: self.values.update({name: value.strip()})
-
-    def _take_session(self, name: str) -> None:
+    def choose_session(self, name: str) -> None:
+        """Take another session."""
         if name != self.session:
-            self.session, self.values, self._rebuild = name, {}, True
+            self.session, self.values, self.rebuild = name, {}, True
 
-    def _take_operation(self, name: str) -> None:
+    def _choose_operation(self, name: str) -> None:
         if name != self.operation:
-            self.operation, self.values, self._rebuild = name, {}, True
+            self.operation, self.values, self.rebuild = name, {}, True
 
-    def _take_force(self, on: bool) -> None:
+    def _set_force(self, on: bool) -> None:
         self.force = on
 
     def update(self) -> None:
-        if self.job is not None and self.job.status is not None and self.job is not self._ended:
-            # It may have made a session that can be chosen now.
-            self._ended, self._rebuild = self.job, True
-        if self._rebuild and self.menu is not None:
-            self._rebuild = False
-            self.build()
+        """Offer the files that a command has written."""
+        if self.command is not None and not self.running and self.command is not self._ended:
+            self._ended, self.rebuild = self.command, True
+        super().update()
 
     def start(self) -> None:
+        """Start the command."""
         self.run(self.arguments())
 
     def arguments(self) -> list[str]:
-        """The command line of what was chosen."""
-        folder = self.shop.folder
+        """Return the command line of what was chosen."""
+        folder = self.context.folder
         found = ["data", self.operation, str(folder / self.session)]
-        fields = OPERATIONS[self.operation]
-        for item in fields:
-            value = self.values.get(item.name, self._proposal(item))
+        for item in self.fields:
+            value = self.values.get(item.name, self._default(item))
             if item.kind == "switch":
                 found += [item.option] if value == "off" and self.values.get("format") == "lerobot" else []
             elif not value or value == ANY:
@@ -188,4 +177,4 @@ class DataPage(CommandPage):
                 found += [item.option, str(demo_number(value))]
             else:
                 found += [item.option, str(folder / value) if item.name in PATHS else value]
-        return [*found, *(["--force"] if self.force and any(item.name in PATHS for item in fields) else [])]
+        return [*found, *(["--force"] if self.force and any(item.name in PATHS for item in self.fields) else [])]

@@ -1,232 +1,154 @@
-"""The seam between the window and its modes."""
+"""Page: base of the window's pages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import pygame
 import pygame_menu
 
-from layflat.app.workstation.session.bench_client import BenchClient
-from layflat.app.workstation.session.frame_channel import BenchFrame
-from layflat.app.workstation.teleop import Button, Command
-from layflat.app.workstation.window import settings, style
-from layflat.app.workstation.window.layout import WindowLayout
-from layflat.app.workstation.window.settings import Settings
+from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.context import FormRow, KeyHint, WindowContext
+from layflat.app.workstation.window.menu_style import Form
 from layflat.app.workstation.window.time_series import TimeSeries
-from layflat.data.types import DragTarget
+from layflat.data.session.reader import open_session
 
 ASK_AGAIN_S = 3.0
-"""What would end something is asked for twice within this time."""
-Shows: TypeAlias = Literal["bench", "text"]
-
-
-class KeyHint(NamedTuple):
-    """One button: what it is called, what it does now, and doing it (a click does, too)."""
-
-    key: str
-    does: str
-    act: Callable[[], None] | None = None
-    colour: style.Colour = style.TEXT
-
-
-CONTROL_COLOURS = {
-    Command.START: style.ACCENT,
-    Command.KEEP_SUCCESS: style.CONTACT,
-    Command.KEEP_FAILURE: style.WORD,
-    Command.DISCARD: style.WARNING,
-}
-
-
-def device_chips(
-    buttons: Iterable[Button], does: Mapping[str, str | None], press: Callable[[Command], None]
-) -> list[KeyHint]:
-    """A device's buttons that do something now (``does``, by the control's name), and then what moves."""
-    acting, moving = [], []
-    for button in buttons:
-        if button.control is None:
-            moving.append(KeyHint(button.name, button.does))
-        elif now := does.get(button.control.name):
-            colour = CONTROL_COLOURS.get(button.control, style.TEXT)
-            acting.append(KeyHint(button.name, now, partial(press, button.control), colour))
-    return acting + moving
-
-
-class FormRow(NamedTuple):
-    """A line of a panel: a name and what stands for it."""
-
-    name: str
-    value: str
-    colour: style.Colour = style.TEXT
+"""Time within which a second request ends what the first one only asked about."""
+MENU_HINTS = (KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and pan the view"))
+Shows: TypeAlias = Literal["simulation", "text"]
 
 
 @dataclass
-class WindowContext:
-    """What all modes share."""
+class Page:
+    """One tab of the window. A page overrides what it needs."""
 
-    folder: Path
-    settings: Settings
-    remember: bool
-    """Whether settings outlive the window."""
-    link: BenchClient
-    place: WindowLayout
-    message: str = ""
-    """The newest sentence, in the line below the bench."""
-    message_colour: style.Colour = style.QUIET
-    pull: DragTarget | None = None
-    """What the mouse pulls at now."""
-
-    def say(self, sentence: str, colour: style.Colour = style.QUIET) -> None:
-        self.message, self.message_colour = sentence, colour
-
-    def change(self, new: Settings) -> None:
-        """Remember settings, for the next time as well."""
-        if new != self.settings:
-            self.settings = new
-            if self.remember:
-                settings.save(self.folder, new)
-
-    def sessions(self) -> list[str]:
-        """Session files of the folder, the newest first."""
-        return _newest(self.folder, "*.h5")
-
-    def models(self) -> list[str]:
-        return _newest(self.folder, "*.npz")
-
-
-def _newest(folder: Path, pattern: str) -> list[str]:
-    found = [path for path in folder.glob(pattern) if path.is_file()]
-    return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
-
-
-class Page(Protocol):
-    """One tab of the window."""
-
-    name: str
-    shows: Shows
-    menu: pygame_menu.Menu | None
-    """What the panel holds; None: ``rows`` instead."""
-
-    def enter(self) -> None:
-        """The tab is chosen."""
-
-    def leave(self) -> None:
-        """Another one is; ends what runs, with everything kept that is to be kept."""
-
-    def close(self) -> None:
-        """The window ends, and with it what this mode has started."""
-
-    def busy(self) -> str:
-        """What would be ended by leaving, for a person; empty where there is nothing."""
-
-    def handle(self, event: pygame.event.Event) -> bool:
-        """A key, or the mouse in the view; True where it meant something here."""
-
-    def update(self) -> None:
-        """Once a frame."""
-
-    def relaid(self) -> None:
-        """The window has another size."""
-
-    def chips(self) -> list[KeyHint]:
-        """What each button does now."""
-
-    def rows(self) -> list[FormRow]:
-        """The panel while there is no menu."""
-
-    def headline(self) -> tuple[str, style.Colour]:
-        """The panel's first line while there is no menu."""
-
-    def hear(self, messages: list[dict[str, Any]]) -> None:
-        """What the bench said since the last frame."""
-
-    def banner(self) -> tuple[str, str]:
-        """Large words over the bench, and small ones below them; empty where there are none."""
-
-    def moment(self) -> BenchFrame | None:
-        """What the view shows."""
-
-    def history(self) -> tuple[TimeSeries, float | None]:
-        """The curves, and the moment that is marked in them."""
-
-    def paint_over(self, surface: pygame.Surface) -> None:
-        """Draw something on the view."""
-
-    def paint_text(self, surface: pygame.Surface) -> None:
-        """Draw what a mode without a bench has to say."""
-
-    def pullable(self) -> bool:
-        """Whether the mouse may pull at the cloth now."""
-
-
-@dataclass
-class BasePage:
-    """What most modes have in common."""
-
-    shop: WindowContext
+    context: WindowContext
     name: str = ""
-    shows: Shows = "bench"
+    shows: Shows = "simulation"
     menu: pygame_menu.Menu | None = None
+    """Content of the panel; None: ``rows`` instead."""
+    session: str = ""
+    """Session file that is chosen."""
+    seed: int = 0
+    rebuild: bool = False
+    """Whether the menu is made again in the next frame: not while one of its fields is changed."""
     past: TimeSeries = field(default_factory=TimeSeries)
 
     def enter(self) -> None:
+        """Handle that the tab was chosen."""
         self.build()
 
     def leave(self) -> None:
-        self.shop.link.end()
-        self.shop.link.moment, self.shop.link.status = None, {}
+        """Handle that another tab was chosen: end what runs, with everything saved that is to be saved."""
+        self.context.client.end()
+        self.context.client.frame, self.context.client.status = None, {}
 
     def close(self) -> None:
-        """Nothing but the bench, which the window ends."""
+        """Handle the end of the window: end what this page has started."""
 
     def build(self) -> None:
         """Make the menu."""
 
     def busy(self) -> str:
+        """Return what would be ended by leaving, for a person; empty where nothing would."""
         return ""
 
-    def handle(self, event: pygame.event.Event) -> bool:
+    def handle_event(self, event: pygame.event.Event) -> bool:
+        """Handle a key, or the mouse in the view; return whether it had an effect here."""
         return False
 
     def update(self) -> None:
-        moment = self.moment()
-        if moment is not None:
-            self.past.add(moment)
+        """Advance by one frame of the window."""
+        frame = self.frame()
+        if frame is not None:
+            self.past.add(frame)
+        if self.rebuild and self.menu is not None:
+            self.rebuild = False
+            self.build()
 
-    def relaid(self) -> None:
+    def on_resize(self) -> None:
+        """Handle that the window has another size."""
         if self.menu is not None:
             self.build()
 
-    def chips(self) -> list[KeyHint]:
-        return []
+    def on_event(self, events: list[dict[str, Any]]) -> None:
+        """Handle events of the activity since the last frame."""
+
+    def key_hints(self) -> list[KeyHint]:
+        """Return the effect of each button now."""
+        return list(MENU_HINTS)
 
     def rows(self) -> list[FormRow]:
+        """Return the panel while there is no menu."""
         return []
 
-    def headline(self) -> tuple[str, style.Colour]:
+    def headline(self) -> tuple[str, style.Color]:
+        """Return the panel's first line while there is no menu."""
         return self.name, style.TEXT
 
-    def hear(self, messages: list[dict[str, Any]]) -> None:
-        """Nothing."""
-
     def banner(self) -> tuple[str, str]:
+        """Return large words over the view, and small ones below them; empty where there are none."""
         return "", ""
 
-    def moment(self) -> BenchFrame | None:
-        return self.shop.link.moment
+    def frame(self) -> SimulationFrame | None:
+        """Return what the view shows."""
+        return self.context.client.frame
 
-    def history(self) -> tuple[TimeSeries, float | None]:
+    def series(self) -> tuple[TimeSeries, float | None]:
+        """Return the curves, and the time that is marked in them."""
         return self.past, None
 
-    def paint_over(self, surface: pygame.Surface) -> None:
-        """Nothing."""
+    def draw_over(self, surface: pygame.Surface) -> None:
+        """Draw something on the view."""
 
-    def paint_text(self, surface: pygame.Surface) -> None:
-        """Nothing."""
+    def draw_text(self, surface: pygame.Surface) -> None:
+        """Draw the content of a page without a simulation."""
 
-    def pullable(self) -> bool:
+    def accepts_drag(self) -> bool:
+        """Return whether the mouse may drag the cloth now."""
         return False
+
+    # Parts of menus
+
+    def new_form(self, title: str) -> Form:
+        """Start the menu."""
+        form = Form(self.context.layout.panel, title)
+        self.menu = form.menu
+        return form
+
+    def session_form(self, title: str, label: str, sessions: list[str] | None = None) -> Form | None:
+        """Start the menu with a choice of sessions; None where there is none, which the menu then says."""
+        form = self.new_form(title)
+        sessions = self.context.sessions() if sessions is None else sessions
+        if not sessions:
+            form.note(f"There is no session in {self.context.folder}; record one first.")
+            return None
+        self.session = self.session if self.session in sessions else sessions[0]
+        form.choice(label, sessions, self.session, self.choose_session)
+        return form
+
+    def choose_session(self, name: str) -> None:
+        """Take another session."""
+        if name != self.session:
+            self.session, self.rebuild = name, True
+
+    def set_seed(self, text: str) -> None:
+        """Take a seed, if it is one."""
+        self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
+
+    def setting(self, name: str) -> Callable[[Any], None]:
+        """Return a function that changes a setting of the window."""
+        return lambda value: self.context.change_settings(self.context.settings.with_value(name, value))
+
+    def episode_names(self) -> list[str]:
+        """Return the names of the session's episodes; none where it cannot be read, which is shown."""
+        try:
+            with open_session(self.context.folder / self.session) as session:
+                return list(session.names)
+        except (ValueError, OSError) as error:
+            self.context.show_message(str(error), style.WARNING)
+            return []

@@ -1,311 +1,241 @@
-"""Place and Disturb: a policy lays the cloth; whoever watches may pull at it or disturb it at any time."""
+"""PlacePage: a policy places the cloth; the person may drag it, disturb it or take over at any time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pygame
 
-from layflat.app.workstation.session.intervention import YOU
-from layflat.app.workstation.teleop import Command
+from layflat.app.workstation.session.requests import PlaceRequest
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
-from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.input_manager import InputManager
-from layflat.app.workstation.window.pages.page import BasePage, FormRow, KeyHint, device_chips
-from layflat.app.workstation.window.settings import with_one
-from layflat.policy import model_io as model_files
-from layflat.policy.registry import BUILTIN_POLICIES, RECOMMENDED_WRAPPERS
-from layflat.policy.spec import SCRIPTED
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.context import FormRow, KeyHint, device_key_hints
+from layflat.app.workstation.window.pages.activity import ActivityPage
+from layflat.app.workstation.window.pages.page import MENU_HINTS
+from layflat.app.workstation.window.settings import SPEEDS
+from layflat.policy import model_io
+from layflat.policy.registry import RECOMMENDED_WRAPPERS
+from layflat.policy.spec import BUILTIN_NAMES, PolicySpec
 from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.robots.registry import ROBOTS
 
 NAMED = tuple(name for name in DISTURBANCES if name != "none")
-"""Disturbances in the order of the keys."""
+"""Disturbances in the order of their keys."""
 DIGITS = "1234567890-="
-"""Keys that begin them; more of them than keys can be clicked at."""
-NOBODY = "nobody"
-HELP = {"nothing": (), **{name: (name,) for name in RECOMMENDED_WRAPPERS}, "both": RECOMMENDED_WRAPPERS}
-"""What can be around who decides, by what the menu calls it."""
+"""Keys of the disturbances; further ones can only be clicked."""
+NO_KEY = "•"
+NONE = "none"
+WRAPPERS = {NONE: (), **{name: (name,) for name in RECOMMENDED_WRAPPERS}, "both": RECOMMENDED_WRAPPERS}
+"""Wrappers around the policy, by their name in the menu."""
 STATES = {
     "ready": ("Ready", style.TEXT),
     "placing": ("Placing", style.ACCENT),
     "placed": ("Placed", style.CONTACT),
     "disturbing": ("Disturbed", style.WARNING),
     "repairing": ("Repairing", style.WORD),
-    "over": ("Over", style.WARNING),
+    "over": ("Ended", style.WARNING),
 }
 
 
 @dataclass
-class PlacePage(BasePage):
-    """``hurry``: the cloth is laid as fast as it goes, and then waits to be disturbed (the Disturb tab).
-
-    With ``hands`` a person may take over, by the device ``source``.
-    """
+class PlacePage(ActivityPage):
+    """Page of `layflat place`, with an optional device of a person who may take over."""
 
     name: str = "Place"
-    hands: InputManager | None = None
-    source: str = NOBODY
-    help: str = "nothing"
-    hurry: bool = False
-    seed: int = 0
+    source: str = NONE
+    wrappers: str = NONE
+    fast_forward: bool = False
+    """Whether to place as fast as possible, and then wait to be disturbed (the Disturb tab)."""
     record: str = ""
-    running: bool = False
-    finished: bool = False
+    """Session to record into; empty: nothing is recorded."""
+    _shown: str = ""
+    """Newest message of the activity that was shown."""
 
     def build(self) -> None:
-        shop, width = self.shop, self.shop.place.panel.width
-        self.menu = menu = menu_style.menu(shop.place.panel)
-        menu_style.heading(menu, self.name)
-        about = "Lays the cloth quickly, then it is yours to disturb." if self.hurry else "A policy lays the cloth."
-        menu_style.note(menu, about, width)
-        known = [*shop.models(), SCRIPTED, *BUILTIN_POLICIES]
-        chosen = shop.settings.model if shop.settings.model in known else known[0]
-        menu_style.choice(menu, "Who decides: a model, or a rule", known, chosen, self._choose, width=width)
-        self._choose(chosen)
-        if not chosen.endswith(".npz"):
-            self._bench_choices(menu, width)
-        if self.hands is not None:
-            sources = [NOBODY, *TELEOPERATORS]
-            menu_style.choice(menu, "Who may take over", sources, self.source, self._take_source, width=width)
-        about = "Help against folds and swinging"
-        menu_style.choice(menu, about, list(HELP), self.help, self._take_help, width=width)
-        menu_style.entry(menu, "Seed of the start", str(self.seed), self._take_seed, width=width)
-        menu_style.entry(menu, "Record into (empty: nowhere)", self.record, self._take_record, width=width)
-        menu_style.button(menu, "Lay and disturb" if self.hurry else "Place", self.start, main=True)
+        """Make the menu."""
+        now, form = self.context.settings, self.new_form(self.name)
+        form.note(
+            "Places the cloth quickly, for you to disturb." if self.fast_forward else "A policy places the cloth."
+        )
+        policies = [*self.context.models(), *BUILTIN_NAMES]
+        policy = now.model if now.model in policies else policies[0]
+        form.choice("Policy", policies, policy, self._choose_policy)
+        self._choose_policy(policy)
+        if not policy.endswith(".npz"):  # A model has its robot and its cloth.
+            form.choice("Robot", list(ROBOTS), now.robot, self.setting("robot"))
+            form.choice("Cloth", list(CLOTHS), now.cloth, self.setting("cloth"))
+        form.choice("Take over with", [NONE, *TELEOPERATORS], self.source, partial(setattr, self, "source"))
+        form.choice(
+            "Help against folds and swinging", list(WRAPPERS), self.wrappers, partial(setattr, self, "wrappers")
+        )
+        form.entry("Seed", str(self.seed), self.set_seed)
+        form.entry("Record into (empty: nothing)", self.record, partial(setattr, self, "record"))
+        form.button("Place and disturb" if self.fast_forward else "Place", self.start, main=True)
 
-    def _bench_choices(self, menu: Any, width: int) -> None:
-        """A model brings its robot and cloth with it; a rule does not."""
-        for name, known in (("robot", ["hanger", "pickers"]), ("cloth", list(CLOTHS))):
-            value = getattr(self.shop.settings, name)
-            menu_style.choice(menu, name.capitalize(), known, value, self._setter(name), width=width)
-
-    def _setter(self, name: str) -> Any:
-        return lambda value: self.shop.change(with_one(self.shop.settings, name, value))
-
-    def _choose(self, policy: str) -> None:
-        was = self.shop.settings.model
-        self.shop.change(replace(self.shop.settings, model=policy))
-        if was.endswith(".npz") != policy.endswith(".npz") and was:
-            self.shop.link.moment = None
-            self._rebuild = True
-
-    _rebuild: bool = False
-    _told: str | None = None
-    """What the bench said last."""
-
-    def _take_source(self, name: str) -> None:
-        self.source = name
-
-    def _take_help(self, name: str) -> None:
-        self.help = name
-
-    def _take_seed(self, text: str) -> None:
-        self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
-
-    def _take_record(self, text: str) -> None:
-        self.record = text.strip()
+    def _choose_policy(self, policy: str) -> None:
+        before = self.context.settings.model
+        self.setting("model")(policy)
+        if before and before.endswith(".npz") != policy.endswith(".npz"):
+            self.context.client.frame = None
+            self.rebuild = True
 
     def start(self) -> None:
-        """Begin a bench process for this seed."""
-        order = self._order()
-        if order is None or not self._take_hands(order):
+        """Start a placement of this seed."""
+        request = self._request()
+        if request is None or not self.run(request):
             return
-        self.menu, self.running, self.finished = None, True, False
-        self.past.episode, self._told = -1, None
-        self.shop.link.moment = None
-        self.shop.link.start(order, order["robot"])
-        self.shop.link.ask("start")
-        self.shop.say(f"hanging up the cloth of seed {self.seed}")
+        self._shown = ""
+        self.context.client.request("start")
+        self.context.show_message(f"hanging the cloth of seed {self.seed}")
 
-    def _take_hands(self, order: dict[str, Any]) -> bool:
-        """Take the device into the hands, and into the order; False where it cannot be had (which is said)."""
-        if self.hands is None or self.source == NOBODY:
-            return True
-        order["source"] = self.source
-        if not self.hands.use(self.source, order["robot"]):
-            self.shop.say(self.hands.problem, style.WARNING)
-            return False
-        return True
-
-    def _drop_hands(self) -> None:
-        if self.hands is not None:
-            self.hands.drop()
-
-    def _order(self) -> dict[str, Any] | None:
-        """What the bench is told, or None where the model cannot be read (which is said)."""
-        settings, policy = self.shop.settings, self.shop.settings.model
-        order: dict[str, Any] = {"work": "place", **settings.bench(), "seed": self.seed, "hurry": self.hurry}
-        order["with"] = list(HELP[self.help])
-        if policy.endswith(".npz"):
-            path = self.shop.folder / policy
+    def _request(self) -> PlaceRequest | None:
+        """Return the request, or None where the model cannot be read, which is shown."""
+        settings, name = self.context.settings, self.context.settings.model
+        sim_config, wrappers = settings.sim_config(), WRAPPERS[self.wrappers]
+        if name.endswith(".npz"):
             try:
-                model = model_files.load(path)
+                model = model_io.load(self.context.folder / name)
             except (ValueError, OSError) as error:
-                self.shop.say(str(error), style.WARNING)
+                self.context.show_message(str(error), style.WARNING)
                 return None
-            order |= {"policy": str(path), "robot": model.layout.robot, "cloth": model.cloth}
+            policy = PolicySpec(model=model, wrappers=wrappers)
+            robot = model.layout.robot.name
+            sim_config = replace(sim_config, robot=robot, cloth=model.cloth, descriptor=model.descriptor)
         else:
-            order["policy"] = policy or SCRIPTED
-        if self.record:
-            name = self.record if self.record.endswith(".h5") else f"{self.record}.h5"
-            order["record"] = str(self.shop.folder / name)
-        return order
-
-    def stop(self) -> None:
-        """Back to the menu."""
-        for message in self.shop.link.end():
-            self._hear(message)
-        self._back()
-
-    def _back(self) -> None:
-        self.running, self.shop.link.status = False, {}
-        self._drop_hands()
-        self.build()
-
-    def leave(self) -> None:
-        super().leave()
-        self.running = False
-        self._drop_hands()
+            policy = PolicySpec(builtin=name or BUILTIN_NAMES[0], wrappers=wrappers)
+        session = self.record if not self.record or self.record.endswith(".h5") else f"{self.record}.h5"
+        return PlaceRequest(
+            sim_config=sim_config,
+            seed=self.seed,
+            speed=SPEEDS[settings.speed],
+            images=settings.images,
+            source="" if self.source == NONE else self.source,
+            session=self.context.folder / session if session else None,
+            policy=policy,
+            fast_forward=self.fast_forward,
+        )
 
     def busy(self) -> str:
-        recording = self.running and self.record and self.shop.link.status.get("steps")
-        return "the recorded placing, whose steps would be kept as partial" if recording and not self.finished else ""
+        """Return what would be ended by leaving."""
+        recording = self.running and self.record and self.status.get("steps")
+        return "the recorded episode, and keep its steps as partial" if recording and not self.finished else ""
 
     def update(self) -> None:
+        """Show new messages of the activity."""
         super().update()
-        told = self.shop.link.status.get("message")
-        if self.running and not self.finished and told is not None and told != self._told:
-            self._told = told
-            self.shop.say(told)
-        if self._rebuild and self.menu is not None:
-            self._rebuild = False
-            self.build()
+        message = str(self.status.get("message", ""))
+        if self.running and not self.finished and message != self._shown:
+            self._shown = message
+            self.context.show_message(message)
 
-    def hear(self, messages: list[dict[str, Any]]) -> None:
-        """What the bench said."""
-        for message in messages:
-            self._hear(message)
-        if self.running and not self.shop.link.alive and not self.finished:
-            if self.shop.link.sentence:
-                self.shop.say(self.shop.link.sentence, style.WARNING)
-            self._back()
-
-    def _hear(self, message: dict[str, Any]) -> None:
-        if message["kind"] in ("kept", "discarded"):
+    def handle_activity_event(self, event: dict[str, Any]) -> None:
+        """Show what came of the episode."""
+        if event["event"] in ("saved", "discarded"):
             self.finished = True
-            self._drop_hands()
-            self.shop.say(message["line"], style.CONTACT if message["kind"] == "kept" else style.QUIET)
+            self.input_manager.release()
+            self.context.show_message(event["line"], style.CONTACT if event["event"] == "saved" else style.QUIET)
 
-    def again(self) -> None:
-        """The next seed."""
-        for message in self.shop.link.end():
-            self._hear(message)
+    def next_seed(self) -> None:
+        """End this episode and start the next seed."""
+        self._end()
         self.seed += 1
         self.start()
 
-    def handle(self, event: pygame.event.Event) -> bool:
+    def _ask(self, request: str, **values: Any) -> Callable[[], None]:
+        return partial(self.context.client.request, request, **values)
+
+    def handle_event(self, event: pygame.event.Event) -> bool:
+        """Handle keys."""
         if event.type != pygame.KEYDOWN or not self.running:
             return False
-        acts = {
-            pygame.K_SPACE: self._pause,
-            pygame.K_k: lambda: self.shop.link.ask("keep"),
-            pygame.K_x: lambda: self.shop.link.ask("discard"),
-            pygame.K_n: self.again,
+        actions: dict[int, Callable[[], None]] = {
+            pygame.K_SPACE: self._ask("pause"),
+            pygame.K_k: self._ask("save"),
+            pygame.K_x: self._ask("discard"),
+            pygame.K_n: self.next_seed,
             pygame.K_ESCAPE: self.stop,
+            **{ord(digit): self._ask("disturb", name=name) for digit, name in zip(DIGITS, NAMED, strict=False)},
         }
-        digit = chr(event.key) if 0 < event.key < 128 else ""
-        if digit and digit in DIGITS[: len(NAMED)]:
-            self.shop.link.ask("disturb", name=NAMED[DIGITS.index(digit)])
-            return True
-        if event.key in acts:
-            acts[event.key]()
-            return True
-        return False
+        action = actions.get(event.key)
+        if action is not None:
+            action()
+        return action is not None
 
-    def _pause(self) -> None:
-        self.shop.link.ask("pause")
+    def accepts_drag(self) -> bool:
+        """Return whether the mouse may drag the cloth now."""
+        return self.can_drag("placing", "placed", "disturbing", "repairing")
 
-    def pullable(self) -> bool:
-        leads = self.hands is not None and self.hands.leads()
-        return self.running and not leads and not self.finished and self._state() not in ("ready", "over", "")
-
-    def _state(self) -> str:
-        return str(self.shop.link.status.get("state", ""))
-
-    def chips(self) -> list[KeyHint]:
+    def key_hints(self) -> list[KeyHint]:
+        """Return the effect of each key and of each button of the device now."""
         if not self.running:
-            return [KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and shift the view")]
-        # Where keys are a person's device they go to that, and what they do else is clicked at.
-        keyed = self.source in (NOBODY, "gamepad") or self.finished
-        chips = [] if self.finished else self._acting_chips()
-        chips += [
-            KeyHint("N" if keyed else "•", "next seed", self.again),
-            KeyHint("Esc", "end, to the menu", self.stop),
-        ]
-        if not self.finished:
-            if self.hands is None or not self.hands.leads():
-                chips.append(KeyHint("drag", "pull at the cloth"))
-            for k, name in enumerate(NAMED):
-                key = DIGITS[k] if keyed and k < len(DIGITS) else "•"
-                chips.append(KeyHint(key, name, self._disturber(name), style.WORD))
-        return chips
+            return list(MENU_HINTS)
+        # A keyboard that takes over has all keys: their other effects can only be clicked.
+        has_keys = self.source in (NONE, "gamepad") or self.finished
+        seed = KeyHint("N" if has_keys else NO_KEY, "next seed", self.next_seed)
+        hints = [seed, KeyHint("Esc", "end, to the menu", self.stop)]
+        if self.finished:
+            return hints
+        if not self.input_manager.uses_mouse():
+            hints.append(KeyHint("drag", "pull at the cloth"))
+        for k, name in enumerate(NAMED):
+            key = DIGITS[k] if has_keys and k < len(DIGITS) else NO_KEY
+            hints.append(KeyHint(key, name, self._ask("disturb", name=name), style.WORD))
+        return [*self._episode_hints(), *hints]
 
-    def _acting_chips(self) -> list[KeyHint]:
-        """What becomes of the episode, by keys or by the buttons of the person's device."""
-        status, ask = self.shop.link.status, self.shop.link.ask
-        if self.hands is not None and self.source != NOBODY:
-            return device_chips(self.hands.help(), status.get("does", {}), self._control)
-        chips = [KeyHint("Space", "go on" if status.get("paused") else "pause", self._pause)]
-        if status.get("recording"):
-            chips.append(KeyHint("K", "keep", lambda: ask("keep"), style.CONTACT))
-            chips.append(KeyHint("X", "discard", lambda: ask("discard"), style.WARNING))
-        return chips
+    def _episode_hints(self) -> list[KeyHint]:
+        """Return what can be done with the episode, by keys or by the buttons of the person's device."""
+        if self.source != NONE:
+            effects: dict[str, str | None] = self.status.get("effects", {})
+            return device_key_hints(self.input_manager.help(), effects, self.context.send_command)
+        hints = [KeyHint("Space", "continue" if self.status.get("paused") else "pause", self._ask("pause"))]
+        if self.status.get("recording"):
+            hints.append(KeyHint("K", "keep", self._ask("save"), style.CONTACT))
+            hints.append(KeyHint("X", "discard", self._ask("discard"), style.WARNING))
+        return hints
 
-    def _control(self, control: Command) -> None:
-        self.shop.link.ask("control", name=control.name)
-
-    def _disturber(self, name: str) -> Callable[[], None]:
-        return lambda: self.shop.link.ask("disturb", name=name)
-
-    def headline(self) -> tuple[str, style.Colour]:
+    def headline(self) -> tuple[str, style.Color]:
+        """Return the state."""
         if self.finished:
             return "Finished", style.CONTACT
-        if self.shop.link.status.get("paused"):
+        if self.status.get("paused"):
             return "Paused", style.WORD
-        if self.shop.link.status.get("leads") == YOU:
-            return "You lead", style.LED
-        return STATES.get(self._state(), ("Hanging up…", style.QUIET))
+        if self.human_in_control:
+            return "You are in control", style.HUMAN
+        return STATES.get(self.state, ("Hanging the cloth…", style.QUIET))
 
     def rows(self) -> list[FormRow]:
-        status, moment = self.shop.link.status, self.moment()
-        rows = [
-            FormRow("policy", str(status.get("policy", Path(self.shop.settings.model).stem))),
+        """Return numbers of the episode."""
+        status, frame = self.status, self.frame()
+        time = contact = flat_area = force = ""
+        if frame is not None:
+            time, contact = f"{frame.sim_s:.1f} s, {frame.step} steps", f"{100 * frame.contact:.1f} %"
+            flat_area, force = f"{frame.flat_area:.3f}", f"{np.linalg.norm(frame.force_n):.2f} N"
+        n_drag = int(status.get("drag_steps", 0))
+        disturbances = [*status.get("disturbances", []), *([f"your drag ({n_drag} steps)"] if n_drag else [])]
+        human = [FormRow("you in control", f"{status.get('intervention_steps', 0)} steps", style.HUMAN)]
+        return [
+            FormRow("policy", str(status.get("policy", Path(self.context.settings.model).stem))),
             FormRow("seed", str(self.seed)),
-            FormRow("time", "" if moment is None else f"{moment.sim_s:.1f} s, {moment.step} steps"),
-            FormRow("contact", "" if moment is None else f"{100 * moment.contact:.1f} %", style.CONTACT),
-            FormRow("flat area", "" if moment is None else f"{moment.flat_area:.3f}"),
-            FormRow("disturbed by", ", ".join(self._befell()) or "nothing so far", style.WORD),
+            FormRow("time", time),
+            FormRow("contact", contact, style.CONTACT),
+            FormRow("flat area", flat_area),
+            FormRow("disturbances", ", ".join(disturbances) or "none so far", style.WORD),
+            FormRow("force", force, style.WARNING),
+            *(human if status.get("effects") else []),
+            FormRow("recorded into", self.record or "no file"),
         ]
-        if moment is not None:
-            rows.append(FormRow("force", f"{sum(f * f for f in moment.force_n) ** 0.5:.2f} N", style.WARNING))
-        if status.get("does"):
-            rows.append(FormRow("you led in", f"{status.get('led_steps', 0)} steps", style.LED))
-        rows.append(FormRow("recorded into", self.record or "nowhere"))
-        return rows
-
-    def _befell(self) -> list[str]:
-        status = self.shop.link.status
-        pulled = int(status.get("pulled_steps", 0))
-        return [*status.get("disturbances", []), *([f"your hand ({pulled} steps)"] if pulled else [])]
 
     def banner(self) -> tuple[str, str]:
-        if self.running and not self.shop.link.status and self.shop.link.alive:
-            return "Hanging up the cloth", f"seed {self.seed}"
-        if self.running and self.shop.link.status.get("paused"):
-            message = str(self.shop.link.status.get("message", ""))
-            return "Paused", message if message.startswith("paused") else "Space goes on"
+        """Return what the person waits for."""
+        if self.running and not self.status and self.context.client.alive:
+            return "Hanging the cloth", f"seed {self.seed}"
+        if self.running and self.status.get("paused"):
+            message = str(self.status.get("message", ""))
+            return "Paused", message if message.startswith("paused") else "Space continues"
         return "", ""

@@ -1,4 +1,4 @@
-"""Record: a person demonstrates, one take after another, into one session."""
+"""RecordPage: a person records demonstrations, one after another, into one session."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ from typing import Any
 
 import pygame
 
-from layflat.app.workstation.session.intervention import YOU
+from layflat.app.workstation.session.requests import RecordRequest
+from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.app.workstation.teleop.teleop_input import Command
-from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.input_manager import InputManager
-from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, BasePage, FormRow, KeyHint, device_chips
-from layflat.app.workstation.window.settings import SOURCES, with_one
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.context import FormRow, KeyHint, device_key_hints
+from layflat.app.workstation.window.pages.activity import ActivityPage
+from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, MENU_HINTS
+from layflat.app.workstation.window.settings import SPEEDS
 from layflat.data.session.reader import open_session
+from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.robots.registry import ROBOTS
 
 STATES = {
     "waiting": ("Ready", style.TEXT),
@@ -24,221 +28,173 @@ STATES = {
     "running": ("Recording", style.RECORDING),
     "paused": ("Paused", style.WORD),
     "finished": ("Keep it?", style.ACCENT),
-    "over": ("Over", style.QUIET),
+    "over": ("Ended", style.QUIET),
 }
 
 
 @dataclass
-class RecordPage(BasePage):
-    """``disturbance`` is what the device's disturb button begins."""
+class RecordPage(ActivityPage):
+    """Page of `layflat record` by a person."""
 
     name: str = "Record"
-    hands: InputManager | None = None
-    seed: int = 0
     episodes: int | None = None
+    """Number of episodes to keep; None: until the person quits."""
     disturbance: str = "push"
-    correct: str = ""
-    """Path of a model that places, and that the person takes over from; empty: they demonstrate."""
-    running: bool = False
+    """Disturbance that the device's disturb button starts."""
+    model: TrainedModel | None = None
+    """Policy that places and that the person takes over from; None: they demonstrate."""
+    print_lines: bool = False
+    """Whether lines about episodes go to stdout, too."""
     _escaped_s: float = -ASK_AGAIN_S
-    echo: bool = False
-    """Lines of what was kept go to stdout as well."""
 
     def build(self) -> None:
-        shop, width = self.shop, self.shop.place.panel.width
-        self.menu = menu = menu_style.menu(shop.place.panel)
-        menu_style.heading(menu, "Record")
-        menu_style.note(menu, "Demonstrations are added to a session; what is in it stays.", width)
-        known = {
-            "source": [source for source in SOURCES if source != "scripted"],
-            "robot": ["hanger", "pickers"],
-            "cloth": list(CLOTHS),
-        }
-        for name, values in known.items():
-            chosen = getattr(shop.settings, name)
-            menu_style.choice(menu, name.capitalize(), values, chosen, self._setter(name), width=width)
-        menu_style.entry(menu, "Session file", shop.settings.session, self._setter("session"), width=width)
-        menu_style.entry(menu, "First seed", str(self.seed), self._take_seed, width=width)
-        names = [name for name in DISTURBANCES if name != "none"]
-        menu_style.choice(menu, "Disturb button", names, self.disturbance, self._take_disturbance, width=width)
-        menu_style.button(menu, "Begin", self.start, main=True)
-        shop.say(self._about_session())
+        """Make the menu."""
+        now, form = self.context.settings, self.new_form("Record")
+        form.note("Demonstrations are added to a session; those already in it stay.")
+        for name, known in {"source": TELEOPERATORS, "robot": ROBOTS, "cloth": CLOTHS}.items():
+            form.choice(name.capitalize(), list(known), getattr(now, name), self.setting(name))
+        form.entry("Session file", now.session, self.setting("session"))
+        form.entry("First seed", str(self.seed), self.set_seed)
+        disturbances = [name for name in DISTURBANCES if name != "none"]
+        form.choice("Disturb button", disturbances, self.disturbance, self._set_disturbance)
+        form.button("Start", self.start, main=True)
+        self._describe_session()
 
-    def _setter(self, name: str) -> Any:
-        def take(value: str) -> None:
-            self.shop.change(with_one(self.shop.settings, name, value.strip()))
-            self.shop.say(self._about_session())
+    def setting(self, name: str) -> Any:
+        """Return a function that changes a setting, and then describes the session."""
+        change = super().setting(name)
 
-        return take
+        def change_and_describe(value: str) -> None:
+            change(value)
+            self._describe_session()
 
-    def _take_seed(self, text: str) -> None:
-        self.seed = int(text) if text.isdigit() and int(text) < 2**32 else self.seed
+        return change_and_describe
 
-    def _take_disturbance(self, name: str) -> None:
+    def _set_disturbance(self, name: str) -> None:
         self.disturbance = name
 
-    def _session(self) -> str:
-        name = self.shop.settings.session or "demos.h5"
+    def _session_name(self) -> str:
+        name = self.context.settings.session or "demos.h5"
         return name if name.endswith(".h5") else f"{name}.h5"
 
-    def _about_session(self) -> str:
-        """What is in the session that is named."""
-        path = self.shop.folder / self._session()
+    def _describe_session(self) -> None:
+        path = self.context.folder / self._session_name()
         if not path.exists():
-            return f"{path.name} is new"
+            self.context.show_message(f"{path.name} is new")
+            return
         try:
             with open_session(path) as session:
                 count = "one demonstration" if len(session) == 1 else f"{len(session)} demonstrations"
-                return f"{path.name} has {count}: {session.robot}, {session.cloth}"
+                self.context.show_message(f"{path.name} has {count}: {session.robot}, {session.cloth}")
         except (ValueError, OSError) as error:
-            return str(error)
+            self.context.show_message(str(error))
 
     def start(self) -> None:
-        settings = self.shop.settings
-        path = self.shop.folder / self._session()
-        order = {
-            "work": "record",
-            **settings.bench(),
-            "source": settings.source,
-            "record": str(path),
-            "seed": self.seed,
-            "countdown_s": settings.countdown_s,
-            "episodes": self.episodes,
-            "disturbance": self.disturbance,
-            "correct": self.correct,
-        }
-        if self.hands is not None and not self.hands.use(settings.source, order["robot"]):
-            self.shop.say(self.hands.problem, style.WARNING)
-            return
-        self.menu, self.running = None, True
-        self.past.episode = -1
-        self.shop.link.moment = None
-        self.shop.say("")
-        self.shop.link.start(order, order["robot"])
-
-    def stop(self) -> None:
-        """Back to the menu, with everything kept."""
-        last = self.shop.message
-        for message in self.shop.link.end():
-            last = self._hear(message) or last
-        self._back(last)
-
-    def _back(self, sentence: str, colour: style.Colour = style.QUIET) -> None:
-        self.running, self.shop.link.status = False, {}
-        if self.hands is not None:
-            self.hands.drop()
-        self.build()
-        if sentence:
-            self.shop.say(sentence, colour)
-
-    def leave(self) -> None:
-        for message in self.shop.link.end():
-            self._hear(message)
-        super().leave()
-        self.running = False
-        if self.hands is not None:
-            self.hands.drop()
+        """Start the recording."""
+        settings = self.context.settings
+        request = RecordRequest(
+            sim_config=settings.sim_config(),
+            seed=self.seed,
+            speed=SPEEDS[settings.speed],
+            images=settings.images,
+            source=settings.source,
+            session=self.context.folder / self._session_name(),
+            countdown_s=settings.countdown_s,
+            episodes=self.episodes,
+            disturbance=self.disturbance,
+            model=self.model,
+        )
+        if self.run(request):
+            self.context.show_message("")
 
     def busy(self) -> str:
-        status = self.shop.link.status
-        return "the running demonstration and keep it as partial" if self.running and status.get("steps") else ""
+        """Return what would be ended by leaving."""
+        steps = self.running and self.status.get("steps")
+        return "the running demonstration and keep it as partial" if steps else ""
 
-    def hear(self, messages: list[dict[str, Any]]) -> None:
-        """What the bench said; its end, whoever wanted it."""
-        for message in messages:
-            self._hear(message)
-        if self.running and not self.shop.link.alive:
-            sentence = self.shop.link.sentence
-            self._back(sentence or self.shop.message, style.WARNING if sentence else style.QUIET)
-
-    def _hear(self, message: dict[str, Any]) -> str:
-        line = str(message.get("line", ""))
-        if message["kind"] == "said":
-            if self.echo:
+    def handle_activity_event(self, event: dict[str, Any]) -> None:
+        """Show lines about episodes."""
+        if event["event"] == "line":
+            line = str(event["line"])
+            if self.print_lines:
                 print(line, flush=True)
-            self.shop.say(line, style.CONTACT if line.startswith("kept") else style.QUIET)
-        return line
+            self.context.show_message(line, style.CONTACT if line.startswith("kept") else style.QUIET)
 
-    def control(self, control: Command) -> None:
-        self.shop.link.ask("control", name=control.name)
-
-    def handle(self, event: pygame.event.Event) -> bool:
+    def handle_event(self, event: pygame.event.Event) -> bool:
+        """Handle Esc."""
         if self.running and event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE:
             self.escape()
             return True
         return False
 
     def escape(self) -> None:
-        """To the menu; of a demonstration that runs one is asked twice."""
+        """Go to the menu; a running demonstration is only ended on a second request."""
         now = time.monotonic()
         if self.busy() and now - self._escaped_s > ASK_AGAIN_S:
             self._escaped_s = now
-            self.shop.say(f"Esc would end {self.busy()}; once more does", style.WARNING)
+            self.context.show_message(f"Esc would end {self.busy()}; press it again to do so", style.WARNING)
         else:
             self.stop()
 
-    def pullable(self) -> bool:
-        leads = self.hands is not None and self.hands.leads()
-        return self.running and not leads and self.shop.link.status.get("state") == "running"
+    def accepts_drag(self) -> bool:
+        """Return whether the mouse may drag the cloth now."""
+        return self.can_drag("running")
 
-    def chips(self) -> list[KeyHint]:
-        if not self.running or self.hands is None:
-            return [KeyHint("Enter", "choose and press in the menu"), KeyHint("mouse", "turn, zoom and shift the view")]
-        does: dict[str, str | None] = self.shop.link.status.get("does", {})
-        return [*device_chips(self.hands.help(), does, self.control), KeyHint("Esc", "to the menu", self.escape)]
+    def key_hints(self) -> list[KeyHint]:
+        """Return the effect of each button of the device now."""
+        if not self.running:
+            return list(MENU_HINTS)
+        effects: dict[str, str | None] = self.status.get("effects", {})
+        hints = device_key_hints(self.input_manager.help(), effects, self.context.send_command)
+        return [*hints, KeyHint("Esc", "to the menu", self.escape)]
 
-    def headline(self) -> tuple[str, style.Colour]:
-        status = self.shop.link.status
-        if status.get("state") == "waiting" and not status.get("ready"):
-            return "Hanging up…", style.QUIET
-        if status.get("leads") == YOU:
-            return "You lead", style.LED
-        return STATES.get(str(status.get("state")), ("Starting…", style.QUIET))
+    def headline(self) -> tuple[str, style.Color]:
+        """Return the state."""
+        if self.state == "waiting" and not self.status.get("ready"):
+            return "Hanging the cloth…", style.QUIET
+        if self.human_in_control:
+            return "You are in control", style.HUMAN
+        return STATES.get(self.state, ("Starting…", style.QUIET))
 
     def rows(self) -> list[FormRow]:
-        status, settings = self.shop.link.status, self.shop.settings
+        """Return numbers of the demonstration and of the recording."""
+        status, settings = self.status, self.context.settings
         counts: dict[str, int] = status.get("counts", {})
         kept = f"{counts.get('success', 0)} success, {counts.get('failure', 0)} failure"
         partial = counts.get("partial", 0)
+        policy, source = status.get("assisted_policy"), settings.source
+        by = f"{policy}, corrected by {source}" if policy else source
         return [
             FormRow("demonstration", f"seed {status.get('seed', self.seed)}"),
-            FormRow("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('n_steps', 0)} steps"),
+            FormRow("time", f"{status.get('time_s', 0.0):.1f} s, {status.get('steps', 0)} steps"),
             FormRow("contact", f"{100 * status.get('contact', 0.0):.1f} %", style.CONTACT),
             FormRow("flat area", f"{status.get('flat_area', 0.0):.3f}"),
             FormRow("kept", kept + (f", {partial} partial" if partial else ""), style.CONTACT),
             FormRow("discarded", str(counts.get("discarded", 0))),
-            FormRow("in the session", f"{status.get('stored', 0)} in {self._session()}"),
-            FormRow("robot", f"{settings.robot}, {settings.cloth}, by {self._who()}"),
+            FormRow("in the session", f"{status.get('n_episodes', 0)} in {self._session_name()}"),
+            FormRow("robot", f"{settings.robot}, {settings.cloth}, by {by}"),
             FormRow("", str(status.get("message", "")), style.QUIET),
         ]
 
-    def _who(self) -> str:
-        """Whose demonstrations these are."""
-        helped, source = self.shop.link.status.get("helped"), self.shop.settings.source
-        return f"{helped}, corrected by {source}" if helped else source
-
     def banner(self) -> tuple[str, str]:
-        status = self.shop.link.status
-        state = status.get("state")
+        """Return what the person should do now."""
+        status, message = self.status, str(self.status.get("message", ""))
+        ready = bool(status.get("ready"))
         if not self.running:
             return "", ""
-        if state == "countdown":
-            if not status.get("ready"):
-                return "Hanging up the cloth", f"seed {status.get('seed')}"
-            return f"{max(1, round(0.5 + status.get('countdown', 0.0) - 1e-6))}", "get ready"
-        if state == "running" and status.get("awaits_motion"):
-            if status.get("helped"):
-                return "Stopped", str(status.get("message", ""))
-            return "Go", "time runs with your first motion"
-        if state == "paused":
-            return "Paused", str(status.get("message", ""))
-        if state == "finished":
-            return "Keep it?", str(status.get("message", ""))
-        if state == "waiting":
-            return ("Ready" if status.get("ready") else "Hanging up the cloth"), self._first_press()
-        return ("Starting the bench", "") if not status and self.shop.link.alive else ("", "")
+        if self.state == "countdown":
+            left_s = float(status.get("countdown", 0.0))
+            seconds = max(1, round(0.5 + left_s - 1e-6))
+            return (str(seconds), "get ready") if ready else ("Hanging the cloth", f"seed {status.get('seed')}")
+        if self.state == "running" and status.get("waiting_for_motion"):
+            return ("Stopped", message) if status.get("assisted_policy") else ("Go", "starts when you move")
+        if self.state in ("paused", "finished"):
+            return STATES[self.state][0], message
+        if self.state == "waiting":
+            return ("Ready" if ready else "Hanging the cloth"), self._start_hint()
+        return ("Starting the simulation", "") if not status and self.context.client.alive else ("", "")
 
-    def _first_press(self) -> str:
-        does = self.shop.link.status.get("does", {}).get("START")
-        names = [button.name for button in self.hands.help() if button.control is Command.START] if self.hands else []
-        return f"{names[0]}: {does}" if names and does else ""
+    def _start_hint(self) -> str:
+        effect = self.status.get("effects", {}).get(Command.START.name)
+        names = [button.name for button in self.input_manager.help() if button.command is Command.START]
+        return f"{names[0]}: {effect}" if names and effect else ""

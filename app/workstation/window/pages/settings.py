@@ -1,68 +1,66 @@
-"""Settings: what the bench is made of, how fast it runs, what is kept."""
+"""SettingsPage: parts and speed of the simulation, and what is saved."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import pygame
 
-from layflat.app.workstation.window import menu_style, style
-from layflat.app.workstation.window.pages.page import BasePage, KeyHint, Shows
-from layflat.app.workstation.window.settings import SPEEDS, with_one
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.context import KeyHint
+from layflat.app.workstation.window.pages.page import Page, Shows
+from layflat.app.workstation.window.settings import SPEEDS
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.robots.registry import ROBOTS
 
 ABOUT = (
-    ("Robot", "hanger: a Panda arm holds the cloth by two clips and moves forth, back, up and down, as in chapter 4-3 "
-     "of the thesis. pickers: two free hands, one at each corner, three axes each (chapter 4-2)."),
+    ("Robot", "hanger: a Panda arm holds the cloth by two clips and moves forward, back, up and down, as in chapter 4-3"
+     " of the thesis. pickers: two free hands, one at each corner, three axes each (chapter 4-2)."),
     ("Cloth", "towel: 35 by 35 cm. napkin: 27.5 by 21.5 cm, thinner. towel-fine: the towel with a finer mesh, slower."),
-    ("Descriptor", "What says in which direction the wrinkles contract. A session has one, and so has a model."),
+    ("Descriptor", "How the direction in which the wrinkles contract is measured. Sessions and models have one each."),
     ("Speed", "Simulated over wall time, at most. Data are the same at any speed: a step is a step."),
-    ("Camera noise", "The depth noise of a real camera. Perception is made for it; without it things look cleaner than"
-     " they ever are."),
-    ("Keep images", "Every step's camera image goes into the session, about 16 MB an episode."),
+    ("Camera noise", "The depth noise of a real camera. Perception is made for it; without it, images are cleaner than"
+     " real ones ever are."),
+    ("Save images", "Saves every step's camera image in the session, about 16 MB an episode."),
 )  # fmt: skip
 
 
 @dataclass
-class SettingsPage(BasePage):
+class SettingsPage(Page):
+    """Page of settings; each is kept as soon as it is chosen."""
+
     name: str = "Settings"
     shows: Shows = "text"
 
     def build(self) -> None:
-        shop, width, now = self.shop, self.shop.place.panel.width, self.shop.settings
-        self.menu = menu = menu_style.menu(shop.place.panel)
-        menu_style.heading(menu, "Settings")
-        known = {
-            "robot": ["hanger", "pickers"], "cloth": list(CLOTHS), "descriptor": list(DESCRIPTORS),
-            "speed": list(SPEEDS),
-        }  # fmt: skip
-        for name, values in known.items():
-            menu_style.choice(menu, name.capitalize(), values, getattr(now, name), self._setter(name), width=width)
+        """Make the menu."""
+        now, form = self.context.settings, self.new_form("Settings")
+        choices = {"robot": ROBOTS, "cloth": CLOTHS, "descriptor": DESCRIPTORS, "speed": SPEEDS}
+        for name, known in choices.items():
+            form.choice(name.capitalize(), list(known), getattr(now, name), self.setting(name))
         seconds = [f"{s} s" for s in (0, 1, 2, 3, 5)]
-        menu_style.choice(menu, "Countdown", seconds, f"{now.countdown_s:g} s", self._take_countdown, width=width)
-        menu_style.switch(menu, "Camera noise", now.noise, self._setter("noise"))
-        menu_style.switch(menu, "Keep images", now.images, self._setter("images"))
+        form.choice("Countdown", seconds, f"{now.countdown_s:g} s", self._set_countdown)
+        form.switch("Camera noise", now.noise, self.setting("noise"))
+        form.switch("Save images", now.images, self.setting("images"))
 
-    def _setter(self, name: str) -> Any:
-        return lambda value: self.shop.change(with_one(self.shop.settings, name, value))
-
-    def _take_countdown(self, text: str) -> None:
-        self.shop.change(replace(self.shop.settings, countdown_s=float(text.split()[0])))
+    def _set_countdown(self, text: str) -> None:
+        self.setting("countdown_s")(float(text.split()[0]))
 
     def leave(self) -> None:
-        """Everything is remembered as it is chosen."""
+        """Do nothing: nothing runs here."""
 
-    def chips(self) -> list[KeyHint]:
+    def key_hints(self) -> list[KeyHint]:
+        """Return the keys of the menu."""
         return [KeyHint("Enter", "choose in the menu"), KeyHint("arrows", "go up and down in it")]
 
-    def paint_text(self, surface: pygame.Surface) -> None:
-        surface.fill(style.GROUND)
-        style.card(surface, surface.get_rect())
+    def draw_text(self, surface: pygame.Surface) -> None:
+        """Draw an explanation of each setting."""
+        surface.fill(style.BACKGROUND)
+        style.draw_card(surface, surface.get_rect())
         inner = surface.get_rect().inflate(-40, -32)
         y = inner.top
-        for name, sentence in (*ABOUT, ("Folder", f"Sessions and models: {self.shop.folder}")):
-            style.write(surface, name, (inner.left, y), 15, style.TEXT, face=style.BOLD)
+        for name, sentence in (*ABOUT, ("Folder", f"Sessions and models: {self.context.folder}")):
+            style.draw_text(surface, name, (inner.left, y), 15, style.TEXT, face=style.BOLD)
             rest = pygame.Rect(inner.left, y + 22, min(inner.width, 680), inner.bottom - y - 22)
-            y = style.write_block(surface, sentence, rest, 14, style.QUIET) + 14
+            y = style.draw_block(surface, sentence, rest, 14, style.QUIET) + 14

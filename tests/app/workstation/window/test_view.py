@@ -1,0 +1,170 @@
+"""The orbit camera, the drawn scene, the curves and the layout of the window."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pygame
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from layflat.app.workstation.window import style
+from layflat.app.workstation.window.layout import layout
+from layflat.app.workstation.window.orbit_camera import OrbitCamera
+from layflat.app.workstation.window.playback import Playback
+from layflat.app.workstation.window.time_series import MIN_SPAN_S, TimeSeries, draw_contact
+from layflat.app.workstation.window.view3d import Scene, View3d
+from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.robots.hanger import PandaHanger
+from layflat.sim.robots.panda import inverse_kinematics
+
+SIZE = (640, 480)
+orbits = st.builds(
+    OrbitCamera,
+    azimuth=st.floats(-3.1, 3.1),
+    elevation=st.floats(0.1, 1.5),
+    distance=st.floats(0.5, 3.5),
+)
+pixels = st.tuples(st.floats(0, SIZE[0]), st.floats(0, SIZE[1]))
+
+
+@given(orbit=orbits, pixel=pixels, far=st.floats(0.2, 3.0))
+def test_a_point_behind_a_pixel_is_seen_there(orbit, pixel, far):
+    origin, direction = orbit.ray(pixel, SIZE)
+    assert np.linalg.norm(direction) == pytest.approx(1.0)
+    seen, depth = orbit.project(origin + far * direction, SIZE)
+    np.testing.assert_allclose(seen[0], pixel, atol=1e-6)
+    assert 0 < depth[0] <= far + 1e-9
+
+
+@given(orbit=orbits, pixel=pixels, by=st.tuples(st.floats(-80, 80), st.floats(-80, 80)))
+def test_a_dragged_point_follows_the_mouse(orbit, pixel, by):
+    origin, direction = orbit.ray(pixel, SIZE)
+    point = origin + 0.8 * direction
+    moved = orbit.dragged(point, *by, SIZE[1])
+    seen, depth = orbit.project([point, moved], SIZE)
+    np.testing.assert_allclose(seen[1] - seen[0], by, atol=1e-6)
+    assert depth[1] == pytest.approx(depth[0])
+
+
+@given(orbit=orbits, by=st.tuples(st.floats(-20, 20), st.floats(-20, 20)))
+def test_the_target_stays_in_the_middle_and_pans_with_the_mouse(orbit, by):
+    where, _ = orbit.project(orbit.target, SIZE)
+    np.testing.assert_allclose(where[0], [SIZE[0] / 2, SIZE[1] / 2], atol=1e-6)
+    panned = orbit.panned(*by, SIZE[1])
+    if np.all(np.array(panned.target) > [-0.39, -0.69, 0.01]) and np.all(np.array(panned.target) < [0.99, 0.69, 0.69]):
+        where, _ = panned.project(orbit.target, SIZE)
+        np.testing.assert_allclose(where[0] - [SIZE[0] / 2, SIZE[1] / 2], by, atol=0.5)
+
+
+def test_zooming_has_a_limit_and_turning_stays_above_the_table():
+    orbit = OrbitCamera()
+    assert orbit.zoomed(1).distance < orbit.distance < orbit.zoomed(-1).distance
+    assert orbit.zoomed(1000).distance > 0.2
+    assert orbit.turned(0, 10_000).eye()[2] > 0
+    assert orbit.turned(0, -10_000).eye()[2] > 0
+    assert orbit.turned(50, 0).turned(-50, 0) == orbit
+
+
+def cloth_share(picture: np.ndarray) -> np.ndarray:
+    """Return where the picture has the cloth's blue, (H, W)."""
+    red, _, blue = (picture[..., k].astype(int) for k in range(3))
+    return (blue - red > 60) & (blue > 90)
+
+
+@pytest.mark.parametrize("name", ["towel", "napkin"])
+def test_the_cloth_is_drawn_where_it_is(name):
+    spec = cloth_spec(name)
+    nodes = spec.flat_nodes()
+    view = View3d(spec, None)
+    orbit = OrbitCamera(elevation=1.2)
+    cloth = cloth_share(view.draw(Scene(nodes=nodes), orbit, SIZE))
+    inner = nodes.reshape(spec.rows, spec.columns, 3)[1:-1, 1:-1].reshape(-1, 3)
+    for x, y in np.rint(orbit.project(inner, SIZE)[0]).astype(int):
+        assert cloth[y, x]
+    # As large as it looks: the outline's area by the shoelace formula.
+    corners = nodes.reshape(spec.rows, spec.columns, 3)[[0, -1, -1, 0], [0, 0, -1, -1]]
+    x, y = orbit.project(corners, SIZE)[0].T
+    area = abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2
+    assert cloth.sum() == pytest.approx(area, rel=0.03)
+
+
+def test_a_nearer_thing_hides_one_behind_it():
+    """The arm hides a cloth behind it, and a cloth in front hides the arm."""
+    spec = cloth_spec("towel")
+    view = View3d(spec, PandaHanger.arm_shape(spec))
+    joints = inverse_kinematics(np.array([0.2, 0.0, 0.3]))
+    nodes = spec.flat_nodes() + np.array([0.1, 0.25, 0.4])
+    shares = [
+        cloth_share(
+            view.draw(Scene(nodes=nodes, joints=joints), OrbitCamera(elevation=elevation, azimuth=-1.2), SIZE)
+        ).sum()
+        for elevation in (0.1, 1.3)
+    ]
+    alone = [
+        cloth_share(view.draw(Scene(nodes=nodes), OrbitCamera(elevation=elevation, azimuth=-1.2), SIZE)).sum()
+        for elevation in (0.1, 1.3)
+    ]
+    assert shares[0] < alone[0]
+    assert shares[1] < alone[1]
+    above = spec.flat_nodes() + np.array([0.1, 0.25, 1.3])
+    from_above = OrbitCamera(elevation=1.5, target=(0.25, 0.25, 0.4), distance=2.5)
+    hidden = [
+        cloth_share(view.draw(s, from_above, SIZE)).sum()
+        for s in (Scene(nodes=above, joints=joints), Scene(nodes=above))
+    ]
+    # Except for a pixel of the arm's foot at a corner.
+    assert hidden[0] == pytest.approx(hidden[1], abs=5)
+
+
+@pytest.mark.parametrize("size", [(960, 600), (1280, 720), (1366, 768), (1920, 1080), (3840, 2160), (400, 300)])
+def test_nothing_in_the_window_overlaps(size):
+    place = layout(size)
+    areas = {
+        name: getattr(place, name) for name in ("top", "panel", "view", "status", "camera", "contact", "word", "hints")
+    }
+    for name, area in areas.items():
+        assert place.window.contains(area), name
+        assert area.width >= 200, name
+        assert area.height >= 24, name
+    for (one, a), (other, b) in itertools.combinations(areas.items(), 2):
+        assert not a.colliderect(b), f"{one} and {other}"
+    assert place.text.contains(place.view)
+    assert place.text.contains(place.word)
+    # The camera's image is 4 to 3, and is shown like that.
+    assert place.camera.width / place.camera.height == pytest.approx(4 / 3, abs=0.35)
+
+
+def human_band(series: TimeSeries, width: int = 300) -> list[bool]:
+    """Return for the middle of each second whether the band of a person in control is drawn."""
+    pygame.font.init()
+    style.clear_cache()
+    surface = pygame.Surface((width, 160))
+    draw_contact(surface, series)
+    drawn = (pygame.surfarray.array3d(surface) == style.HUMAN).all(axis=2).any(axis=1)
+    left, right = 42, width - 14  # Of the plot on its card.
+    columns = [round(left + (s + 0.5) / MIN_SPAN_S * (right - left - 1)) for s in range(int(MIN_SPAN_S))]
+    return drawn[columns].tolist()
+
+
+@given(st.lists(st.booleans(), min_size=10, max_size=10))
+@settings(max_examples=20, deadline=None)
+def test_the_curves_show_when_a_person_was_in_control(human):
+    """A step a second, so that each has its own place."""
+    series = TimeSeries(
+        episode=1, time_s=[float(s) for s in range(11)], contact=[0.5] * 11, angle_deg=[np.nan] * 11,
+        phase=["place"] * 11, human=[False, *human],
+    )  # fmt: skip
+    assert human_band(series) == human
+
+
+def test_a_replay_shows_when_a_person_was_in_control(lying, make_episode):
+    episode = lying(make_episode(disturbed=False))
+    marks = [False, True, True, False, False, True]
+    steps = tuple(replace(step, intervention=mark) for step, mark in zip(episode.steps, marks, strict=True))
+    shown = Playback("s.h5 demo_0", replace(episode, steps=steps))
+    assert [shown.frame(k).human_in_control for k in range(7)] == [False, *marks]
+    assert ["a person is in control" in shown.active_disturbances(k) for k in range(6)] == marks
