@@ -50,10 +50,13 @@ def test_every_picture_is_shown() -> None:
     assert unused == []
 
 
-@pytest.mark.parametrize(
-    "name",
-    [name for name in NAMES if name != "CHANGELOG.md"],
-)
+def test_named_tests_exist() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    named = {*re.findall(r"\btest_\w+", text), *(f"test_{name}" for name in re.findall(r"-k (\w+)", text))}
+    assert named <= {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "CHANGELOG.md"])
 def test_examples_compile_and_command_lines_parse(name: str) -> None:
     assert examples.faults((ROOT / name).read_text(encoding="utf-8")) == []
 
