@@ -1,4 +1,4 @@
-"""The numbers of docs/explanation/results/camera.md: `pytest -m slow -s -k frame_numbers` prints them."""
+"""The numbers of docs/explanation/results/camera.md: `pytest -m slow -s -k frame_accuracy` prints them."""
 
 from __future__ import annotations
 
