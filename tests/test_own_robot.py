@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import layflat
 from layflat.data.robot import one_point
+from layflat.data.session.recorder import SessionRecorder
+from layflat.policy import model_io, registry
 from layflat.policy.environment import Environment
 from layflat.sim.camera.replay_scene import ReplayScene
 from layflat.sim.config import SimConfig
@@ -62,3 +67,20 @@ def test_it_is_drawn_and_has_a_gymnasium_environment() -> None:
     with ReplayScene("twin-pickers", "napkin") as scene:
         assert scene.render(nodes, holder, 80, 60).std() > 10
     assert robot_spec("twin-pickers").action_names == ("dx", "dy", "dz")
+
+
+def test_it_records_learns_and_places(tmp_path: Path) -> None:
+    env = layflat.make_env(robot="twin-pickers", cloth="napkin")
+    scripted, demos = layflat.load_policy("scripted"), tmp_path / "demos.h5"
+    with SessionRecorder(demos, robot=env.spec.robot, cloth="napkin") as recorder:
+        for seed in (1, 2):
+            recorder.save(layflat.rollout(env, scripted, seed=seed))
+    with layflat.open_session(demos) as session:
+        assert [episode.outcome for episode in session] == ["success", "success"]
+        assert session[0].robot == env.spec.robot
+        model_io.save(registry.train("nearest", session[:]), tmp_path / "model.npz")
+    episode = layflat.rollout(env, layflat.load_policy(str(tmp_path / "model.npz")), seed=3)
+    env.close()
+    assert episode.robot == env.spec.robot
+    assert episode.steps[0].action.shape == (3,)
+    assert episode.outcome == "success"
