@@ -46,10 +46,11 @@ def typed_attributes(group: h5py.Group, types: Mapping[str, type]) -> dict[str, 
             )
         if _in_global_heap(stored.get_type()):
             raise DataError(f"attribute {key} of {group.name} is of variable length; it must be stored at its length")
-        value = attributes[key]
-        if isinstance(value, bytes):
-            value = value.decode("utf-8")
-        plain: Any = value.item() if isinstance(value, np.generic) else value
+        buffer = np.empty((), stored.dtype)
+        stored.read(buffer)
+        plain: Any = buffer.item()
+        if isinstance(plain, bytes):
+            plain = plain.decode("utf-8")
         if type(plain) is not wanted:
             raise DataError(f"attribute {key} of {group.name} is {type(plain).__name__}; it must be {wanted.__name__}")
         found[key] = cast(Attribute, plain)

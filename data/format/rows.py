@@ -22,9 +22,7 @@ def default_rows(field: schema.Field, shape: tuple[int, ...]) -> NDArray[Any]:
 
 def read_rows(group: h5py.Group, key: str, rows: slice = slice(None)) -> NDArray[Any]:
     """Return rows of a data set of a checked demo, or their default where it is absent."""
-    field = schema.FIELDS.get(key)
-    if field is None:
-        raise DataError(f"{key!r} is no data set of an episode; known ones are {', '.join(schema.FIELDS)}")
+    field = schema.FIELDS[key]
     if key not in group:
         if field.default is None:
             raise DataError(f"{group.name} was recorded without {key}")
@@ -54,9 +52,6 @@ def concatenated(
     keys: Sequence[str], lengths: Sequence[int], readers: Iterable[Callable[[str], NDArray[Any]]]
 ) -> dict[str, NDArray[Any]]:
     """Return the rows of episodes of these lengths one after another; each reader reads a key of one episode."""
-    for key in keys:
-        if key not in schema.STEP_KEYS:
-            raise DataError(f"{key!r} has no row per step; those that have are {', '.join(schema.STEP_KEYS)}")
     found: dict[str, NDArray[Any]] = {
         "episode": np.repeat(np.arange(len(lengths)), lengths),
         "step": np.concatenate([np.arange(length) for length in lengths] or [np.zeros(0, int)]),

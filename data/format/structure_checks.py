@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import prod
@@ -44,34 +44,39 @@ class Violations(list[Violation]):
             self.append(Violation(path=path, message=str(error)))
 
 
-def check_demo(group: h5py.Group, *, file_bytes: int) -> DemoInfo:
-    """Check names, types and shapes against the schema; DataError in one sentence where one is wrong."""
+def check_demo(group: h5py.Group, *, file_bytes: int, keys: Collection[str] | None = None) -> DemoInfo:
+    """Check names, types and shapes against the schema; DataError in one sentence where one is wrong.
+
+    With ``keys`` only the attributes and these data sets are checked.
+    """
     found = Violations()
-    info = inspect_demo(group, found, file_bytes=file_bytes)
+    info = inspect_demo(group, found, file_bytes=file_bytes, keys=keys)
     if info is None:
         raise DataError(found[0].message)
     return info
 
 
-def inspect_demo(group: h5py.Group, found: Violations, *, file_bytes: int) -> DemoInfo | None:
+def inspect_demo(
+    group: h5py.Group, found: Violations, *, file_bytes: int, keys: Collection[str] | None = None
+) -> DemoInfo | None:
     """Add everything that is wrong to ``found``; return the demo's info, or None where anything is wrong."""
     before, name = len(found), str(group.name)
     attributes = _attributes(group, found)
     if attributes is None:
         return None
     _inspect_values(group, attributes, found)
-    _inspect_members(group, found)
+    _inspect_members(group, found, keys)
     if len(found) > before:
         return None
     n_steps, robot = int(attributes[schema.NUM_SAMPLES]), robot_of(attributes)
     lengths = {"N": n_steps, "N+1": n_steps + 1, "A": robot.size}
-    for field in schema.FIELDS.values():
+    for field in schema.FIELDS.values() if keys is None else [schema.FIELDS[key] for key in keys]:
         with found.at(f"{name}/{field.key}"):
             if field.key in group:
                 _check_dataset(group[field.key], f"{name}/{field.key}", field, robot.hand_shape, lengths, file_bytes)
             elif not field.optional or (field in schema.GROUND_TRUTH_FIELDS and schema.FLAT_AREA_FINAL in attributes):
                 raise DataError(f"{name} has no data set {field.key}")
-    if len(found) == before:
+    if len(found) == before and keys is None:
         _inspect_consistency(group, attributes, lengths, found)
     if len(found) > before:
         return None
@@ -138,9 +143,12 @@ def _attributes(group: h5py.Group, found: Violations) -> dict[str, Attribute] | 
     wanted = {**schema.DEMO_ATTRIBUTES, schema.DIGEST: str}
     if not any(key in group.attrs for key in schema.GROUND_TRUTH_ATTRIBUTES):
         wanted = {key: kind for key, kind in wanted.items() if key not in schema.GROUND_TRUTH_ATTRIBUTES}
-    for key, kind in wanted.items():
-        with found.at(f"{name}@{key}"):
-            attributes |= typed_attributes(group, {key: kind})
+    try:
+        attributes = typed_attributes(group, wanted)
+    except DataError:
+        for key, kind in wanted.items():
+            with found.at(f"{name}@{key}"):
+                typed_attributes(group, {key: kind})
     if len(found) > before:
         return None
     with found.at(f"{name}@{schema.DIGEST}"):
@@ -171,12 +179,13 @@ def _inspect_values(group: h5py.Group, attributes: Mapping[str, Attribute], foun
         robot_of(attributes)
 
 
-def _inspect_members(group: h5py.Group, found: Violations) -> None:
+def _inspect_members(group: h5py.Group, found: Violations, keys: Collection[str] | None) -> None:
     before = len(found)
     inspect_links(group, found)
     if len(found) > before:
         return
-    for key in (schema.OBS, schema.NEXT_OBS, schema.GROUND_TRUTH):
+    groups = (schema.OBS, schema.NEXT_OBS, schema.GROUND_TRUTH)
+    for key in groups if keys is None else {key.rpartition("/")[0] for key in keys if "/" in key}:
         with found.at(f"{group.name}/{key}"):
             if key not in group and key == schema.GROUND_TRUTH:
                 continue

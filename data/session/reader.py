@@ -7,7 +7,7 @@ moves them into ``FILE.h5``. A reader shows both as one and writes nothing, so t
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -59,7 +59,8 @@ class _Demo:
     """Name of the demo in that file."""
     file: Path
     row: IndexRow
-    checked: bool
+    checked: set[str]
+    """Data sets that were checked against the schema."""
 
 
 class Session(Sequence[Episode]):
@@ -140,8 +141,10 @@ class Session(Sequence[Episode]):
 
     def array(self, name: str, key: str, rows: slice = slice(None)) -> NDArray[Any]:
         """Read rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only these rows are read."""
+        if key not in schema.FIELDS:
+            raise DataError(f"{key!r} is no data set of an episode; known ones are {', '.join(schema.FIELDS)}")
         with errors_name(self._demo(name).file):
-            return read_rows(self.group(name), key, rows)
+            return read_rows(self._checked_group(name, (key,)), key, rows)
 
     def arrays(self, keys: Sequence[str], names: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
         """Read columns for learning: the steps of several episodes one after another.
@@ -166,7 +169,13 @@ class Session(Sequence[Episode]):
             If a key is unknown or has no row per step, or an episode is damaged or was recorded without it.
         """
         chosen = self.names if names is None else tuple(names)
+        for key in keys:
+            if key not in schema.STEP_KEYS:
+                raise DataError(f"{key!r} has no row per step; those that have are {', '.join(schema.STEP_KEYS)}")
         lengths = [self.info(name).n_steps for name in chosen]
+        for name in chosen:
+            with errors_name(self._demo(name).file):
+                self._checked_group(name, keys)
         return concatenated(keys, lengths, (partial(self.array, name) for name in chosen))
 
     def select(self, *, outcome: Outcome | None = None, source: str | None = None) -> tuple[str, ...]:
@@ -179,15 +188,20 @@ class Session(Sequence[Episode]):
 
     def group(self, name: str) -> h5py.Group:
         """Return the HDF5 group of an episode, checked against the schema."""
+        with errors_name(self._demo(name).file):
+            return self._checked_group(name, None)
+
+    def _checked_group(self, name: str, keys: Collection[str] | None) -> h5py.Group:
+        """Return the group of an episode after checking its attributes and these data sets, or all of them."""
         demo = self._demo(name)
-        with errors_name(demo.file):
-            data = demo.opened[schema.DATA]
-            if not demo.checked:
-                check_hard_link(data, demo.key)
-                if check_demo(data[demo.key], file_bytes=demo.opened.id.get_filesize()) != demo.row.info:
-                    raise DataError(f"{data.name}/{demo.key} does not agree with the file's index")
-                demo.checked = True
-            return data[demo.key]
+        data, wanted = demo.opened[schema.DATA], set(schema.FIELDS if keys is None else keys) - demo.checked
+        if wanted:
+            check_hard_link(data, demo.key)
+            size, group = demo.opened.id.get_filesize(), data[demo.key]
+            if check_demo(group, file_bytes=size, keys=keys and wanted) != demo.row.info:
+                raise DataError(f"{data.name}/{demo.key} does not agree with the file's index")
+            demo.checked |= wanted
+        return data[demo.key]
 
     def index_rows(self) -> dict[str, IndexRow]:
         """Return the row of each episode in the index, as it is or would be."""
@@ -286,7 +300,9 @@ class Session(Sequence[Episode]):
                 if row.info.shared != self.shared:
                     raise DataError(f"/{schema.DATA}/{name} is {differences(row.info.shared, self.shared)}")
                 if row.info.uid not in skip:
-                    demo = _Demo(opened=opened, key=name, file=file, row=row, checked=not indexed)
+                    demo = _Demo(
+                        opened=opened, key=name, file=file, row=row, checked=set() if indexed else set(schema.FIELDS)
+                    )
                     self._demos[self._free(name)] = demo
             n_steps = sum(row.info.n_steps for row in rows.values())
             if n_steps != session[schema.TOTAL]:
