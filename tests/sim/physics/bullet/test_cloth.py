@@ -1,4 +1,4 @@
-"""The cloth's quality in Bullet: stretch, sag, rest, folds, and the drape of a fine mesh (docs/performance.md)."""
+"""The cloth's quality in Bullet: stretch, sag, rest, folds, and the drape of a fine mesh (docs/explanation/pybullet.md)."""
 
 from __future__ import annotations
 
