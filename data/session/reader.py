@@ -153,7 +153,7 @@ class Session(Sequence[Episode]):
         ----------
         keys : sequence of str
             Data sets with one row per step: ``obs/word``, ``next_obs/contact_portion``, ``action_m``, ``phase``,
-            ``intervention``, ``states``, ... (docs/data.md lists all of them with units and frames).
+            ``intervention``, ``states``, ... (docs/reference/session-file.md lists all of them with units and frames).
         names : sequence of str, optional
             Episodes by name; all by default.
 

@@ -44,6 +44,12 @@ def test_links_anchors_and_pictures_exist(name: str) -> None:
         assert not anchor or anchor in anchors(path), f"{name} links {target}"
 
 
+def test_pages_named_in_the_code_exist() -> None:
+    code = [path for folder in (*generated.PACKAGES, "app", "tests") for path in (ROOT / folder).rglob("*.py")]
+    named = {name for path in code for name in re.findall(r"docs/[\w/-]+\.md", path.read_text(encoding="utf-8"))}
+    assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
+
+
 def test_every_picture_is_shown() -> None:
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     unused = [path.name for path in (ROOT / "docs/images").iterdir() if f"images/{path.name}" not in text]

@@ -1,4 +1,4 @@
-"""The cloth's quality in Bullet: stretch, sag, rest, folds, and the drape of a fine mesh (docs/explanation/pybullet.md)."""
+"""The cloth in Bullet: stretch, sag, rest, folds, drape of a fine mesh (docs/explanation/pybullet.md)."""
 
 from __future__ import annotations
 
