@@ -12,7 +12,6 @@ from pathlib import Path
 from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
 from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import clear, run_evaluation
-from layflat.app.evaluation.suites import cases_of
 from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.media.frames import contact_sheet, disturbance_steps, placing_steps
 from layflat.app.media.png import write_png
@@ -25,13 +24,17 @@ from layflat.app.reproduce.studies import RULE, ModelSpec
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
+from layflat.app.workers.work_item import DisturbanceCase
 from layflat.policy.registry import RECOMMENDED_WRAPPERS
+from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.trained_model import RegressionModel
 from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.disturbances.presets import DISTURBANCES
 
 DEMONSTRATIONS = 10
 """As many as the thesis gave its robot (chapter 4-3-2)."""
 DISTURBANCE = "thesis"
+"""Once in an episode, unlike in the suite of that name: the demo has five minutes on two cores."""
 FINISH = "gp-finish"
 TRAINED = (BASELINE, PROPOSED, FINISH)
 FINISHER = "+".join((FINISH, *RECOMMENDED_WRAPPERS))
@@ -87,8 +90,8 @@ def plan_of(store: ArtifactStore, robots: Sequence[str], cloth: str, seeds: Sequ
         baseline, proposed, finish = (str(store.model_path(spec).resolve()) for spec in model_specs(robot, cloth))
         policies += [baseline, proposed, f"{baseline}+{RULE}", "+".join((finish, *RECOMMENDED_WRAPPERS))]
     specs, wanted = plan_policies(policies, robots)
-    cases = cases_of(DISTURBANCE)
-    return EvaluationPlan(policies=specs, robots=wanted, cloths=(cloth,), seeds=tuple(seeds), cases=cases)
+    case = DisturbanceCase(name=DISTURBANCE, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[DISTURBANCE]),))
+    return EvaluationPlan(policies=specs, robots=wanted, cloths=(cloth,), seeds=tuple(seeds), cases=(case,))
 
 
 def clear_demo(out: Path, store: ArtifactStore, robots: Sequence[str], cloth: str) -> None:
