@@ -13,12 +13,7 @@ from layflat.app.workstation.session.episode_process import make_handle_factory
 from layflat.app.workstation.session.recording_session import RecordingSession
 from layflat.app.workstation.session.session_queries import recorded_seeds
 from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator
-from layflat.app.workstation.terminal.display import (
-    TerminalDisplay,
-    print_instructions,
-    run_recording,
-    stop_on_signals,
-)
+from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording, stop_on_signals
 from layflat.app.workstation.window.launch import has_display, record_in_window
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io

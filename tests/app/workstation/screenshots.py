@@ -199,11 +199,7 @@ def disturb(album: Album) -> None:
     person.menu("Place and disturb")
     album.wait_for_state("placed")
     person.drag_node(
-        45,
-        (-90, -120),
-        frames=40,
-        until=lambda: person.status["drag_steps"] >= 9,
-        shot=lambda: album.shoot("disturb"),
+        45, (-90, -120), frames=40, until=lambda: person.status["drag_steps"] >= 9, shot=lambda: album.shoot("disturb")
     )
     album.wait_for_state("repairing")
     window.page.stop()

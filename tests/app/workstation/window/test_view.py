@@ -23,10 +23,7 @@ from layflat.sim.robots.panda import inverse_kinematics
 
 SIZE = (640, 480)
 orbits = st.builds(
-    OrbitCamera,
-    azimuth=st.floats(-3.1, 3.1),
-    elevation=st.floats(0.1, 1.5),
-    distance=st.floats(0.5, 3.5),
+    OrbitCamera, azimuth=st.floats(-3.1, 3.1), elevation=st.floats(0.1, 1.5), distance=st.floats(0.5, 3.5)
 )
 pixels = st.tuples(st.floats(0, SIZE[0]), st.floats(0, SIZE[1]))
 
