@@ -85,11 +85,9 @@ class ClothSimulation:
         self._calibrated = self._perception.with_flat_pixels(flat.cloth_pixels)
 
     def _describe_start(self) -> dict[str, float]:
-        """What the random moves left behind, for the record: nothing of it is hidden from the reader of a file."""
-        spec, nodes = (
-            self.config.cloth_spec,
-            self._nodes.reshape(self.config.cloth_spec.rows, self.config.cloth_spec.columns, 3),
-        )
+        """Return what the start's moves left behind, for the record."""
+        spec = self.config.cloth_spec
+        nodes = self._nodes.reshape(spec.rows, spec.columns, 3)
         centre = self.robot.position()
         hem = nodes[-1]
         return {

@@ -1,0 +1,1 @@
+"""The RGB-D camera, images for people, and depth noise."""

@@ -1,4 +1,4 @@
-"""A z-buffer in numpy: which triangle each pixel sees, and how far away it is.
+"""Rasterizer: a z-buffer in numpy, with the triangle that each pixel sees and its distance.
 
 TinyRenderer draws soft bodies without shading, charges every covered pixel, and keeps about 0.2 MB of every mesh that
 was shown and removed. A cloth of some hundred triangles is drawn here in a few milliseconds, exactly and without leaks.
@@ -19,21 +19,21 @@ NEAR_M = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Raster:
-    """The pixels that see a triangle, in ascending order of pixel index, and what they see. P pixels."""
+    """P pixels that see a triangle, in ascending order of pixel index."""
 
     pixels: NDArray[np.intp]
-    """(P,) row * width + column."""
+    """Row * width + column, (P,)."""
     triangles: NDArray[np.intp]
-    """(P,) index of the nearest triangle."""
+    """Index of the nearest triangle, (P,)."""
     weights: NDArray[np.float32]
-    """(P, 3) screen-space barycentric weights of the pixel centre in it."""
+    """Screen-space barycentric weights of the pixel centre in it, (P, 3)."""
     depth: NDArray[np.float32]
-    """(P,) m along the optical axis."""
+    """Distance along the optical axis, (P,) m."""
     facing: NDArray[np.bool_]
-    """(P,) True where the triangle's corners run counter-clockwise as seen by the camera: its face is towards it."""
+    """Whether the triangle's corners run counter-clockwise as seen by the camera, its face towards it, (P,)."""
 
     def interpolate(self, values: NDArray, triangles: NDArray) -> NDArray[np.float32]:
-        """(P,) or (P, K): per-vertex ``values`` (V,) or (V, K), linear on the screen, at each pixel."""
+        """Return per-vertex ``values`` (V,) or (V, K) at each pixel, (P,) or (P, K), linear on the screen."""
         corners = np.asarray(values, dtype=np.float32)[triangles[self.triangles]]
         mixed: NDArray[np.float32] = np.einsum("pk,pk...->p...", self.weights, corners)
         return mixed
@@ -89,14 +89,14 @@ def rasterize(screen: FloatArray, triangles: NDArray, width: int, height: int) -
 
 
 def _span(values: FloatArray, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Half-open range of whole pixels, inside the image, between the least and the greatest of each row's values."""
+    """Return the half-open range of whole pixels in the image between the least and greatest of each row's values."""
     low = np.clip(np.ceil(values.min(axis=1)), 0, size).astype(np.intp)
     high = np.clip(np.floor(values.max(axis=1)) + 1, 0, size).astype(np.intp)
     return low, high
 
 
 def _weight_planes(u: FloatArray, v: FloatArray, area: FloatArray) -> NDArray[np.float32]:
-    """(T, 4): d/du and d/dv of the second weight, then of the third; both are 0 at the first corner."""
+    """Return d/du and d/dv of the second weight, then of the third, (T, 4); both are 0 at the first corner."""
     slopes = [v[:, 2] - v[:, 0], u[:, 0] - u[:, 2], v[:, 0] - v[:, 1], u[:, 1] - u[:, 0]]
     planes: NDArray[np.float32] = (np.stack(slopes, axis=1) / area[:, None]).astype(np.float32)
     return planes

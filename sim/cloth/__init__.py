@@ -1,0 +1,1 @@
+"""Size, mesh, geometry and ground truth of a cloth."""

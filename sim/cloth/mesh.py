@@ -1,4 +1,4 @@
-"""The cloth's nodes as a smooth surface to look at."""
+"""MeshMaker: a smooth surface through the cloth's nodes, to draw it."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from layflat.sim.cloth.spec import ClothSpec
 MIN_HEIGHT_M = 0.0015
 """The curve between two nodes may dip below both; nothing is drawn inside the table."""
 SUNKEN_M = 0.012
-"""Bullet lets nodes sink into the table for moments, by up to 9 mm where a cloth is blown or thrown onto it. What is
-less deep than this is drawn on the table, which would show through the cloth; what hangs beside the table is deeper."""
+"""Bullet lets nodes sink into the table for moments, by up to 9 mm where a cloth is blown or thrown onto it. Less
+deep nodes are drawn on the table, which would show through the cloth; cloth that hangs beside the table is deeper."""
 LOWEST_M = 0.0003
 """Nodes that rest lower are drawn at this height."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClothMesh:
-    """A triangle mesh; V vertices."""
+    """A triangle mesh of V vertices."""
 
     vertices: FloatArray
-    """(V, 3) m, world."""
+    """Positions, (V, 3) m, world."""
     normals: FloatArray
-    """(V, 3) unit vectors out of the face (up when laid flat)."""
+    """Unit vectors out of the face (up when laid flat), (V, 3)."""
     triangles: NDArray[np.intp]
-    """(T, 3) counter-clockwise seen from the face."""
+    """Vertex indices, (T, 3), counter-clockwise seen from the face."""
 
 
 class MeshMaker:
@@ -42,7 +42,7 @@ class MeshMaker:
         self._triangles: NDArray[np.intp] = fine.triangles()
 
     def mesh(self, nodes: FloatArray) -> ClothMesh:
-        """``nodes`` (N, 3) in grid order."""
+        """Return the surface through ``nodes`` (N, 3), which are in grid order."""
         coarse = nodes.reshape(*self._shape, 3)
         fine = np.einsum("ai,ijk,bj->abk", self._along, coarse, self._across, optimize=True)
         low = np.clip(nodes[:, 2].min(), LOWEST_M, MIN_HEIGHT_M)
@@ -55,11 +55,11 @@ class MeshMaker:
 
 
 def _catmull_rom(count: int, subdivisions: int) -> FloatArray:
-    """(F, count) weights of ``count`` points in F = (count - 1) * subdivisions + 1 points of the curve through them."""
+    """Return the weights (F, count) of ``count`` points in F = (count - 1) * subdivisions + 1 points of their curve."""
     at = np.arange((count - 1) * subdivisions + 1) / subdivisions
     start = np.minimum(at.astype(int), count - 2)
     t = at - start
-    # Beyond the ends the curve goes on straight: p[-1] = 2 p[0] - p[1].
+    # Beyond the ends the curve continues straight: p[-1] = 2 p[0] - p[1].
     extend = np.zeros((count + 2, count))
     extend[1:-1] = np.eye(count)
     extend[0, :2], extend[-1, -2:] = (2, -1), (-1, 2)

@@ -1,4 +1,4 @@
-"""Which way a cloth's wrinkles run, from its mesh: the truth that a camera's descriptors are measured against."""
+"""Direction of a cloth's wrinkles from its mesh: the truth with which a camera's descriptors are compared."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 
 MAX_HEIGHT_M = 0.03
-"""Cloth above this is held or folded up, not wrinkled ..."""
+"""Cloth above this is held or folded up, not wrinkled."""
 FOOT_CELLS = 2
-"""... and as far as this around it, along the cloth, rises to there."""
+"""Distance from such cloth, along the cloth, within which it still rises to there."""
 MAX_SLOPE = 1.0
-"""What is steeper counts as if it rose by 45 degrees, lest one upright crease outweigh all the rest."""
+"""Cap of the slope, 45 degrees, so that one upright crease does not outweigh the rest."""
 MIN_ENERGY = 1e-3
-"""Below this, a slope of 1.8 degrees rms, a cloth is flat."""
+"""Energy below which a cloth is flat: a slope of 1.8 degrees rms."""
 MIN_SHARE = 0.05
-"""Nor is there a direction if less of the cloth than this lies on the table."""
+"""Share of the cloth on the table below which there is no direction."""
 SAMPLES_PER_CELL = 3
-"""Along each side. The mesh's own triangles would not do: waves of 2.5 cells, the shortest that a mesh shows, are cut
-more along a cell's side than along its diagonal, which turns them by up to 10 degrees; the spline by at most 2.2."""
+"""Samples along each side. The mesh's own triangles would not do: waves of 2.5 cells, the shortest ones, are cut more
+along a cell's side than along its diagonal, which turns them by up to 10 degrees; the spline by at most 2.2."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WrinkleTruth:
-    """What the nodes say about wrinkles; never NaN."""
+    """Wrinkles of a mesh; never NaN."""
 
     direction: FloatArray
-    """(2,) unit vector in table coordinates, x >= 0, across most wrinkles; zeros on a flat or a lifted cloth."""
+    """Unit vector across most wrinkles, (2,), table coordinates, x >= 0; zeros on a flat or a lifted cloth."""
     coherence: float
-    """0..1: how far the slopes agree on one axis: difference of the structure tensor's eigenvalues over their sum."""
+    """Agreement of the slopes on one axis, 0..1: difference of the structure tensor's eigenvalues over their sum."""
     energy: float
-    """>= 0: mean squared slope of what lies on the table, dimensionless; 0 where nothing does."""
+    """Mean squared slope of what lies on the table, >= 0; 0 where nothing does."""
     share: float
-    """>= 0: the area of that, seen from above, over the cloth's area."""
+    """Area of what lies on the table, seen from above, over the cloth's area, >= 0."""
     contact_portion: float
-    """0..1: share of the cloth that rests on the table, as ``Cloth.contact_portion_true``."""
+    """Share of the cloth that rests on the table, 0..1, as in `ClothGeometry.contact_portion_true`."""
 
     def __post_init__(self) -> None:
         self.direction.setflags(write=False)
 
 
 def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
-    """Structure tensor of the height of ``nodes`` (N, 3) m: J = sum(A g g^T); its strongest axis is the direction.
+    """Return the strongest axis of the structure tensor of the height of ``nodes`` (N, 3) m: J = sum(A g g^T).
 
     g = (dz/dx, dz/dy) at the samples of the smooth surface through the nodes, A the area around each seen from above.
     Only samples that lie take part: below MAX_HEIGHT_M, not at the foot of what is above, and with the face up, since
@@ -72,7 +72,7 @@ def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
 
 
 def _lying(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(K,) m^2 and (K, 2): area seen from above and capped slope of each sample that lies on the table."""
+    """Return the area from above (K,) m^2 and the capped slope (K, 2) of each sample that lies on the table."""
     rows, along = _spline(grid.shape[0])
     columns, across = _spline(grid.shape[1])
     height = np.einsum("ai,ij,bj->ab", rows, grid[..., 2], columns, optimize=True)
@@ -90,7 +90,7 @@ def _lying(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=8)
 def _spline(count: int) -> tuple[FloatArray, FloatArray]:
-    """(F, count) weights of ``count`` points in the values, and in the slopes, of the natural cubic through them."""
+    """Return the weights (F, count) of ``count`` points in the values and in the slopes of their natural cubic."""
     at = (np.arange((count - 1) * SAMPLES_PER_CELL) + 0.5) / SAMPLES_PER_CELL
     spline = CubicSpline(np.arange(count), np.eye(count), bc_type="natural")
     return spline(at), spline(at, 1)

@@ -9,66 +9,52 @@ from typing import Any
 from layflat.sim.errors import SimError
 
 
+def _require(valid: bool, name: str, field: str, value: Any, wanted: str) -> None:
+    if not valid:
+        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be {wanted}")
+
+
 def _word(name: str, field: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a word")
-    return value
+    _require(isinstance(value, str), name, field, value, "a word")
+    return str(value)
+
+
+def _flag(name: str, field: str, value: Any) -> bool:
+    _require(isinstance(value, bool), name, field, value, "true or false")
+    return bool(value)
 
 
 def _number(name: str, field: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a finite number")
+    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    _require(number, name, field, value, "a finite number")
     return float(value)
 
 
 def _pair(name: str, field: str, value: Any) -> tuple[float, float]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be two numbers")
+    _require(isinstance(value, list | tuple) and len(value) == 2, name, field, value, "two numbers")
     return _number(name, field, value[0]), _number(name, field, value[1])
 
 
 def _range(name: str, field: str, value: Any) -> tuple[float, float]:
-    if isinstance(value, list | tuple):
-        return _pair(name, field, value)
-    if isinstance(value, str):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a number, or two of them")
-    number = _number(name, field, value)
-    return number, number
-
-
-def _yes_or_no(name: str, field: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be true or false")
-    return value
+    return _pair(name, field, value if isinstance(value, list | tuple) else (value, value))
 
 
 def _patch(name: str, field: str, value: Any) -> tuple[int, int]:
     rows, columns = _pair(name, field, value)
-    if rows != int(rows) or columns != int(columns):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be two whole numbers of nodes")
+    _require(rows == int(rows) and columns == int(columns), name, field, value, "two whole numbers of nodes")
     return int(rows), int(columns)
 
 
 def _path(name: str, field: str, value: Any) -> tuple[tuple[float, float], ...]:
-    if not isinstance(value, list | tuple):
-        raise SimError(f"disturbance {name}: {field} is {value!r}; it must be a list of [forward, up]")
+    _require(isinstance(value, list | tuple), name, field, value, "a list of [forward, up]")
     return tuple(_pair(name, field, corner) for corner in value)
 
 
+_RANGES = ("along", "across", "heading_deg", "scale")
+_NUMBERS = ("turn_deg", "speed_m_s", "force_weights", "wind_m_s2", "time_limit_s", "settle_s")
 READERS: Mapping[str, Callable[[str, str, Any], Any]] = {
-    "kind": _word,
-    "along": _range,
-    "across": _range,
-    "patch": _patch,
-    "heading_deg": _range,
-    "path": _path,
-    "turn_deg": _number,
-    "scale": _range,
-    "either_side": _yes_or_no,
-    "speed_m_s": _number,
-    "force_weights": _number,
-    "wind_m_s2": _number,
-    "time_limit_s": _number,
-    "settle_s": _number,
+    "kind": _word, "patch": _patch, "path": _path, "either_side": _flag,
+    **dict.fromkeys(_RANGES, _range),
+    **dict.fromkeys(_NUMBERS, _number),
 }
 """Reader of each field of a plain mapping."""

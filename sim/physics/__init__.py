@@ -1,0 +1,1 @@
+"""The seam to physics engines, and the engines."""

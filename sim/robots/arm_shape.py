@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.errors import SimError
@@ -28,15 +29,15 @@ class ArmShape:
 
     base_position_m: tuple[float, float, float]
     vertices: FloatArray
-    """(V, 3) m, each in its link's frame."""
+    """Positions, (V, 3) m, each in its link's frame."""
     link: NDArray[np.intp]
     """Link of each vertex, (V,): 0 the base, k the one that joint k moves."""
     triangles: NDArray[np.intp]
-    """(T, 3) counter-clockwise seen from outside."""
+    """Vertex indices, (T, 3), counter-clockwise seen from outside."""
     is_hanger: NDArray[np.bool_]
     """Whether a triangle is part of the bar or a clip, (T,)."""
     joint_frames: FloatArray
-    """(J, 4, 4) from each joint's frame at zero to that of the link before."""
+    """Transforms from each joint's frame at zero to that of the link before, (J, 4, 4)."""
 
     def link_frames(self, joint_angles: FloatArray) -> FloatArray:
         """Return (J + 1, 4, 4) from each link's frame to the world; ``joint_angles`` (J,) rad about z."""
@@ -119,13 +120,7 @@ def _origin(element: ET.Element | None) -> FloatArray:
     frame = np.eye(4)
     if element is None:
         return frame
-    roll, pitch, yaw = _numbers(element.get("rpy"))
-    cr, sr, cp, sp, cy, sy = (f(v) for v in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    frame[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
+    frame[:3, :3] = Rotation.from_euler("xyz", _numbers(element.get("rpy"))).as_matrix()
     frame[:3, 3] = _numbers(element.get("xyz"))
     return frame
 

@@ -1,8 +1,8 @@
-"""Kinesthetic teaching (chapter 4-3-2): a hand leads the hanger of an arm that yields along x and z.
+"""HandGuiding: kinesthetic teaching (chapter 4-3-2) of an arm that yields along x and z.
 
-Of the arm's law only y and the rotations keep their springs; along x and z there are damping, the arm's own weight
-carried, the weight of the cloth in the clips carried, and the friction of a real arm's joints, without which the
-smallest error of that weight would let it creep away.
+Only y and the rotations keep the springs of the arm's law. Along x and z the arm is damped, carries its own weight and
+that of the cloth in the clips, and has the friction of a real arm's joints, without which the smallest error of that
+weight would let it creep away.
 """
 
 from __future__ import annotations
@@ -12,32 +12,32 @@ import numpy as np
 from layflat.data.arrays import FloatArray
 
 HAND_STIFFNESS_N_M = 300.0
-"""A person's arm that holds on."""
+"""Stiffness of a person's arm."""
 HAND_DAMPING_N_S_M = 40.0
-"""Of the hand's grip, against the hanger's speed relative to the hand's."""
+"""Damping of the hand's grip, by the hanger's speed relative to the hand."""
 HAND_LIMIT_N = 10.0
-"""A hand that gets further ahead than 33 mm pulls no harder."""
+"""Greatest force, which a hand that is 33 mm ahead reaches."""
 HAND_SPEED_M_S = 0.15
-"""Of the hand at most: 15 mm a step, which an action can hold."""
+"""Greatest speed of the hand: 15 mm a step, which an action can hold."""
 FRICTION_N = 0.5
 """The arm stays where it is under a smaller force."""
 FRICTION_STIFFNESS_N_M = 400.0
-"""How stiffly friction holds it there: 1.25 mm."""
+"""Stiffness with which friction holds it there, within 1.25 mm."""
 WALL_STIFFNESS_N_M = 1500.0
-"""Of the workspace's borders, the table's height among them, to a hanger that is pushed or coasts beyond them."""
+"""Stiffness of the workspace's borders, such as the table, to a hanger that is pushed or coasts beyond them."""
 _IN_PLANE = np.array([1.0, 0.0, 1.0])
 
 
 class HandGuiding:
-    """One hand on the hanger, from the first guided step until the arm holds itself again."""
+    """One hand on the hanger, until the arm is no longer guided."""
 
     def __init__(self, place: FloatArray, held_n: FloatArray, load_n: float, substep_s: float) -> None:
-        """``place`` (3,) m: corners' midpoint now; ``held_n`` (3,) N: force of the springs that let go now.
+        """Start at the corners' midpoint ``place`` (3,) m; ``held_n`` (3,) N is the force of the springs that let go.
 
         ``load_n`` (upwards) of it is the cloth's weight. Friction takes over the rest, so that nothing moves yet.
         """
         self.substep_s = substep_s
-        """Of the substeps to come."""
+        """Duration of the coming substeps."""
         self._hand: FloatArray | None = None
         self._velocity = np.zeros(3)
         self._last = place
@@ -47,7 +47,7 @@ class HandGuiding:
         self._pushes: list[FloatArray] = []
 
     def start_step(self, place: FloatArray, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
-        """Lead the hand evenly towards ``hand_m`` (3,) m in this step, or take it away."""
+        """Move the hand evenly towards ``hand_m`` (3,) m in this step, or take it away."""
         self._load = np.array([0.0, 0.0, load_n])
         self._pushes = []
         self._last = place
@@ -59,7 +59,7 @@ class HandGuiding:
         self._velocity = _bounded((hand_m - self._hand) * _IN_PLANE / duration_s, HAND_SPEED_M_S)
 
     def hand_push_n(self, place: FloatArray) -> FloatArray:
-        """(3,) N on the hanger at ``place`` (3,) m in this substep; call it once in each."""
+        """Return the push on the hanger at ``place`` (3,) m in this substep, (3,) N; call it once in each."""
         moved, self._last = place - self._last, place
         if self._hand is None:
             push = np.zeros(3)
@@ -71,16 +71,16 @@ class HandGuiding:
         return push
 
     def hand_force_n(self) -> FloatArray:
-        """(3,) N: mean push of this step."""
+        """Return the mean push of this step, (3,) N."""
         return np.mean(self._pushes, axis=0) if self._pushes else np.zeros(3)
 
     def carried_n(self, place: FloatArray) -> FloatArray:
-        """(3,) N that the arm exerts on what it carries: load and friction; friction gives way as ``place`` moves."""
+        """Return load and friction that the arm exerts at ``place``, (3,) N; friction gives way as ``place`` moves."""
         friction = _bounded((self._stuck_at - place) * FRICTION_STIFFNESS_N_M * _IN_PLANE, FRICTION_N)
         self._stuck_at = place + friction / FRICTION_STIFFNESS_N_M
         return self._load + friction
 
 
 def _bounded(vector: FloatArray, limit: float) -> FloatArray:
-    """``vector`` (3,), no longer than ``limit``."""
+    """Return ``vector`` (3,), shortened to ``limit`` where it is longer."""
     return vector * min(1.0, limit / max(float(np.linalg.norm(vector)), 1e-12))

@@ -1,0 +1,1 @@
+"""What a robot has to achieve."""
