@@ -53,7 +53,10 @@ def _path(name: str, field: str, value: Any) -> tuple[tuple[float, float], ...]:
 _RANGES = ("along", "across", "heading_deg", "scale")
 _NUMBERS = ("turn_deg", "speed_m_s", "force_weights", "wind_m_s2", "time_limit_s", "settle_s")
 READERS: Mapping[str, Callable[[str, str, Any], Any]] = {
-    "kind": _word, "patch": _patch, "path": _path, "either_side": _flag,
+    "kind": _word,
+    "patch": _patch,
+    "path": _path,
+    "either_side": _flag,
     **dict.fromkeys(_RANGES, _range),
     **dict.fromkeys(_NUMBERS, _number),
 }
