@@ -1,4 +1,4 @@
-"""What an episode is: frozen, validated, read-only values shared by every package.
+"""Episodes, steps and observations: frozen, validated, read-only values shared by every package.
 
 World frame: z up, table top at z = 0, x to the robot's front, y to its left. Metres, seconds, newtons,
 radians. Simulated time is the clock.
@@ -32,7 +32,7 @@ FLAT_AREA = 0.97
 """A demonstration or placement is a success when its flat area ends above this."""
 
 DESCRIPTORS = ("word", "word-axial", "how", "hog")
-"""What Observation.word may have been computed by."""
+"""Names of the descriptors that may compute Observation.word."""
 
 STEP_S = 0.1
 """Simulated time of one control step."""
@@ -45,14 +45,14 @@ def frozen_hand(value: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a policy may see at the start of a step."""
+    """The data that a policy may see at the start of a step."""
 
     time_s: float
     """Simulated time since the episode's first step."""
     corner_positions: FloatArray
-    """(2, 3) m, world: where the holder has the two corners; row 0 at +y (picker 1), row 1 at -y (picker 2)."""
+    """(2, 3) m, world: positions where the robot holds the two corners; row 0 at +y, row 1 at -y."""
     holder_position: FloatArray
-    """(3,) m, world: the hanger's centre, or the midpoint of the two pickers."""
+    """(3,) m, world: centre of the robot's holder, or the midpoint of its two points."""
     word: FloatArray
     """(2,) unit vector in table coordinates (x, y) with x >= 0, or zeros where there is no direction."""
     word_strength: float
@@ -83,7 +83,7 @@ class Observation:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTruth:
-    """What only the simulator knows; kept out of every learned policy's sight."""
+    """The data that only a simulator knows; no learned policy sees it."""
 
     nodes: FloatArray
     """(N, 3) m, world: cloth nodes, row-major grid."""
@@ -100,30 +100,30 @@ class GroundTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class DragTarget:
-    """Where a person's hand drew the cloth in one step."""
+    """Target of a person who drags the cloth in one step."""
 
     node: int
-    """Cloth node that the hand holds."""
+    """Cloth node that is dragged."""
     target_m: FloatArray
-    """(3,) m, world: where it is drawn to by the end of the step; a bounded force may leave it behind."""
+    """(3,) m, world: target at the end of the step; the node may lag behind, since the force is bounded."""
 
     def __post_init__(self) -> None:
         _set(self, "target_m", frozen_array(self.target_m, (3,), "target_m"))
         if self.node < 0:
-            raise DataError(f"the pulled node is {self.node}; it must be at least 0")
+            raise DataError(f"the dragged node is {self.node}; it must be at least 0")
 
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceRecord:
-    """One disturbance that befell the cloth, as chance made it."""
+    """One disturbance of the cloth, with its random parameters."""
 
     name: str
     first_step: int
-    """It acts from this one of the episode's steps on; 0 also where it began before steps that were cut off."""
+    """First step in which it acts; 0 also where it started in steps that were cut off."""
     last_step: int | None = None
-    """The last step before it was over, coming to rest included; None where the episode ended before."""
+    """Last step of it, coming to rest included; None where the episode ended before."""
     plan: Mapping[str, Any] = field(default_factory=dict)
-    """JSON values by name: where, along which path, how strong; empty where only its name and the seed are known."""
+    """JSON values by name: place, path, strength; empty where only its name and the seed are known."""
 
     def __post_init__(self) -> None:
         if self.first_step < 0 or (self.last_step is not None and self.last_step < self.first_step):
@@ -135,24 +135,24 @@ class DisturbanceRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One step: what was seen, what was done, in which phase."""
+    """One control step: observation, action and phase."""
 
     observation: Observation
     ground_truth: GroundTruth | None = None
     action: FloatArray
     """(A,) m per step, in the order of the robot's axes."""
     action_std: FloatArray | None = None
-    """(A,) m, the policy's confidence where it has one."""
+    """(A,) m, standard deviation of the policy's prediction, if it has one."""
     phase: Phase = "place"
     drag: DragTarget | None = None
-    """What a person pulled at."""
+    """Target of a person who dragged the cloth."""
     force_n: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) N, world: mean total force of disturbances and pulls on the cloth in this step."""
+    """(3,) N, world: mean total force of disturbances and dragging on the cloth in this step."""
     intervention: bool = False
-    """A person decided although a policy has the lead."""
+    """Whether a person decided although a policy is in control."""
     hand_m: FloatArray | None = None
-    """(3,) m, or (2, 3) m for two pickers, world: where a person's hand drew the holder, which gave way; ``action`` is
-    what the holder then did."""
+    """(3,) m, or (2, 3) m for a robot with two points, world: target of a person who guided it by hand; ``action``
+    is the resulting displacement."""
 
     def __post_init__(self) -> None:
         if self.hand_m is not None:
@@ -167,27 +167,27 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Who made an episode, with what."""
+    """Origin of an episode: versions, platform, time, command, operator."""
 
     versions: Mapping[str, str] = field(default_factory=dict)
     """Package name -> version (layflat, pybullet, numpy, python, ...)."""
     platform: str = ""
     created_utc: str = ""
-    """By the machine's clock, which may jump: for people only, nothing is ordered by it."""
+    """Time of the machine's clock, which may jump: for people only, nothing is ordered by it."""
     command: str = ""
     operator: str = ""
-    """The person who demonstrated, or who ran the program."""
+    """Person who demonstrated, or who ran the program."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """One attempt from hanging in the air to the stop."""
+    """One attempt at a task, from the start to the stop."""
 
     robot: RobotSpec
     cloth: str
     seed: int
     source: str
-    """Who chose the actions: gamepad, keyboard, mouse, kinesthetic, scripted, or a policy's name."""
+    """Source of the actions: gamepad, keyboard, mouse, kinesthetic, scripted, or a policy's name."""
     steps: tuple[Step, ...]
     final_observation: Observation
     final_ground_truth: GroundTruth | None
@@ -198,22 +198,22 @@ class Episode:
     """Name of the disturbance, or of the suite of them; or "none"."""
     wall_s: float = 0.0
     start: Mapping[str, float] = field(default_factory=dict)
-    """What was random about the start, by name (friction, mass, hem side, ...)."""
+    """Random parameters of the start, by name (friction, mass, hem side, ...)."""
     provenance: Provenance = field(default_factory=Provenance)
     task: str = "place"
-    """Name of what was to be done: place, smooth, ..."""
+    """Name of the task: place, smooth, ..."""
     physics: str = "bullet"
     """Name of the simulator; "real" for a real robot."""
     descriptor: str = "word"
-    """What Observation.word was computed by: one of DESCRIPTORS."""
+    """Descriptor that computed Observation.word: one of DESCRIPTORS."""
     sim_config: Mapping[str, str | float | bool] = field(default_factory=dict)
-    """Settings of the simulation, by name: with robot, cloth, seed and step_s they make the same start again."""
+    """Settings of the simulation, by name: with robot, cloth, seed and step_s they reproduce the start."""
     initial_joints: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """(J,) rad: joints of the arm before the first step; none where no arm holds the cloth."""
+    """(J,) rad: joints of the arm before the first step; empty where no arm holds the cloth."""
     disturbances: tuple[DisturbanceRecord, ...] = ()
-    """All that befell the cloth, in their order; a person's pulls are in the steps."""
+    """Disturbances in their order; dragging by a person is in the steps."""
     first_step: int = 0
-    """Steps of the recorded episode that were cut off before these; action replay needs 0."""
+    """Number of steps that were cut off before the first one; action replay needs 0."""
 
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))
@@ -250,11 +250,11 @@ class Episode:
         return None if self.final_ground_truth is None else self.final_ground_truth.flat_area
 
     def observations(self) -> tuple[Observation, ...]:
-        """Observations at the start of each step and the one after the last: len(steps) + 1."""
+        """Return the observation at the start of each step and the one after the last: len(steps) + 1."""
         return (*(step.observation for step in self.steps), self.final_observation)
 
     def ground_truths(self) -> tuple[GroundTruth, ...]:
-        """Ground truth at the times of `observations`; DataError for an episode of a real robot, which has none."""
+        """Return the ground truth at the times of `observations`; DataError for an episode that has none."""
         found = [*(step.ground_truth for step in self.steps), self.final_ground_truth]
         known = tuple(item for item in found if item is not None)
         if len(known) != len(found):
@@ -262,21 +262,22 @@ class Episode:
         return known
 
     def contact(self) -> FloatArray:
-        """(len(steps) + 1,) camera contact portion over time."""
+        """Return the camera's contact portion over time, (len(steps) + 1,)."""
         return np.array([o.contact_portion for o in self.observations()])
 
     def phase_bounds(self, phase: Phase) -> tuple[int, int] | None:
-        """First step of a phase and the step after its last, or None where the episode has no such phase."""
-        n_steps = [i for i, step in enumerate(self.steps) if step.phase == phase]
-        return (n_steps[0], n_steps[-1] + 1) if n_steps else None
+        """Return the first step of a phase and the step after its last, or None where the episode has no such phase."""
+        indices = [index for index, step in enumerate(self.steps) if step.phase == phase]
+        return (indices[0], indices[-1] + 1) if indices else None
 
     @property
     def unstable(self) -> bool:
+        """Whether the simulation diverged."""
         return self.stopped_by == "unstable"
 
 
 def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: int) -> tuple[DisturbanceRecord, ...]:
-    """What of them is left when only the steps ``start`` to ``stop - 1`` are kept, which are then counted from 0."""
+    """Return the disturbances within the steps ``start`` to ``stop - 1``, counted from ``start``."""
     return tuple(
         replace(
             record,
@@ -289,7 +290,7 @@ def disturbances_within(records: Sequence[DisturbanceRecord], start: int, stop: 
 
 
 def actions_of(steps: Sequence[Step]) -> FloatArray:
-    """(T, A) m per step."""
+    """Return the actions, (T, A) m per step."""
     return np.array([step.action for step in steps])
 
 

@@ -1,4 +1,4 @@
-"""The command line of `layflat data ...` and `layflat replay`: options in, one call, exit status out. No logic here."""
+"""Command line of `layflat data ...` and `layflat replay`: options only."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def _episode(value: int | None) -> int | None:
 
 
 Episode = Annotated[int, typer.Option(callback=_episode, metavar="K", show_default=False, help="demo_K of the file.")]
-Session = Annotated[Path, typer.Option("--out", metavar="FILE.h5", show_default=False, help="The session to write.")]
-Outcome = Annotated[OutcomeName | None, typer.Option(help="Only episodes that ended so.")]
+Session = Annotated[Path, typer.Option("--out", metavar="FILE.h5", show_default=False, help="Output session.")]
+Outcome = Annotated[OutcomeName | None, typer.Option(help="Only episodes with this outcome.")]
 
 data_cli = typer.Typer(
     name="data",
@@ -33,7 +33,7 @@ data_cli = typer.Typer(
 
 @data_cli.command()
 def info(path: DataFile, json: Json = None, force: Force = False, debug: Debug = False) -> None:
-    """What a session holds, on one page.
+    """Print a page about a session.
 
     Episodes, success, lengths, sources, contact at start and end.
     """
@@ -55,7 +55,7 @@ def validate(path: DataFile, json: Json = None, force: Force = False, debug: Deb
 
 @data_cli.command()
 def stats(path: DataFile, json: Json = None, force: Force = False, debug: Debug = False) -> None:
-    """Minimum, maximum, mean and spread of all that was recorded."""
+    """Print minimum, maximum, mean and deviation of every column."""
     from layflat.app.commands.dataset_info import stats as run
 
     run(path, json=json, force=force)
@@ -64,7 +64,7 @@ def stats(path: DataFile, json: Json = None, force: Force = False, debug: Debug 
 @data_cli.command()
 def split(
     path: DataFile,
-    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for the parts.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Output folder.")],
     share: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=SHARE", help="A part and its share; give one for each. Default: train and valid."),
@@ -89,14 +89,14 @@ def filter_(
     outcome: Outcome = None,
     source: Annotated[str | None, typer.Option(help="Only episodes from this source, such as scripted.")] = None,
     cloth: Annotated[str | None, typer.Option(help="Only episodes with this cloth.")] = None,
-    min_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="At least so many steps.")] = None,
-    max_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="At most so many steps.")] = None,
-    min_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at least this, 0..1.")] = None,
-    max_contact: Annotated[float | None, typer.Option(help="Contact portion at the end at most this, 0..1.")] = None,
+    min_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="Smallest number of steps.")] = None,
+    max_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="Largest number of steps.")] = None,
+    min_contact: Annotated[float | None, typer.Option(help="Smallest final contact portion, 0..1.")] = None,
+    max_contact: Annotated[float | None, typer.Option(help="Largest final contact portion, 0..1.")] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Keep the episodes that pass every given test."""
+    """Copy the episodes that meet every given condition."""
     from layflat.app.commands.dataset_operations import filter_episodes as run
 
     run(
@@ -118,9 +118,9 @@ def merge(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Put several sessions into one.
+    """Merge several sessions into one.
 
-    They agree in robot, cloth and step; an episode that is in two of them is taken once.
+    They must agree in robot, task, cloth and step; an episode that is in two of them is taken once.
     """
     from layflat.app.commands.dataset_operations import merge as run
 
@@ -149,15 +149,13 @@ def trim(
 @data_cli.command()
 def repair(
     path: DataFile,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE.h5", help="Write the sound session there; in place by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.h5", help="Output file; in place by default.")] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Save what a killed recording or a damaged file holds.
+    """Save the intact episodes of a damaged file or a killed recording.
 
-    In place nothing is thrown away: a damaged file stays as FILE.h5.damaged. Exit status 1 if something was lost.
+    A damaged file stays as FILE.h5.damaged. Exit status 1 if something was lost.
     """
     from layflat.app.commands.dataset_operations import repair as run
 
@@ -168,15 +166,15 @@ def repair(
 def export(
     path: DataFile,
     out: Annotated[Path, typer.Option(metavar="PATH", show_default=False, help="File (robomimic) or folder.")],
-    form: Annotated[FormatName, typer.Option("--format", help="For whom.")] = "robomimic",
+    form: Annotated[FormatName, typer.Option("--format", help="Output format.")] = "robomimic",
     outcome: Outcome = None,
-    valid_share: Annotated[float, typer.Option(help="Share of the episodes under the filter key valid.")] = 0.1,
+    valid_share: Annotated[float, typer.Option(help="Share of episodes for validation (filter key valid).")] = 0.1,
     images: Annotated[bool, typer.Option("--images/--no-images", help="lerobot: with camera images.")] = True,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Write a session in a form that other tools read.
+    """Convert a session for other tools.
 
     robomimic: an exact copy with the filter keys train and valid; lerobot: a LeRobot v3.0 data set; csv: two tables.
     """
@@ -189,11 +187,11 @@ def export(
 def import_(
     path: Annotated[Path, typer.Argument(metavar="FILE.hdf5", show_default=False, help="A robomimic data set.")],
     out: Session,
-    cloth: Annotated[str | None, typer.Option(help="Which cloth it was, where the file does not tell.")] = None,
+    cloth: Annotated[str | None, typer.Option(help="Name of the cloth, if the file has none.")] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Make a session of a robomimic data set in our layout."""
+    """Convert a robomimic data set in our layout to a session."""
     from layflat.app.commands.dataset import import_file as run
 
     run(path, out, cloth=cloth, force=force)
@@ -203,16 +201,16 @@ def import_(
 def video(
     path: DataFile,
     episode: Episode,
-    out: Annotated[Path, typer.Option(metavar="FILE.webm", show_default=False, help="The film to write.")],
+    out: Annotated[Path, typer.Option(metavar="FILE.webm", show_default=False, help="Output file.")],
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Film an episode as its camera saw it.
+    """Write an episode as a video.
 
-    With contact and WORD drawn on it; where no images were recorded, they are drawn from the cloth's nodes.
+    It shows what the camera saw, with contact and WORD; without recorded images, the cloth's nodes are rendered.
     """
     validators.require_simulator()
-    from layflat.app.commands.dataset import film as run
+    from layflat.app.commands.dataset import video as run
 
     run(path, out, episode=episode, force=force)
 
@@ -220,14 +218,14 @@ def video(
 @data_cli.command()
 def plot(
     path: DataFile,
-    out: Annotated[Path, typer.Option(metavar="FILE.png", show_default=False, help="The picture to write.")],
+    out: Annotated[Path, typer.Option(metavar="FILE.png", show_default=False, help="Output file.")],
     episode: Annotated[
         int | None, typer.Option(callback=_episode, metavar="K", help="Only demo_K of the file.")
     ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Plot a session as one picture.
+    """Plot a session as an image.
 
     Paths, starts, actions, contact portion and WORD.
     """
@@ -239,15 +237,15 @@ def plot(
 def replay(
     path: DataFile,
     episode: Episode,
-    mode: Annotated[ModeName, typer.Option(help="What was, or the actions once more.")] = "state",
+    mode: Annotated[ModeName, typer.Option(help="Recorded states, or simulate the actions again.")] = "state",
     json: Json = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film it.")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Write a video.")] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Replay a recorded episode.
 
-    state shows what was; action runs the actions again from the same start and reports how far that leads elsewhere.
+    state shows the recorded states; action simulates the actions from the same start and reports the divergence.
     """
     validators.require_simulator()
     from layflat.app.commands.replay import replay as run

@@ -1,4 +1,4 @@
-"""`layflat data export|import|video|plot`: recorded episodes in forms that other tools and people read."""
+"""`layflat data export|import|video|plot`: conversion of recorded episodes for other tools and people."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
 from layflat.data.format import schema
 from layflat.data.session.reader import Session, open_session
 from layflat.data.types import Outcome
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 
 Format: TypeAlias = Literal["robomimic", "lerobot", "csv"]
 EPISODE_S = 0.5
-"""Expected wall time of an episode's export to LeRobot, for the first estimate of the time left."""
+"""Expected wall time of the LeRobot export of one episode, for the first estimate of the time left."""
 
 
 def export(
@@ -35,7 +36,7 @@ def export(
 ) -> None:
     """Write a session, or its episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
     if not images and form != "lerobot":
-        raise UsageError(f"--no-images is for lerobot; the {form} export has images exactly where its form has a place")
+        raise UsageError(f"--no-images is for lerobot; {form} exports do not take it")
     with open_session(path) as session:
         names = chosen_names(session, outcome)
         if form == "robomimic":
@@ -63,29 +64,29 @@ def export(
 
 
 def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> None:
-    """Make a session of a robomimic file in our layout."""
+    """Write a session from a robomimic file in our layout."""
     validators.readable_file(path, "a robomimic HDF5 file")
     validators.writable_file(out, force=force)
-    made = import_robomimic(path, out, cloth=cloth)
-    how = "bit by bit" if made.exact else "read and written anew"
-    print(f"imported {made.episodes} episodes, {how} {out}")
+    report = import_robomimic(path, out, cloth=cloth, robots=[robot_spec(name) for name in ROBOTS], force=force)
+    how = "copied bit by bit" if report.exact else "converted"
+    print(f"imported {report.episodes} episodes, {how} {out}")
 
 
-def film(path: Path, out: Path, *, episode: int, force: bool) -> None:
-    """Film an episode as its camera saw it, with contact and WORD drawn on it."""
+def video(path: Path, out: Path, *, episode: int, force: bool) -> None:
+    """Write an episode as its camera saw it, with contact and WORD drawn on it, as a video."""
     if out.suffix != ".webm":
-        raise UsageError(f"{out} is not a .webm file; films are written as .webm")
+        raise UsageError(f"{out} is not a .webm file; videos are written as .webm")
     with open_session(path) as session:
         recorded = session.episode(schema.demo_name(episode))
     check_drawable(recorded)
     validators.writable_file(out, force=force)
     with EpisodeRenderer() as renderer:
         count = write_episode_video(out, renderer.camera_frames(recorded), recorded)
-    print(f"filmed {schema.demo_name(episode)}, {count} frames {out}")
+    print(f"wrote {schema.demo_name(episode)}, {count} frames {out}")
 
 
 def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
-    """Draw the page of plots of a session, or of one of its episodes, as a PNG."""
+    """Draw a page of plots of a session, or of one of its episodes, as a PNG."""
     if out.suffix != ".png":
         raise UsageError(f"{out} is not a .png file; plots are written as .png")
     with open_session(path) as session:
@@ -100,7 +101,7 @@ def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
 
 
 def chosen_names(session: Session, outcome: Outcome | None) -> Sequence[str]:
-    """The episodes to take; UsageError where there are none."""
+    """Return the names of the episodes with this outcome; UsageError where there are none."""
     names = session.select(outcome=outcome)
     if not names:
         raise UsageError(
@@ -110,9 +111,9 @@ def chosen_names(session: Session, outcome: Outcome | None) -> Sequence[str]:
 
 
 def new_folder(path: Path, *, force: bool) -> None:
-    """A folder that is not there yet, or may be replaced; UsageError otherwise."""
+    """Check that a folder can be created or replaced; UsageError otherwise."""
     if path.exists() and not path.is_dir():
         raise UsageError(f"{path} is not a folder; this export makes a folder")
     if path.is_dir() and any(path.iterdir()) and not force:
-        raise UsageError(f"{path} holds something already; give --force to replace it, or another name")
+        raise UsageError(f"{path} is not empty; give --force to replace it, or another name")
     validators.writable_folder(path.absolute().parent)

@@ -1,4 +1,4 @@
-"""`layflat data`: every command on real sessions, what it prints, what it writes, and what it refuses."""
+"""`layflat data`: output, files and refusals of every command on recorded sessions."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from layflat.app.cli import main
-from layflat.app.commands.dataset_info import told as words
+from layflat.app.commands.dataset_info import disturbances_text
 from layflat.app.media.video import count_frames
-from layflat.data import DisturbanceRecord, SessionRecorder, open_session
+from layflat.data import DisturbanceRecord, open_session
+from layflat.tests.factories import without_ground_truth, write_session
 
 COMMANDS = (
     "info", "validate", "stats", "split", "filter", "merge", "trim", "repair", "export", "import", "video", "plot",
@@ -27,16 +28,15 @@ COMMANDS = (
 def made(tmp_path_factory, make_episode, lying) -> Path:
     """Sessions: ``hanger.h5`` (four episodes), ``more.h5`` (one), ``pickers.h5``, and files that are none."""
     folder = tmp_path_factory.mktemp("made")
-    with SessionRecorder(folder / "hanger.h5", robot="hanger", cloth="towel") as recorder:
-        for seed, (outcome, disturbed) in enumerate(
-            [("success", False), ("failure", True), ("success", True), ("success", False)]
-        ):
-            source = "scripted" if seed < 2 else "gamepad"
-            recorder.save(make_episode(seed=seed, outcome=outcome, disturbed=disturbed, source=source))
-    with SessionRecorder(folder / "more.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.save(make_episode(seed=9, disturbed=False))
-    with SessionRecorder(folder / "pickers.h5", robot="pickers", cloth="towel") as recorder:
-        recorder.save(lying(make_episode(robot="pickers"), n_steps=5))
+    outcomes = [("success", False), ("failure", True), ("success", True), ("success", False)]
+    sources = ["scripted", "scripted", "gamepad", "gamepad"]
+    episodes = [
+        make_episode(seed=seed, outcome=outcome, disturbed=disturbed, source=source)
+        for seed, ((outcome, disturbed), source) in enumerate(zip(outcomes, sources, strict=True))
+    ]
+    write_session(folder / "hanger.h5", episodes)
+    write_session(folder / "more.h5", [make_episode(seed=9, disturbed=False)])
+    write_session(folder / "pickers.h5", [lying(make_episode(robot="pickers"), n_steps=5)])
     whole = (folder / "hanger.h5").read_bytes()
     (folder / "short.h5").write_bytes(whole[: len(whole) // 2])
     (folder / "text.h5").write_text("dear diary")
@@ -88,54 +88,61 @@ def _seeds(path: str) -> list[int]:
 def test_info_is_a_page(done):
     page = done("info", "hanger.h5", "--json", "info.json")
     for text in (
-        "hanger.h5: 4 episodes, 310 steps", "robot hanger, cloth towel", "3 success, 1 failure",
+        "hanger.h5: 4 episodes, 310 steps", "robot hanger, task place, cloth towel", "3 success, 1 failure",
         "2 scripted, 2 gamepad", "2 none, 2 push", "contact at start", "demo_3",
     ):  # fmt: skip
         assert text in page
     assert max(map(len, page.splitlines())) <= 120
-    told = json.loads(Path("info.json").read_text())
-    assert told["schema"] == 1
-    assert (told["steps"], told["outcomes"]) == (310, {"success": 3, "failure": 1})
+    report = json.loads(Path("info.json").read_text())
+    assert report["schema"] == 1
+    assert (report["steps"], report["outcomes"]) == (310, {"success": 3, "failure": 1})
     with open_session("hanger.h5") as session:
-        for row, episode in zip(told["episodes"], session, strict=True):
+        for row, episode in zip(report["episodes"], session, strict=True):
             assert row["steps"] == len(episode.steps)
             assert row["contact_start"] == episode.contact()[0]
             assert row["contact_final"] == episode.contact()[-1]
 
 
-def test_info_says_which_disturbances_came_when(done, make_episode):
-    gusts = [
-        DisturbanceRecord(name=name, first_step=step_index)
-        for name, step_index in (("wind", 5), ("push", 40), ("wind", 80))
-    ]
-    twice = [
-        DisturbanceRecord(name="thesis", first_step=step_index, last_step=step_index + 9) for step_index in (60, 80)
-    ]
-    with SessionRecorder("some.h5", robot="hanger", cloth="towel") as recorder:
-        recorder.save(make_episode(disturbance="gusts", disturbances=gusts))
-        recorder.save(make_episode(disturbance="thesis", disturbances=twice))
-        recorder.save(make_episode(disturbed=False))
+def test_info_lists_disturbances_with_their_steps(done, make_episode):
+    gusts = [DisturbanceRecord(name=name, first_step=step) for name, step in (("wind", 5), ("push", 40), ("wind", 80))]
+    twice = [DisturbanceRecord(name="thesis", first_step=step, last_step=step + 9) for step in (60, 80)]
+    gusty = make_episode(disturbance="gusts", disturbances=gusts)
+    again = make_episode(disturbance="thesis", disturbances=twice)
+    write_session(Path("some.h5"), [gusty, again, make_episode(disturbed=False)])
     page = " ".join(done("info", "some.h5", "--json", "some.json").split())
-    told = [episode["disturbances"] for episode in json.loads(Path("some.json").read_text())["episodes"]]
-    assert told[0][2] == {"name": "wind", "first_step": 80, "last_step": None}
-    assert [record["last_step"] for record in told[1]] == [69, 89]
-    assert told[2] == []
-    (gusty, again, calm) = (words("gusts", gusts), words("thesis", twice), words("none", []))
-    assert gusty == "gusts: wind at 5, 80, push at 40"
-    assert again == "thesis at 60, 80"
-    assert calm == "none"
-    assert again in page
+    found = [episode["disturbances"] for episode in json.loads(Path("some.json").read_text())["episodes"]]
+    assert found[0][2] == {"name": "wind", "first_step": 80, "last_step": None}
+    assert [record["last_step"] for record in found[1]] == [69, 89]
+    assert found[2] == []
+    assert disturbances_text("gusts", gusts) == "gusts: wind at 5, 80, push at 40"
+    assert disturbances_text("none", []) == "none"
+    assert disturbances_text("thesis", twice) == "thesis at 60, 80"
+    assert "thesis at 60, 80" in page
 
 
-def test_a_page_stays_a_page(done, make_episode, lying):
-    with SessionRecorder("long.h5", robot="hanger", cloth="towel") as recorder:
-        for seed in range(25):
-            recorder.save(lying(make_episode(seed=seed), n_steps=1))
+def test_a_long_session_fits_on_a_page(done, make_episode, lying):
+    write_session(Path("long.h5"), [lying(make_episode(seed=seed), n_steps=1) for seed in range(25)])
     page = done("info", "long.h5")
     assert len(page.splitlines()) < 50
     assert "5 more" in page
     assert "demo_0 " in page
     assert "demo_24" in page
+
+
+def test_episodes_without_ground_truth_are_shown_and_exported(done, make_episode):
+    write_session(Path("real.h5"), [without_ground_truth(make_episode(seed=seed)) for seed in range(2)])
+    assert done("validate", "real.h5").startswith("valid")
+    page = done("info", "real.h5", "--json", "info.json")
+    assert "physics real" in page
+    assert "mesh contact" not in page
+    episode = json.loads(Path("info.json").read_text())["episodes"][0]
+    assert episode["flat_area_final"] is episode["contact_true_final"] is None
+    done("stats", "real.h5", "--json", "stats.json")
+    stats = json.loads(Path("stats.json").read_text())
+    assert stats["flat_area_final"] == [None, None]
+    assert "states" not in stats["columns"]
+    done("export", "real.h5", "--out", "tables", "--format", "csv")
+    assert "imported 2 episodes" in done("import", "real.h5", "--out", "back.h5")
 
 
 def test_validate_finds_nothing_in_a_sound_file(done):
@@ -151,21 +158,21 @@ def test_validate_prints_every_violation_with_its_path_and_exits_2(run):
     assert "/data/demo_1/obs/word: " in out
     assert "/data/demo_2@seed: " in out
     assert err.count("\n") == 1
-    told = json.loads(Path("v.json").read_text())
-    assert not told["valid"]
-    assert len(told["violations"]) == len(out.splitlines()) >= 2
+    report = json.loads(Path("v.json").read_text())
+    assert not report["valid"]
+    assert len(report["violations"]) == len(out.splitlines()) >= 2
 
 
 def test_stats_are_numpys(done):
     page = done("stats", "hanger.h5", "--json", "stats.json")
-    told = json.loads(Path("stats.json").read_text())["columns"]
+    report = json.loads(Path("stats.json").read_text())["columns"]
     with open_session("hanger.h5") as session:
         rows = session.arrays(["action_m", "obs/contact_portion"])
     for key in ("action_m", "obs/contact_portion"):
-        np.testing.assert_allclose(told[key]["mean"], rows[key].mean(axis=0), rtol=1e-12, atol=1e-15)
-        np.testing.assert_allclose(told[key]["std"], rows[key].std(axis=0), rtol=1e-9)
-        assert told[key]["min"] == rows[key].min(axis=0).tolist()
-        assert told[key]["count"] == 310
+        np.testing.assert_allclose(report[key]["mean"], rows[key].mean(axis=0), rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(report[key]["std"], rows[key].std(axis=0), rtol=1e-9)
+        assert report[key]["min"] == rows[key].min(axis=0).tolist()
+        assert report[key]["count"] == 310
     assert "contact_portion" in page
     assert len(page.splitlines()) < 60
 
@@ -234,7 +241,7 @@ def test_export_and_back(form, path, done):
         pytest.importorskip("pyarrow")
     assert "exported 3 episodes" in done("export", "hanger.h5", "--out", path, "--format", form, "--outcome", "success")
     if form == "robomimic":
-        assert "imported 3 episodes, bit by bit" in done("import", path, "--out", "back.h5")
+        assert "imported 3 episodes, copied bit by bit" in done("import", path, "--out", "back.h5")
         assert _seeds("back.h5") == [0, 2, 3]
     else:
         assert any(Path(path).iterdir())
@@ -317,7 +324,7 @@ WRONG = {
     ("export", "hanger.h5", "--out", "o", "--valid-share", "1"): "share",
     ("export", "hanger.h5", "--out", "o", "--format", "csv", "--no-images"): "--no-images",
     ("export", "hanger.h5", "--out", "o", "--outcome", "partial"): "partial",
-    ("export", "hanger.h5", "--out", ".", "--format", "lerobot", "--force"): "something else",
+    ("export", "hanger.h5", "--out", ".", "--format", "lerobot", "--force"): "not a LeRobot data set",
 }
 
 
