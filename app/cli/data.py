@@ -7,12 +7,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from layflat.app.cli.options import DataFile, Debug, Force, Json, Seed, maybe_count
+from layflat.app.cli.options import DataFile, Debug, Force, Json, Seed, count
 from layflat.app.support import validators
 
 FormatName = Literal["robomimic", "lerobot", "csv"]
 OutcomeName = Literal["success", "failure", "partial"]
-ModeName = Literal["state", "action"]
 
 
 def _episode(value: int | None) -> int | None:
@@ -89,8 +88,8 @@ def filter_(
     outcome: Outcome = None,
     source: Annotated[str | None, typer.Option(help="Only episodes from this source, such as scripted.")] = None,
     cloth: Annotated[str | None, typer.Option(help="Only episodes with this cloth.")] = None,
-    min_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="Smallest number of steps.")] = None,
-    max_steps: Annotated[int | None, typer.Option(callback=maybe_count, help="Largest number of steps.")] = None,
+    min_steps: Annotated[int | None, typer.Option(callback=count, help="Smallest number of steps.")] = None,
+    max_steps: Annotated[int | None, typer.Option(callback=count, help="Largest number of steps.")] = None,
     min_contact: Annotated[float | None, typer.Option(help="Smallest final contact portion, 0..1.")] = None,
     max_contact: Annotated[float | None, typer.Option(help="Largest final contact portion, 0..1.")] = None,
     force: Force = False,
@@ -232,22 +231,3 @@ def plot(
     from layflat.app.commands.dataset import plot as run
 
     run(path, out, episode=episode, force=force)
-
-
-def replay(
-    path: DataFile,
-    episode: Episode,
-    mode: Annotated[ModeName, typer.Option(help="Recorded states, or simulate the actions again.")] = "state",
-    json: Json = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Write a video.")] = None,
-    force: Force = False,
-    debug: Debug = False,
-) -> None:
-    """Replay a recorded episode.
-
-    state shows the recorded states; action simulates the actions from the same start and reports the divergence.
-    """
-    validators.require_simulator()
-    from layflat.app.commands.replay import replay as run
-
-    run(path, episode=episode, mode=mode, json=json, video=video, force=force)

@@ -1,62 +1,81 @@
-"""Options of `layflat evaluate` and `layflat disturb`; the work is in ``app/commands/evaluate.py``."""
+"""Options of `layflat evaluate`, `disturb`, `demo`, `reproduce` and `bench`."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from layflat.app.cli.options import Debug, Episodes, Force, Seed, Task, Workers
+from layflat.app.cli.call import call
+from layflat.app.cli.options import Cloth, Debug, Episodes, Folder, Force, Json, Seed, Task, Workers, count
 from layflat.app.support import validators
 
-Policies = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="POLICY...",
-        show_default=False,
-        help="Model files or built-in policies (scripted, hold, random, stretch-right, drag-rule). NAME=MODEL.npz "
-        "names one; MODEL.npz+drag-rule repairs by a rule; +recovery and +steady are wrappers.",
-    ),
-]
-Out = Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")]
-Cloths = Annotated[
-    list[str] | None,
-    typer.Option(show_default="those of the models", help="Cloth: towel, napkin or towel-fine; repeatable."),
-]
-Robots = Annotated[
-    list[str] | None,
-    typer.Option(show_default="those of the models", help="Robot of built-in policies: hanger or pickers; repeatable."),
-]
-StartAt = Annotated[str | None, typer.Option(help="Start of the cloth: hanging, crumpled, folded-corner or swinging.")]
-Limit = Annotated[float, typer.Option(metavar="S", help="Wall time after which an episode counts as hung.")]
-Engine = Annotated[str, typer.Option(help="Where the episodes run: local, or ray for a Ray cluster.")]
-Address = Annotated[
-    str | None, typer.Option(metavar="HOST:PORT", help="Address of the Ray cluster; by default a local one is started.")
-]
-Videos = Annotated[bool, typer.Option("--videos", help="Videos of the best, the median and the worst of each policy.")]
-_SUITE = "a suite (thesis, gentle, harsh, folds, wind), the name of a disturbance, or a suite of your own; repeatable."
-Disturbances = Annotated[
-    list[str] | None, typer.Option("--disturb", metavar="SUITE|NAME|FILE.toml", help=f"Also disturb by {_SUITE}")
-]
-Suites = Annotated[list[str], typer.Option("--suite", metavar="SUITE|NAME|FILE.toml", help=f"Disturb by {_SUITE}")]
+DEFAULT_SUITE = "thesis"
+"""Suite of `layflat disturb` where none is given."""
 
 
 def evaluate(
-    policies: Policies,
-    out: Out,
+    context: typer.Context,
+    policies: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="POLICY...",
+            show_default=False,
+            help="Model files or built-in policies (scripted, hold, random, stretch-right, drag-rule; of the task "
+            "smooth: scripted, word, stretch-right, random). NAME=MODEL.npz names one; MODEL.npz+drag-rule repairs by "
+            "a rule; +recovery and +steady are wrappers.",
+        ),
+    ],
+    out: Folder,
     workers: Workers,
     episodes: Episodes = 20,
     seed: Seed = 0,
-    disturb: Disturbances = None,
-    cloth: Cloths = None,
-    robot: Robots = None,
-    task: Task = "place",
-    start: StartAt = None,
-    limit_s: Limit = 900.0,
-    engine: Engine = "local",
-    address: Address = None,
-    videos: Videos = False,
+    disturb: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--disturb",
+            "--suite",
+            metavar="SUITE|NAME|FILE.toml",
+            help="Also disturb by a suite (thesis, gentle, harsh, folds, wind), by a disturbance (push, pull, tug, "
+            "poke, wind, gust-x, gust-y, lift-drop, lift-aside, fold-corner, fold-edge, thesis), or by a suite of your "
+            "own; repeatable.",
+        ),
+    ] = None,
+    cloths: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--cloth", show_default="those of the models", help="Cloth: towel, napkin or towel-fine; repeatable."
+        ),
+    ] = None,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--robot",
+            show_default="those of the models",
+            help="Robot of built-in policies: hanger or pickers; repeatable.",
+        ),
+    ] = None,
+    task: Task = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            show_default="that of the task", help="Start of the cloth: hanging, crumpled, folded-corner or swinging."
+        ),
+    ] = None,
+    limit_s: Annotated[
+        float, typer.Option(metavar="S", help="Wall time after which an episode counts as hung.")
+    ] = 900.0,
+    engine: Annotated[
+        str | None,
+        typer.Option(show_default="local", help="Where the episodes run: local, or ray for a Ray cluster."),
+    ] = None,
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Address of the Ray cluster; by default a local one is started."),
+    ] = None,
+    videos: Annotated[
+        bool, typer.Option("--videos", help="Videos of the best, the median and the worst of each policy.")
+    ] = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -64,65 +83,66 @@ def evaluate(
 
     Writes rows, a summary, every episode and report.html to DIR. The same command continues after an interruption.
     """
-    validators.require_simulator()
-    from layflat.app.commands.evaluate import EvaluateConfig
-    from layflat.app.commands.evaluate import evaluate as run
-
-    config = EvaluateConfig(
-        policies=tuple(policies),
-        out=out,
-        episodes=episodes,
-        seed=seed,
-        disturb=tuple(disturb or ()),
-        cloths=tuple(cloth or ()),
-        robots=tuple(robot or ()),
-        task=task,
-        start=start,
-        limit_s=limit_s,
-        engine=engine,
-        address=address,
-        videos=videos,
-    )
-    run(config, workers=workers, force=force)
+    options = locals()
+    if options.pop("context").info_name == "disturb":
+        options["disturb"] = disturb or [DEFAULT_SUITE]
+    call("commands.evaluate:evaluate", options)
 
 
-def disturb(
-    policies: Policies,
-    out: Out,
+DISTURB_HELP = f"""Compare policies through suites of disturbances.
+
+The same as `layflat evaluate --disturb SUITE`, with the suite {DEFAULT_SUITE} where none is given: every episode also
+runs undisturbed, from the same placement.
+"""
+
+
+def demo(
     workers: Workers,
-    suite: Suites = ["thesis"],  # noqa: B006 - typer's way to a default of an option that may be repeated
-    episodes: Episodes = 20,
+    out: Folder,
+    episodes: Episodes = 5,
     seed: Seed = 0,
-    cloth: Cloths = None,
-    robot: Robots = None,
-    task: Task = "place",
-    start: StartAt = None,
-    limit_s: Limit = 900.0,
-    engine: Engine = "local",
-    address: Address = None,
-    videos: Videos = False,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option("--robot", show_default="all", help="Only this robot: hanger or pickers; repeatable."),
+    ] = None,
+    cloth: Cloth = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Compare policies through suites of disturbances.
+    """The whole story, into DIR/report.html.
 
-    The same as `layflat evaluate --disturb SUITE`: every episode also runs undisturbed, from the same placement.
+    Headless: demonstrations, training, placing, disturbance, report.
     """
-    evaluate(
-        policies,
-        out,
-        workers,
-        episodes=episodes,
-        seed=seed,
-        disturb=suite,
-        cloth=cloth,
-        robot=robot,
-        task=task,
-        start=start,
-        limit_s=limit_s,
-        engine=engine,
-        address=address,
-        videos=videos,
-        force=force,
-        debug=debug,
-    )
+    call("commands.demo:run_demo", locals())
+
+
+def reproduce(
+    workers: Workers,
+    out: Folder,
+    quick: Annotated[bool, typer.Option("--quick", help="Everything with few starts, under 15 minutes.")] = False,
+    seeds: Annotated[
+        int | None, typer.Option(callback=count, help="Starts of each experiment; 20, or 2 with --quick.")
+    ] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Run only this experiment; repeatable.")
+    ] = None,
+    report_only: Annotated[bool, typer.Option("--report-only", help="Run nothing; only write the page.")] = False,
+    seed: Seed = 0,
+    debug: Debug = False,
+) -> None:
+    """Every experiment of the thesis, our numbers beside its numbers.
+
+    Into DIR/report.html and DIR/table.md; the same command continues an interrupted reproduction.
+    """
+    call("reproduce.run:reproduce", locals())
+
+
+def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
+    """Measure how fast this machine simulates.
+
+    Simulated over wall time in the air, on the table and with the camera.
+    """
+    validators.require_simulator()
+    from layflat.app.benchmarks.bench import bench as run
+
+    run(json, force=force)

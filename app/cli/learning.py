@@ -1,4 +1,4 @@
-"""Options of `layflat record`, `layflat train` and `layflat place`."""
+"""Options of `layflat record`, `train`, `place` and `flatten`."""
 
 from __future__ import annotations
 
@@ -7,43 +7,55 @@ from typing import Annotated
 
 import typer
 
+from layflat.app.cli.call import call
 from layflat.app.cli.options import (
     Cloth,
     DataFile,
     Debug,
     Descriptor,
+    Episode,
     Episodes,
     Force,
     Json,
     Robot,
     Seed,
     Task,
+    Video,
     Workers,
 )
-from layflat.app.support import validators
 
 
 def record(
     path: DataFile,
     workers: Workers,
-    robot: Robot = "hanger",
-    task: Task = "place",
-    cloth: Cloth = "towel",
+    robot: Robot = None,
+    task: Task = None,
+    cloth: Cloth = None,
     source: Annotated[
-        str, typer.Option(help="Who demonstrates: scripted, gamepad, keyboard, mouse or kinesthetic.")
-    ] = "scripted",
+        str | None,
+        typer.Option(
+            show_default="scripted", help="Who demonstrates: scripted, gamepad, keyboard, mouse or kinesthetic."
+        ),
+    ] = None,
     episodes: Episodes = 1,
     seed: Seed = 0,
-    descriptor: Descriptor = "word-axial",
+    descriptor: Descriptor = None,
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
     disturb: Annotated[
-        str, typer.Option("--disturb-button", metavar="NAME", help="Disturbance that the disturb button starts.")
-    ] = "push",
+        str | None,
+        typer.Option(
+            "--disturb-button",
+            metavar="NAME",
+            show_default="push",
+            help="Disturbance that the disturb button starts, as in `layflat place --disturb`.",
+        ),
+    ] = None,
     window: Annotated[
         bool, typer.Option("--window/--no-window", help="Open the live window where there is a display.")
     ] = True,
-    pad: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Gamepad mapping from `layflat gamepad calibrate --file`.")
+    mapping: Annotated[
+        Path | None,
+        typer.Option("--pad", metavar="FILE.json", help="Gamepad mapping from `layflat gamepad calibrate --file`."),
     ] = None,
     correct: Annotated[
         Path | None,
@@ -57,37 +69,19 @@ def record(
     Appends to FILE.h5 if it exists; an episode is durable when its line is printed. A person records until --episodes
     are kept or until they quit; an episode that is discarded is asked for again.
     """
-    validators.require_simulator()
-    from layflat.app.commands.record import record as run
-    from layflat.app.workers.record_config import RecordConfig
-
-    config = RecordConfig(
-        path=path,
-        robot=robot,
-        task=task,
-        cloth=cloth,
-        source=source,
-        episodes=episodes,
-        seed=seed,
-        descriptor=descriptor,
-        images=images,
-        disturb=disturb,
-        window=window,
-        mapping=pad,
-        correct=correct,
-    )
-    run(config, force=force, workers=workers)
+    call("commands.record:record", locals())
 
 
 def train(
     data: DataFile,
     model: Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="Model to write.")],
     policy: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Policy to train: gp-word, gp-baseline, gp-contact, gp-direction, gp-finish, gmr, dmp or nearest."
+            show_default="gp-word",
+            help="Policy to train: gp-word, gp-baseline, gp-contact, gp-direction, gp-finish, gmr, dmp or nearest.",
         ),
-    ] = "gp-word",
+    ] = None,
     intervention_weight: Annotated[
         int, typer.Option(min=1, metavar="W", help="Weight of steps in which a person corrected a policy.")
     ] = 1,
@@ -99,11 +93,7 @@ def train(
 
     Prints points, hyperparameters and held-out error.
     """
-    from layflat.app.commands.train import TrainConfig
-    from layflat.app.commands.train import train as run
-
-    config = TrainConfig(data=data, model=model, policy=policy, seed=seed, intervention_weight=intervention_weight)
-    run(config, force=force)
+    call("commands.train:train", locals(), simulator=False)
 
 
 def place(
@@ -112,22 +102,32 @@ def place(
         typer.Argument(
             metavar="POLICY",
             show_default=False,
-            help="Model file or built-in policy (scripted, hold, random, stretch-right, drag-rule); "
-            "+recovery and +steady behind it.",
+            help="Model file or built-in policy (scripted, hold, random, stretch-right, drag-rule); MODEL.npz+drag-rule"
+            " repairs by a rule; +recovery and +steady are wrappers.",
         ),
     ],
     workers: Workers,
     episodes: Episodes = 1,
     seed: Seed = 0,
-    disturb: Annotated[
-        str, typer.Option(metavar="NAME", help="Disturbance that starts when the policy has stopped.")
-    ] = "none",
+    disturbance: Annotated[
+        str | None,
+        typer.Option(
+            "--disturb",
+            metavar="NAME",
+            show_default="none",
+            help="Disturbance that starts when the policy has stopped: none, push, pull, tug, poke, wind, gust-x, "
+            "gust-y, lift-drop, lift-aside, fold-corner, fold-edge or thesis.",
+        ),
+    ] = None,
     record: Annotated[Path | None, typer.Option(metavar="FILE.h5", help="Record the episodes in this session.")] = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Video of the first episode.")] = None,
+    video: Video = None,
     json: Json = None,
-    robot: Annotated[str | None, typer.Option(help="Robot of a built-in policy: hanger or pickers.")] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(show_default="that of the model", help="Robot of a built-in policy: hanger or pickers."),
+    ] = None,
     cloth: Annotated[
-        str | None, typer.Option(help="Cloth; by default the one that the model was trained with.")
+        str | None, typer.Option(show_default="that of the model", help="Cloth: towel, napkin or towel-fine.")
     ] = None,
     wrappers: Annotated[
         list[str] | None, typer.Option("--with", metavar="recovery|steady", help="Wrapper of the policy; repeatable.")
@@ -136,20 +136,46 @@ def place(
     debug: Debug = False,
 ) -> None:
     """Place a cloth with a policy."""
-    validators.require_simulator()
-    from layflat.app.commands.place import PlaceConfig
-    from layflat.app.commands.place import place as run
+    call("commands.place:place", locals())
 
-    config = PlaceConfig(
-        policy=policy,
-        episodes=episodes,
-        seed=seed,
-        robot=robot,
-        cloth=cloth,
-        disturbance=disturb,
-        wrappers=tuple(wrappers or ()),
-        record=record,
-        video=video,
-        json=json,
-    )
-    run(config, workers=workers, force=force)
+
+def flatten(
+    workers: Workers,
+    controller: Annotated[
+        str | None,
+        typer.Option(show_default="word", help="Controller of the pickers: word, stretch-right or random."),
+    ] = None,
+    descriptor: Descriptor = None,
+    episodes: Episodes = 1,
+    seed: Seed = 0,
+    cloth: Cloth = None,
+    video: Video = None,
+    strip: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Ten frames of the first episode.")] = None,
+    json: Json = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Pull the wrinkles out of a crumpled cloth.
+
+    By Algorithm 2 of the thesis, or by one of the controllers that it is compared with.
+    """
+    call("commands.flatten:flatten", locals())
+
+
+def replay(
+    path: DataFile,
+    episode: Episode,
+    mode: Annotated[
+        str | None,
+        typer.Option(show_default="state", help="state: the recording; action: its actions, run again."),
+    ] = None,
+    json: Json = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Video of the replay.")] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Replay a recorded episode.
+
+    state shows the recording; action runs the actions again from the same start and reports how far that diverges.
+    """
+    call("commands.replay:replay", locals())

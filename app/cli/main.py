@@ -15,21 +15,12 @@ from typing import Annotated
 
 import typer
 
-from layflat.app.cli.data import data_cli, replay
-from layflat.app.cli.evaluation import disturb, evaluate
+from layflat.app.cli.call import call
+from layflat.app.cli.data import data_cli
+from layflat.app.cli.evaluation import DISTURB_HELP, bench, demo, evaluate, reproduce
 from layflat.app.cli.gamepad import gamepad_cli
-from layflat.app.cli.learning import place, record, train
-from layflat.app.cli.options import (
-    Cloth,
-    Debug,
-    Descriptor,
-    Episodes,
-    Force,
-    Json,
-    Seed,
-    Workers,
-    maybe_count,
-)
+from layflat.app.cli.learning import flatten, place, record, replay, train
+from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, count
 from layflat.app.support import validators
 from layflat.app.support.errors import INTERRUPTED, USAGE_ERROR, run_command
 
@@ -38,6 +29,7 @@ cli = typer.Typer(
     help="Teaches a simulated robot to lay cloth flat, and to repair what a disturbance undoes.",
     add_completion=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -54,27 +46,6 @@ def _main(
     ] = False,
 ) -> None:
     """Teaches a simulated robot to lay cloth flat, and to repair what a disturbance undoes."""
-
-
-def demo(
-    workers: Workers,
-    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
-    episodes: Episodes = 5,
-    seed: Seed = 0,
-    robot: Annotated[str | None, typer.Option(help="Only this robot; both by default.")] = None,
-    cloth: Cloth = "towel",
-    force: Force = False,
-    debug: Debug = False,
-) -> None:
-    """The whole story, into DIR/report.html.
-
-    Headless: demonstrations, training, placing, disturbance, report.
-    """
-    validators.require_simulator()
-    from layflat.app.commands.demo import run_demo
-
-    robots: tuple[str, ...] = (robot,) if robot else ("hanger", "pickers")
-    run_demo(out, episodes=episodes, seed=seed, robots=robots, cloth=cloth, workers=workers, force=force)
 
 
 def app_(
@@ -97,7 +68,7 @@ def word(
     json: Json = None,
     overlay: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there.")] = None,
     flat_pixels: Annotated[
-        int | None, typer.Option(callback=maybe_count, metavar="N", help="Cloth pixels of the cloth laid flat.")
+        int | None, typer.Option(callback=count, metavar="N", help="Cloth pixels of the cloth laid flat.")
     ] = None,
     intrinsics: Annotated[
         str | None, typer.Option(metavar="FX,FY,CX,CY", help="Of the colour camera, px; a D435's by default.")
@@ -110,7 +81,7 @@ def word(
     contact_mm: Annotated[
         float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
     ] = None,
-    descriptor: Descriptor = "word-axial",
+    descriptor: Descriptor = None,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -119,92 +90,7 @@ def word(
 
     WORD and contact portion; x to the image's right, y up.
     """
-    from layflat.app.commands.analyze_frame import analyze_frame_files as run
-
-    run(
-        rgb,
-        depth,
-        json=json,
-        overlay=overlay,
-        flat_pixels=flat_pixels,
-        intrinsics=intrinsics,
-        depth_scale=depth_scale,
-        hsv=hsv,
-        cloth_at=cloth_at,
-        contact_mm=contact_mm,
-        descriptor_name=descriptor,
-        seed=seed,
-        force=force,
-    )
-
-
-def flatten(
-    workers: Workers,
-    controller: Annotated[str, typer.Option(help="Controller of the pickers: word, stretch-right or random.")] = "word",
-    descriptor: Descriptor = "word-axial",
-    episodes: Episodes = 1,
-    seed: Seed = 0,
-    cloth: Cloth = "towel",
-    video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Film the first episode.")] = None,
-    strip: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Ten frames of the first episode.")] = None,
-    json: Json = None,
-    force: Force = False,
-    debug: Debug = False,
-) -> None:
-    """Pull the wrinkles out of a crumpled cloth.
-
-    By Algorithm 2 of the thesis, or by one of the controllers that it is compared with.
-    """
-    validators.require_simulator()
-    from layflat.app.commands.flatten import FlattenConfig
-    from layflat.app.commands.flatten import flatten as run
-
-    config = FlattenConfig(
-        controller=controller,
-        descriptor=descriptor,
-        episodes=episodes,
-        seed=seed,
-        cloth=cloth,
-        video=video,
-        strip=strip,
-        json=json,
-    )
-    run(config, workers=workers, force=force)
-
-
-def reproduce(
-    workers: Workers,
-    out: Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")],
-    quick: Annotated[bool, typer.Option("--quick", help="Everything with few starts, under 15 minutes.")] = False,
-    seeds: Annotated[
-        int | None, typer.Option(callback=maybe_count, help="Starts of each experiment; 20, or 2 with --quick.")
-    ] = None,
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Run only this experiment; repeatable.")
-    ] = None,
-    report_only: Annotated[bool, typer.Option("--report-only", help="Run nothing, only write the page anew.")] = False,
-    seed: Seed = 0,
-    debug: Debug = False,
-) -> None:
-    """Every experiment of the thesis, ours beside its.
-
-    Into DIR/report.html and DIR/table.md; the same command goes on where an earlier one stopped.
-    """
-    validators.require_simulator()
-    from layflat.app.reproduce.run import reproduce as run
-
-    run(out, quick=quick, seeds=seeds, seed=seed, only=only or [], workers=workers, report_only=report_only)
-
-
-def bench(json: Json = None, force: Force = False, debug: Debug = False) -> None:
-    """Measure how fast this machine simulates.
-
-    Simulated over wall time in the air, on the table and with the camera.
-    """
-    validators.require_simulator()
-    from layflat.app.benchmarks.bench import bench as run
-
-    run(json, force=force)
+    call("commands.analyze_frame:analyze_frame_files", locals(), simulator=False)
 
 
 def doctor(debug: Debug = False) -> None:
@@ -221,8 +107,10 @@ def doctor(debug: Debug = False) -> None:
 cli.command()(demo)
 cli.command()(record)
 cli.command(name="app")(app_)
-for _command in (train, place, word, flatten, reproduce, bench, doctor, evaluate, disturb, replay):
+for _command in (train, place, word, flatten, reproduce, bench, doctor, evaluate):
     cli.command()(_command)
+cli.command(name="disturb", help=DISTURB_HELP)(evaluate)
+cli.command()(replay)
 cli.add_typer(data_cli)
 cli.add_typer(gamepad_cli)
 

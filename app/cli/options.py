@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share."""
+"""Options and arguments that several commands share; None stands for the default of the command's config."""
 
 from __future__ import annotations
 
@@ -10,25 +10,35 @@ import typer
 from layflat.app.support import validators
 
 
-def count(param: typer.CallbackParam, value: int) -> int:
-    """Callback of an option that must be at least 1."""
-    return validators.positive(f"--{str(param.name).replace('_', '-')}", value)
+def count(param: typer.CallbackParam, value: int | None) -> int | None:
+    """Check an option that must be at least 1 where it is given."""
+    return None if value is None else validators.positive(f"--{str(param.name).replace('_', '-')}", value)
 
 
-def maybe_count(param: typer.CallbackParam, value: int | None) -> int | None:
-    """The same where the option may be left out."""
-    return None if value is None else count(param, value)
-
-
-def seed_in_range(value: int) -> int:
+def _seed(value: int) -> int:
     return validators.seed_in_range(value)
 
 
-Episodes = Annotated[int, typer.Option(callback=count, help="Number of episodes.", show_default=True)]
-Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Random seed.")]
-Robot = Annotated[str, typer.Option(help="Robot that holds the cloth: hanger or pickers.")]
-Task = Annotated[str, typer.Option(help="Task: place, or smooth from a crumpled start.")]
-Cloth = Annotated[str, typer.Option(help="Cloth: towel, napkin or towel-fine.")]
+def episode_number(value: int | None) -> int | None:
+    """Check the number of a demo where it is given."""
+    return None if value is None else validators.episode_number(value)
+
+
+Episodes = Annotated[int, typer.Option(callback=count, help="Number of episodes.")]
+Seed = Annotated[int, typer.Option(callback=_seed, help="Random seed.")]
+Robot = Annotated[
+    str | None, typer.Option(show_default="hanger", help="Robot that holds the cloth: hanger or pickers.")
+]
+Task = Annotated[
+    str | None, typer.Option(show_default="place", help="Task: place, or smooth, which begins with a crumpled cloth.")
+]
+Cloth = Annotated[str | None, typer.Option(show_default="towel", help="Cloth: towel, napkin or towel-fine.")]
+Descriptor = Annotated[
+    str | None,
+    typer.Option(
+        show_default="word-axial", help="Descriptor of the wrinkles' direction: word, word-axial, how or hog."
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")]
 Workers = Annotated[
@@ -40,7 +50,10 @@ Workers = Annotated[
         help="Number of processes; results do not depend on it.",
     ),
 ]
+Folder = Annotated[Path, typer.Option(metavar="DIR", show_default=False, help="Folder for all results.")]
 Json = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Also write the results to this file.")]
-Descriptor = Annotated[str, typer.Option(help="Descriptor of the wrinkles' direction: word, word-axial, how or hog.")]
-ModelFile = Annotated[Path, typer.Argument(metavar="MODEL.npz", show_default=False, help="A trained model.")]
-DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Demonstrations.")]
+Video = Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Video of the first episode.")]
+DataFile = Annotated[Path, typer.Argument(metavar="FILE.h5", show_default=False, help="Session of demonstrations.")]
+Episode = Annotated[
+    int, typer.Option(callback=episode_number, metavar="K", show_default=False, help="Episode demo_K of the file.")
+]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from layflat.perception.cloth.color_calibration import hue_name
 from layflat.perception.cloth.pipeline import PerceptionConfig
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.descriptors.base import Descriptor
-from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS, make_descriptor
 from layflat.perception.overlay import draw_cloth_state
 
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
@@ -32,51 +32,58 @@ MAX_NAMED_SPAN = 120.0
 """Degrees; a wider range of hue has no name."""
 
 
-def analyze_frame_files(
-    rgb_path: Path,
-    depth_path: Path,
-    *,
-    json: Path | None,
-    overlay: Path | None,
-    flat_pixels: int | None,
-    intrinsics: str | None,
-    depth_scale: float,
-    hsv: str | None,
-    cloth_at: str | None,
-    contact_mm: float | None,
-    descriptor_name: str,
-    seed: int,
-    force: bool,
-) -> FrameResult:
-    """Analyze the frame; print the result, and write a JSON file and an overlay if asked for.
+@dataclass(frozen=True, kw_only=True)
+class FrameConfig:
+    """Settings of one `layflat word` call."""
 
-    ``seed`` draws the pixels and trials of the table fit.
-    """
-    if hsv is not None and cloth_at is not None:
+    rgb: Path
+    depth: Path
+    json: Path | None = None
+    overlay: Path | None = None
+    flat_pixels: int | None = None
+    """Cloth pixels of the cloth laid flat."""
+    intrinsics: str | None = None
+    """``FX,FY,CX,CY``, px; a D435's by default."""
+    depth_scale: float = 1.0
+    """Millimetres of one unit of depth."""
+    hsv: str | None = None
+    """Colour of the cloth, ``H_MIN,H_MAX,S_MIN,V_MIN``."""
+    cloth_at: str | None = None
+    """``X,Y`` of a pixel on the cloth, from which its colour is learned."""
+    contact_mm: float | None = None
+    descriptor: str = DEFAULT_DESCRIPTOR
+    seed: int = 0
+    """Seed of the pixels and trials of the table fit."""
+
+
+def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
+    """Analyze the frame; print the result, and write a JSON file and an overlay if asked for."""
+    if config.hsv is not None and config.cloth_at is not None:
         raise UsageError("--hsv and --cloth-at both say what colour the cloth has; give one of them")
-    color, at, contact_m = parse_hsv(hsv), parse_point(cloth_at), contact_height(contact_mm)
-    descriptor = make_descriptor(validators.one_of("descriptor", descriptor_name, DESCRIPTORS))
-    _check_outputs(json, overlay, (rgb_path, depth_path), force=force)
-    rgb, depth = read_rgb(rgb_path), read_depth(depth_path, depth_scale)
-    check_same_size(rgb_path, rgb, depth_path, depth)
+    color, at = parse_hsv(config.hsv), parse_point(config.cloth_at)
+    contact_m = contact_height(config.contact_mm)
+    descriptor = make_descriptor(validators.one_of("descriptor", config.descriptor, DESCRIPTORS))
+    _check_outputs(config.json, config.overlay, (config.rgb, config.depth), force=force)
+    rgb, depth = read_rgb(config.rgb), read_depth(config.depth, config.depth_scale)
+    check_same_size(config.rgb, rgb, config.depth, depth)
     frame = analyze_frame(
         rgb,
         depth,
-        parse_intrinsics(intrinsics, *rgb.shape[1::-1]),
+        parse_intrinsics(config.intrinsics, *rgb.shape[1::-1]),
         color=color,
         cloth_at=at,
         contact_height_m=contact_m,
-        flat_pixels=flat_pixels,
-        rng=np.random.default_rng(seed),
+        flat_pixels=config.flat_pixels,
+        rng=np.random.default_rng(config.seed),
     )
-    result = result_json(frame, descriptor, assumed=intrinsics is None, flat_pixels=flat_pixels)
-    result |= {"depth_scale_mm": depth_scale, "seed": seed}
-    if overlay is not None:
-        with atomic_path(overlay) as temporary:
+    result = result_json(frame, descriptor, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
+    result |= {"depth_scale_mm": config.depth_scale, "seed": config.seed}
+    if config.overlay is not None:
+        with atomic_path(config.overlay) as temporary:
             if not cv2.imwrite(str(temporary), _overlay(rgb, frame, descriptor)[..., ::-1]):
-                raise LayflatError(f"{overlay} could not be written; is the disc full?")
-    if json is not None:
-        write_json(json, result)
+                raise LayflatError(f"{config.overlay} could not be written; is the disc full?")
+    if config.json is not None:
+        write_json(config.json, result)
     print_results(result)
     return frame
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
@@ -25,11 +26,13 @@ from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.work_item import DisturbanceCase
+from layflat.app.workers.sim_options import sim_config
 from layflat.policy.registry import RECOMMENDED_WRAPPERS
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.trained_model import RegressionModel
-from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
+from layflat.sim.robots.registry import ROBOTS
 
 DEMONSTRATIONS = 10
 """As many as the thesis gave its robot (chapter 4-3-2)."""
@@ -47,11 +50,22 @@ PLACING_FRAMES, REPAIR_FRAMES = (0, 3, 5, 7, 9), (2, 3, 4, 6, 9)
 """Moments of placing_steps and disturbance_steps that frames.png shows."""
 
 
-def run_demo(
-    out: Path, *, episodes: int, seed: int, robots: Sequence[str], cloth: str, workers: int, force: bool
-) -> Path:
-    """Run the demo into ``out`` and print where the report is; return the report's path."""
-    validators.one_of("cloth", cloth, CLOTHS)
+@dataclass(frozen=True, kw_only=True)
+class DemoConfig:
+    """Settings of one `layflat demo` call."""
+
+    out: Path
+    episodes: int = 5
+    seed: int = 0
+    robots: tuple[str, ...] = tuple(ROBOTS)
+    cloth: str = DEFAULT_CLOTH
+
+
+def run_demo(config: DemoConfig, *, workers: int, force: bool) -> Path:
+    """Run the demo and print where the report is; return the report's path."""
+    out, robots, cloth, seed = config.out, config.robots, config.cloth, config.seed
+    for robot in robots:
+        sim_config(robot=robot, cloth=cloth)
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; give another --out")
     validators.writable_folder(out)
@@ -61,13 +75,13 @@ def run_demo(
     store = ArtifactStore(out, seed=seed)
     if force:
         clear_demo(out, store, robots, cloth)
-    with Progress(_phases(robots, episodes, workers)) as progress:
+    with Progress(_phases(robots, config.episodes, workers)) as progress:
         for robot in robots:
             progress.phase(f"{robot}: demonstrations", items=DEMONSTRATIONS)
             store.record(robot, cloth, DEMONSTRATIONS, progress, workers=workers)
             progress.phase(f"{robot}: training", items=len(TRAINED))
             store.train(model_specs(robot, cloth), progress, workers=workers)
-        plan = plan_of(store, robots, cloth, range(seed, seed + episodes))
+        plan = plan_of(store, robots, cloth, range(seed, seed + config.episodes))
         progress.phase("evaluation", items=plan.n_episodes)
         results = run_evaluation(plan, out, workers=workers, progress=progress)
         progress.phase("report")

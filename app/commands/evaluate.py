@@ -18,17 +18,20 @@ from layflat.app.report.comparison_sentences import paired_table
 from layflat.app.report.evaluation_page import EXAMPLES, PageOptions, write_evaluation
 from layflat.app.report.policies import policies_of
 from layflat.app.report.result_tables import group_table
+from layflat.app.support import validators
 from layflat.app.support.console import print_table
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.app.workers.worker_process import Engine, local_engine
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
+from layflat.sim.tasks.registry import DEFAULT_TASK
 
 EPISODE_S = 12.0
 CASE_S = 6.0
 REPORT_S = 15.0
 """Core-seconds of a placement, of what follows in each case, and of the page, for the first estimate of the time."""
+ENGINES = ("local", "ray")
 WIDTH = 200
 """Columns of a table in a file: a cut word is of no use there."""
 
@@ -48,11 +51,11 @@ class EvaluateConfig:
     """By default those of the models."""
     robots: tuple[str, ...] = ()
     """By default those of the models."""
-    task: str = "place"
+    task: str = DEFAULT_TASK
     start: str | None = None
     """By default that of the task."""
     limit_s: float = LIMIT_S
-    engine: str = "local"
+    engine: str = ENGINES[0]
     address: str | None = None
     videos: bool = False
 
@@ -89,13 +92,11 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
 
 def engine_of(name: str, workers: int, address: str | None) -> Engine:
     """Return the engine of that name; UsageError for another one, or an address without a cluster."""
-    if name == "local":
-        if address is not None:
-            raise UsageError("--address is the address of a Ray cluster; give --engine ray with it")
-        return local_engine(workers)
-    if name == "ray":
+    if validators.one_of("engine", name, ENGINES) == "ray":
         return ray_engine(workers, address)
-    raise UsageError(f"engine {name!r} is unknown; known ones are local, ray")
+    if address is not None:
+        raise UsageError("--address is the address of a Ray cluster; give --engine ray with it")
+    return local_engine(workers)
 
 
 def print_results(rows: pd.DataFrame) -> None:

@@ -24,12 +24,13 @@ from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpiso
 from layflat.app.workers.work_item import DisturbanceCase, WorkItem
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
+from layflat.policy.registry import WRAPPERS
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.spec import PolicySpec
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import DEFAULT_ROBOT
 
 EPISODE_S = 18.0
 VIDEO_WIDTH = 640
@@ -83,6 +84,8 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
 
 def work_items(config: PlaceConfig) -> list[WorkItem]:
     """Return an item for each episode; UsageError or PolicyError where the settings do not fit."""
+    for name in config.wrappers:
+        validators.one_of("wrapper", name, WRAPPERS)
     policy = PolicySpec.parse("+".join((config.policy, *config.wrappers)))
     simulation = _simulation(config, policy)
     policy.check_task(simulation.task)
@@ -103,7 +106,7 @@ def work_items(config: PlaceConfig) -> list[WorkItem]:
 def _simulation(config: PlaceConfig, policy: PolicySpec) -> SimConfig:
     """Return the simulation in which the policy acts."""
     if policy.model is None:
-        robot, cloth = config.robot or next(iter(ROBOTS)), config.cloth or DEFAULT_CLOTH
+        robot, cloth = config.robot or DEFAULT_ROBOT, config.cloth or DEFAULT_CLOTH
     else:
         robot, cloth = policy.model.layout.robot.name, config.cloth or policy.model.cloth
         if config.robot not in (None, robot):

@@ -23,6 +23,11 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
     if config.correct is not None and config.source == SCRIPTED:
         raise UsageError("--correct needs a person who takes over; give --source keyboard or --source gamepad")
     simulation = sim_config(robot=config.robot, task=config.task, cloth=config.cloth, descriptor=config.descriptor)
+    if config.source != SCRIPTED:
+        # Imported here: pygame is only needed where a person demonstrates.
+        from layflat.app.workstation.teleop.registry import TELEOPERATORS
+
+        validators.one_of("source", config.source, (SCRIPTED, *TELEOPERATORS))
     path, episodes = config.path, config.episodes
     if force and path.is_file():
         raise UsageError(f"record appends to {path} and never replaces it; give another name, or delete it yourself")

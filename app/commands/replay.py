@@ -1,4 +1,4 @@
-"""`layflat replay`: what a recorded episode was, or its actions once more and how far that leads elsewhere."""
+"""`layflat replay`: a recorded episode as it was, or its actions run again and how far that diverges."""
 
 from __future__ import annotations
 
@@ -6,71 +6,84 @@ from collections.abc import Mapping
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from pebble import ProcessExpired
-from rich.table import Table
 
 from layflat.app.media.episode_renderer import EpisodeRenderer, check_drawable
 from layflat.app.media.video import write_episode_video
 from layflat.app.support import validators
-from layflat.app.support.console import console
+from layflat.app.support.console import print_table
 from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import episode_metrics, write_json
+from layflat.app.support.phases import phase_spans
 from layflat.app.support.progress import Progress
-from layflat.app.workers.process import process_pool
+from layflat.app.workers.process import describe_exit_status, process_pool
+from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.data.arrays import FloatArray
 from layflat.data.format import schema
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
-from layflat.data.types import PHASES, Episode
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.data.types import Episode
+from layflat.policy.rollout import replay_actions
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
-Mode: TypeAlias = Literal["state", "action"]
+MODES = ("state", "action")
 STEP_WALL_S = 0.08
 """Expected wall time of a step, for the first estimate of the time left."""
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReplayConfig:
+    """Settings of one `layflat replay` call."""
+
+    path: Path
+    episode: int
+    """Number of the episode: 3 for ``demo_3``."""
+    mode: str = MODES[0]
+    """``state`` shows the recording; ``action`` runs its actions again from the same start."""
+    json: Path | None = None
+    video: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Divergence:
-    """How far a rerun is from the recording, at the start of each common step and after the last."""
+    """Distance of a rerun from the recording, at the start of each common step and after the last."""
 
     node_error_m: FloatArray
-    """(T + 1,) m: the largest distance of a cloth node from where it was."""
+    """(T + 1,) m: the largest distance of a cloth node from its recorded position."""
     corner_error_m: FloatArray
     """(T + 1,) m: the same of the two held corners."""
     contact_error: FloatArray
     """(T + 1,) difference of the camera's contact portion, rerun minus recording."""
     identical: bool
-    """Nodes, corners and contact are the same to the bit, and so is the number of steps."""
+    """Whether nodes, corners, contact and the number of steps are the same to the bit."""
 
     @property
     def first_step(self) -> int | None:
-        """The first moment at which anything differs, or None."""
+        """First step at whose start anything differs, or None."""
         errors = self.node_error_m + self.corner_error_m + np.abs(self.contact_error)
         return int(np.flatnonzero(errors)[0]) if errors.any() else None
 
 
-def replay(
-    path: Path, *, episode: int, mode: Mode, json: Path | None = None, video: Path | None = None, force: bool = False
-) -> None:
-    """Show episode ``demo_<episode>`` of the session; a table on stdout, files where asked for."""
-    if video is not None and video.suffix != ".webm":
-        raise UsageError(f"{video} is not a .webm file; films are written as .webm")
-    recorded = read_episode(path, episode)
-    if video is not None:
-        check_drawable(recorded)
-    for file in (json, video):
+def replay(config: ReplayConfig, *, force: bool) -> None:
+    """Replay an episode of a session; print a table, write files where asked for."""
+    validators.one_of("mode", config.mode, MODES)
+    with open_session(config.path) as session:
+        recorded = session.episode(schema.demo_name(config.episode), images=False)
+    for file, suffix in ((config.video, ".webm"), (config.json, None)):
         if file is not None:
-            validators.writable_file(file, force=force)
-    about = {"file": str(path), "episode": schema.demo_name(episode), "mode": mode}
-    if mode == "state":
+            validators.writable_file(file, suffix=suffix, force=force)
+    if config.video is not None:
+        check_drawable(recorded)
+    about = {"file": str(config.path), "episode": schema.demo_name(config.episode), "mode": config.mode}
+    if config.mode == "state":
         shown, report = recorded, state_report(recorded)
         print_state(recorded)
     else:
@@ -78,39 +91,42 @@ def replay(
         divergence = compare(recorded, shown)
         report = action_report(recorded, shown, divergence)
         print_divergence(recorded, shown, divergence)
-    if json is not None:
-        write_json(json, {**about, **report})
-    if video is not None:
+    if config.json is not None:
+        write_json(config.json, {**about, **report})
+    if config.video is not None:
         with EpisodeRenderer() as renderer:
-            write_episode_video(video, renderer.scene_frames(shown), shown)
+            write_episode_video(config.video, renderer.scene_frames(shown), shown)
 
 
-def read_episode(path: Path, number: int) -> Episode:
-    """Episode ``demo_<number>``, without its images."""
-    with open_session(path) as session:
-        return session.episode(schema.demo_name(number), images=False)
-
-
-# Actions once more
+# The actions again
 
 
 def rerun(recorded: Episode) -> Episode:
-    """The recorded actions once more, from the same start, in a process that has never stepped a simulation."""
-    _check_can_run(recorded)
+    """Run the recorded actions from the same start, in a process that has never stepped a simulation."""
+    simulation = recorded_config(recorded)
+    _check_disturbances(recorded, simulation)
     with Progress({"replay": STEP_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
         progress.phase("replay")
         try:
-            again: Episode = pool.schedule(_rerun_here, args=[recorded], timeout=LIMIT_S).result()
+            again: Episode = pool.schedule(_rerun_here, args=[simulation, recorded], timeout=LIMIT_S).result()
         except FutureTimeoutError:
             raise LayflatError(f"the replay took more than {LIMIT_S:.0f} s; its physics may hang") from None
         except ProcessExpired as error:
-            raise LayflatError(f"the replay's process ended with status {error.exitcode}; try again") from None
+            raise LayflatError(f"the replay {describe_exit_status(error.exitcode, LIMIT_S)}; try again") from None
         progress.advance()
     return again
 
 
-def _check_can_run(recorded: Episode) -> None:
-    validators.one_of("cloth", recorded.cloth, CLOTHS)
+def _rerun_here(simulation: SimConfig, recorded: Episode) -> Episode:
+    env = ClothSimulation(simulation)
+    try:
+        return replay_actions(env, recorded)
+    finally:
+        env.close()
+
+
+def recorded_config(recorded: Episode) -> SimConfig:
+    """Return the simulation in which an episode was recorded; UsageError where it cannot run again from its start."""
     if recorded.seed < 0:
         raise UsageError(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
     if recorded.first_step > 0:
@@ -118,44 +134,31 @@ def _check_can_run(recorded: Episode) -> None:
             f"the episode's first {recorded.first_step} steps were cut off, so it cannot be run again from its start;"
             " replay it with --mode state"
         )
-    settings = settings_of(recorded)
+    names = {key: getattr(recorded, key) for key in ("task", "cloth", "physics", "descriptor")}
+    own = {"robot": recorded.robot.name, **names, "step_s": recorded.step_s}
+    usual = sim_config(**own)
+    known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
+    settings: dict[str, Any] = dict(recorded.sim_config)
+    settings = settings or {"table_friction": recorded.start.get("table_friction", 1.0)}
+    for name, value in settings.items():
+        if known.get(name) is not type(value):
+            raise UsageError(f"the episode's simulation has {name} {value!r}, which this version does not know")
+    return sim_config(**(settings | own))
+
+
+def _check_disturbances(recorded: Episode, simulation: SimConfig) -> None:
     for record in recorded.disturbances:
         if not record.plan:
             validators.one_of("disturbance", record.name, DISTURBANCES)
             continue
         try:
-            DisturbanceTrajectory.recorded(record.plan, settings.cloth_spec)
+            DisturbanceTrajectory.recorded(record.plan, simulation.cloth_spec)
         except SimError as error:
             raise UsageError(str(error)) from None
 
 
-def _rerun_here(recorded: Episode) -> Episode:
-    from layflat.policy.rollout import replay_actions
-
-    bench = ClothSimulation(settings_of(recorded))
-    try:
-        return replay_actions(bench, recorded)
-    finally:
-        bench.close()
-
-
-def settings_of(recorded: Episode) -> SimConfig:
-    """The bench that the episode was recorded on, as far as its file says so; UsageError where that is none."""
-    usual = SimConfig(robot=recorded.robot.name, cloth=recorded.cloth)
-    known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
-    told: dict[str, Any] = dict(recorded.sim_config) or {"table_friction": recorded.start.get("table_friction", 1.0)}
-    for name, value in told.items():
-        if known.get(name) is not type(value):
-            raise UsageError(f"the episode's bench has {name} {value!r}, which this version does not know")
-    try:
-        own = {"robot": recorded.robot.name, "cloth": recorded.cloth, "descriptor": recorded.descriptor}
-        return SimConfig(**(told | own | {"step_s": recorded.step_s}))
-    except SimError as error:
-        raise UsageError(f"the episode's bench is none of this version: {error}") from None
-
-
 def compare(recorded: Episode, again: Episode) -> Divergence:
-    """Both start at the same moment; what one of them has more of is not compared."""
+    """Compare two episodes from the same start, as far as both have steps."""
     count = min(len(recorded.steps), len(again.steps)) + 1
     pairs = [_tracks(episode, count) for episode in (recorded, again)]
     (nodes, corners, contact), (nodes_again, corners_again, contact_again) = pairs
@@ -169,18 +172,19 @@ def compare(recorded: Episode, again: Episode) -> Divergence:
 
 
 def _tracks(episode: Episode, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Nodes (count, N, 3) m, corners (count, 2, 3) m and contact (count,) of the first moments."""
-    nodes = np.array([ground_truth.nodes for ground_truth in episode.ground_truths()[:count]])
+    """Return nodes (count, N, 3) m, corners (count, 2, 3) m and contact (count,) of the first steps."""
+    nodes = np.array([truth.nodes for truth in episode.ground_truths()[:count]])
     corners = np.array([seen.corner_positions for seen in episode.observations()[:count]])
     return nodes, corners, episode.contact()[:count]
 
 
-# What is told of it
+# Reports
 
 
 def state_report(episode: Episode) -> dict[str, Any]:
-    """The episode's row, what befell the cloth, and what was at each moment."""
-    observations, ground_truths = episode.observations(), episode.ground_truths()
+    """Return the episode's row, its disturbances, and its state at the start of each step and after the last."""
+    observations = episode.observations()
+    truths = [*(step.ground_truth for step in episode.steps), episode.final_ground_truth]
     return {
         "row": episode_metrics(episode),
         "disturbances": [vars(record) for record in episode.disturbances],
@@ -191,14 +195,14 @@ def state_report(episode: Episode) -> dict[str, Any]:
             "corner_positions_m": [seen.corner_positions.tolist() for seen in observations],
             "word": [seen.word.tolist() for seen in observations],
             "contact_portion": episode.contact().tolist(),
-            "contact_portion_true": [ground_truth.contact_portion_true for ground_truth in ground_truths],
-            "flat_area": [ground_truth.flat_area for ground_truth in ground_truths],
+            "contact_portion_true": [None if truth is None else truth.contact_portion_true for truth in truths],
+            "flat_area": [None if truth is None else truth.flat_area for truth in truths],
         },
     }
 
 
 def action_report(recorded: Episode, again: Episode, divergence: Divergence) -> dict[str, Any]:
-    """The divergence as a JSON object."""
+    """Return the divergence as a JSON object."""
     return {
         "identical": divergence.identical,
         "max_node_error_m": float(divergence.node_error_m.max()),
@@ -212,48 +216,44 @@ def action_report(recorded: Episode, again: Episode, divergence: Divergence) -> 
             "corner_error_m": divergence.corner_error_m.tolist(),
             "contact_error": divergence.contact_error.tolist(),
         },
-        "changed_versions": changed_versions(recorded),
+        "changed_versions": version_changes(recorded),
     }
 
 
-def changed_versions(recorded: Episode) -> Mapping[str, list[str]]:
-    """Package -> [version then, version now], of those that differ."""
+def version_changes(recorded: Episode) -> Mapping[str, list[str]]:
+    """Return the packages that have another version now: name -> [version then, version now]."""
     then, now = recorded.provenance.versions, capture_provenance().versions
-    names = sorted({*then, *now})
-    pairs = {name: [then.get(name, "none"), now.get(name, "none")] for name in names}
+    pairs = {name: [then.get(name, "none"), now.get(name, "none")] for name in sorted({*then, *now})}
     return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
 def print_state(episode: Episode) -> None:
-    """One line per phase: when, and how the cloth lay."""
-    table = Table("phase", "steps", "time", "contact", "mesh contact", "flat area")
-    seen, ground_truths = episode.observations(), episode.ground_truths()
-    for phase in PHASES:
-        bounds = episode.phase_bounds(phase)
-        if bounds is None:
-            continue
-        first, last = bounds
-        table.add_row(
-            phase,
-            str(last - first),
-            f"{seen[first].time_s:.1f} to {seen[last].time_s:.1f} s",
-            f"{100 * seen[first].contact_portion:.1f} to {100 * seen[last].contact_portion:.1f} %",
-            f"{100 * ground_truths[first].contact_portion_true:.1f} to "
-            f"{100 * ground_truths[last].contact_portion_true:.1f} %",
-            f"{ground_truths[first].flat_area:.3f} to {ground_truths[last].flat_area:.3f}",
+    """Print one line per phase: its time, and contact and flat area at its ends."""
+    columns = state_report(episode)["per_step"]
+
+    def ends(name: str, first: int, end: int, cell: Any = percent) -> str:
+        return f"{cell(columns[name][first])} to {cell(columns[name][end])}"
+
+    rows = [
+        (
+            span.phase,
+            str(span.end - span.first),
+            ends("time_s", span.first, span.end, "{:.1f}".format) + " s",
+            ends("contact_portion", span.first, span.end),
+            ends("contact_portion_true", span.first, span.end),
+            ends("flat_area", span.first, span.end, ratio),
         )
-    out = console()
-    out.print(
+        for span in phase_spans(episode)
+    ]
+    print(
         f"{episode.source}, seed {episode.seed}, {episode.robot}, {episode.cloth}: {episode.outcome},"
-        f" stopped by {episode.stopped_by}",
-        markup=False,
-        highlight=False,
+        f" stopped by {episode.stopped_by}"
     )
-    out.print(table)
+    print_table(("phase", "steps", "time", "contact", "mesh contact", "flat area"), rows, left=6)
 
 
 def print_divergence(recorded: Episode, again: Episode, divergence: Divergence) -> None:
-    """One line: identical, or where and how far not; and what has changed since."""
+    """Print whether the rerun is identical, or where and how far not, and which versions have changed."""
     if divergence.identical:
         print(f"identical over {len(recorded.steps)} steps: nodes, corners and contact to the bit")
         return
@@ -261,14 +261,14 @@ def print_divergence(recorded: Episode, again: Episode, divergence: Divergence) 
         print(f"the recording has {len(recorded.steps)} steps; the replay ended after {len(again.steps)}")
     if divergence.first_step is not None:
         print(f"diverges at step {divergence.first_step}: {', '.join(differences(divergence))}")
-    for name, (then, now) in changed_versions(recorded).items():
+    for name, (then, now) in version_changes(recorded).items():
         print(f"{name} was {then}, now it is {now}")
 
 
 def differences(divergence: Divergence) -> list[str]:
-    """How far apart nodes, corners and contact get, each in a few words."""
-    told = []
+    """Return how far apart nodes, corners and contact get, each in a few words."""
+    words = []
     for name, errors in (("nodes", divergence.node_error_m), ("corners", divergence.corner_error_m)):
-        told.append(f"{name} by up to {1000 * errors.max():.3g} mm" if errors.any() else f"{name} identical")
+        words.append(f"{name} by up to {1000 * errors.max():.3g} mm" if errors.any() else f"{name} identical")
     contact = np.abs(divergence.contact_error).max()
-    return [*told, f"contact by up to {contact:.3g}" if contact else "contact identical"]
+    return [*words, f"contact by up to {contact:.3g}" if contact else "contact identical"]

@@ -1,4 +1,4 @@
-"""`layflat train`: demonstrations in, a model and its numbers out."""
+"""`layflat train`: train a policy from demonstrations."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from layflat.app.support import validators
+from layflat.app.support.console import print_table
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
-from layflat.policy import model_io as model_files
-from layflat.policy import registry
+from layflat.policy import model_io, registry
 from layflat.policy.demonstrations import Demonstrations
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import TrainedModel
@@ -31,39 +29,37 @@ class TrainConfig:
 
     data: Path
     model: Path
-    policy: str
+    policy: str = registry.TRAINABLE_POLICIES[0]
     seed: int = 0
     intervention_weight: int = 1
 
 
 def train(config: TrainConfig, *, force: bool) -> TrainedModel:
-    """Train a policy from the successful demonstrations in ``data``, write ``model``, print what was learned."""
-    data, model, policy, intervention_weight = config.data, config.model, config.policy, config.intervention_weight
-    validators.one_of("policy", policy, registry.TRAINABLE_POLICIES)
-    if model.suffix != ".npz":
-        raise UsageError(f"{model} is not an .npz file; models are written as .npz")
-    validators.writable_file(model, force=force)
-    demonstrations = successful_demonstrations(data)
-    corrected = int(demonstrations.interventions.sum())
-    if intervention_weight != 1 and not corrected:
-        raise UsageError(f"{data} has no intervention steps; remove --intervention-weight")
+    """Train a policy from the successful demonstrations of a session, save the model and print its numbers."""
+    validators.one_of("policy", config.policy, registry.TRAINABLE_POLICIES)
+    validators.writable_file(config.model, suffix=".npz", force=force)
+    demonstrations = successful_demonstrations(config.data)
+    corrected, weight = int(demonstrations.interventions.sum()), config.intervention_weight
+    if weight != 1 and not corrected:
+        raise UsageError(f"{config.data} has no intervention steps; remove --intervention-weight")
     # GPy prints when it is interrupted; stdout is for results.
     with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
         progress.phase("training", items=demonstrations.robot.size)
-        learned = registry.train(
-            policy,
+        model = registry.train(
+            config.policy,
             demonstrations,
             seed=config.seed,
             provenance=capture_provenance(),
             progress=lambda done, of, clause: progress.advance(status=clause),
-            intervention_weight=intervention_weight,
+            intervention_weight=weight,
         )
-    model_files.save(learned, model, force=force)
-    show(learned, model)
+    model_io.save(model, config.model, force=force)
+    print_results(model)
+    print(f"wrote {config.model}")
     if corrected:
-        times = "once" if intervention_weight == 1 else f"{intervention_weight} times"
+        times = "once" if weight == 1 else f"{weight} times"
         print(f"{corrected} steps in which a person corrected a policy count {times} each")
-    return learned
+    return model
 
 
 def successful_demonstrations(path: Path) -> Demonstrations:
@@ -77,29 +73,28 @@ def successful_demonstrations(path: Path) -> Demonstrations:
         return Demonstrations.from_session(session, names)
 
 
-def show(model: TrainedModel, path: Path) -> None:
-    """Print points, hyperparameters and held-out error on stdout."""
-    table = Table(title=f"{model.policy}, {model.layout.robot} robot, {model.cloth}", title_justify="left")
+def print_results(model: TrainedModel) -> None:
+    """Print points, hyperparameters and held-out error."""
     columns = hyperparameters(model) if isinstance(model, GpModel) else {}
-    for name in ("output", *columns, "held-out error (mm)"):
-        table.add_column(name, justify="left" if name == "output" else "right")
-    for a, name in enumerate(model.outputs):
-        held_out = "needs 2 demonstrations" if model.heldout_rmse_m is None else f"{1000 * model.heldout_rmse_m[a]:.2f}"
-        table.add_row(name, *(values[a] for values in columns.values()), held_out)
-    console = Console()
-    console.print(table)
+    rows = [
+        [
+            name,
+            *(values[a] for values in columns.values()),
+            "needs 2 demonstrations" if model.heldout_rmse_m is None else f"{1000 * model.heldout_rmse_m[a]:.2f}",
+        ]
+        for a, name in enumerate(model.outputs)
+    ]
+    title = f"{model.policy}, {model.layout.robot} robot, {model.cloth}"
+    print_table(("output", *columns, "held-out error (mm)"), rows, title=title, left=1)
     kernel = f"kernel {model.hyper.kernel}; " if isinstance(model, GpModel) else ""
-    console.print(
+    print(
         f"{model.n_points} {model.point_name} of {model.points_available} steps in {model.demonstrations} "
-        f"demonstrations; inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}",
-        highlight=False,
-        soft_wrap=True,
+        f"demonstrations; inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}"
     )
-    console.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
 
 def hyperparameters(model: GpModel) -> dict[str, list[str]]:
-    """Columns of the table, a cell for each output."""
+    """Return columns of the table, a cell for each output."""
     to_mm, hyper = 1000 * model.output_scale_m, model.hyper
     return {
         "length scale": [length_scales(model, a) for a in range(len(model.outputs))],
@@ -109,6 +104,6 @@ def hyperparameters(model: GpModel) -> dict[str, list[str]]:
 
 
 def length_scales(model: GpModel, output: int) -> str:
-    """Length scales of one output, in units of the inputs' scales: one number where all are equal."""
+    """Return the length scales of one output, in units of the inputs' scales: one number where all are equal."""
     scales = model.hyper.length_scales[output]
     return f"{scales[0]:.2f}" if np.ptp(scales) == 0 else " ".join(f"{scale:.2f}" for scale in scales)

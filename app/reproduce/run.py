@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from layflat.app.media.episode_renderer import EpisodeRenderer
@@ -25,27 +25,35 @@ MODEL_S = 40.0
 REPORT_S = 60.0
 
 
-def reproduce(
-    out: Path,
-    *,
-    quick: bool,
-    seeds: int | None,
-    seed: int,
-    only: Sequence[str],
-    workers: int,
-    report_only: bool,
-) -> Path:
+@dataclass(frozen=True, kw_only=True)
+class ReproduceConfig:
+    """Settings of one `layflat reproduce` call."""
+
+    out: Path
+    quick: bool = False
+    """Everything with few starts."""
+    seeds: int | None = None
+    """Starts of each experiment; by default those of the scale."""
+    seed: int = 0
+    only: tuple[str, ...] = ()
+    """Names of the experiments to run; all by default."""
+    report_only: bool = False
+    """Run nothing; only write the page."""
+
+
+def reproduce(config: ReproduceConfig, *, workers: int) -> Path:
     """Run what DIR lacks, and write DIR/report.html and DIR/table.md; return the page's path."""
-    for name in only:
+    out, seed = config.out, config.seed
+    for name in config.only:
         validators.one_of("experiment", name, EXPERIMENTS)
-    scale = QUICK if quick else FULL
-    scale = scale if seeds is None else scale.with_seeds(seeds)
+    scale = QUICK if config.quick else FULL
+    scale = scale if config.seeds is None else scale.with_seeds(config.seeds)
     validators.writable_folder(out)
     check_config(out, scale, seed)
     store = ArtifactStore(out, seed=seed)
-    trials = trials_of([EXPERIMENTS[name] for name in only or EXPERIMENTS], scale)
-    with Progress(_phases(() if report_only else trials, workers)) as progress:
-        for trial in () if report_only else trials:
+    trials = trials_of([EXPERIMENTS[name] for name in config.only or EXPERIMENTS], scale)
+    with Progress(_phases(() if config.report_only else trials, workers)) as progress:
+        for trial in () if config.report_only else trials:
             progress.phase(f"{trial.name}: models", items=len(trial.policies))
             store.build(trial.models, progress, workers=workers)
             progress.phase(trial.name, items=trial.episodes)

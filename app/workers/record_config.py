@@ -5,23 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
+from layflat.policy.spec import SCRIPTED
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
+from layflat.sim.robots.registry import DEFAULT_ROBOT
+from layflat.sim.tasks.registry import DEFAULT_TASK
+
 
 @dataclass(frozen=True, kw_only=True)
 class RecordConfig:
     """Settings of one `layflat record` call: demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
 
     path: Path
-    robot: str
-    task: str = "place"
-    cloth: str
-    source: str
+    robot: str = DEFAULT_ROBOT
+    task: str = DEFAULT_TASK
+    cloth: str = DEFAULT_CLOTH
+    source: str = SCRIPTED
     """Who demonstrates: scripted, or a name of the workstation's TELEOPERATORS."""
-    episodes: int
-    seed: int
-    descriptor: str
-    images: bool
+    episodes: int = 1
+    seed: int = 0
+    descriptor: str = DEFAULT_DESCRIPTOR
+    images: bool = False
     """Whether camera images are kept."""
-    disturb: str = "none"
+    disturb: str = "push"
     """Disturbance that the device's disturb button starts."""
     window: bool = True
     """Whether to open the window where there is a display; this and the following are for a person."""

@@ -10,6 +10,7 @@ from layflat.sim.robots.pickers import FreePickers
 
 _TYPES: tuple[type[Robot], ...] = (PandaHanger, FreePickers)
 ROBOTS: dict[str, type[Robot]] = {robot.spec.name: robot for robot in _TYPES}
+DEFAULT_ROBOT = PandaHanger.spec.name
 
 
 def robot_type(name: str) -> type[Robot]:

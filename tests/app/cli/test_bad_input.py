@@ -14,10 +14,11 @@ import pytest
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
 from layflat.data.session.recorder import SessionRecorder
-from layflat.policy import model_io as model_files
+from layflat.policy import model_io
 from layflat.policy.registry import WRAPPERS
 from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.robots.registry import robot_spec
 
 Refused = Callable[..., str]
 
@@ -26,11 +27,11 @@ Refused = Callable[..., str]
 def things(tmp_path, make_episode) -> Path:
     """A folder with good and bad sessions and models in it."""
     for robot in ("hanger", "pickers"):
-        with SessionRecorder(tmp_path / f"{robot}.h5", robot=robot, cloth="towel") as recorder:
+        with SessionRecorder(tmp_path / f"{robot}.h5", robot=robot_spec(robot), cloth="towel") as recorder:
             recorder.save(make_episode(robot=robot, disturbed=False))
-    with SessionRecorder(tmp_path / "failures.h5", robot="hanger", cloth="towel") as recorder:
+    with SessionRecorder(tmp_path / "failures.h5", robot=robot_spec("hanger"), cloth="towel") as recorder:
         recorder.save(make_episode(outcome="failure", disturbed=False))
-    model_files.save(random_model("hanger", 20), tmp_path / "hanger.npz")
+    model_io.save(random_model("hanger", 20), tmp_path / "hanger.npz")
     for name in ("hanger.h5", "hanger.npz"):
         whole = (tmp_path / name).read_bytes()
         (tmp_path / f"short-{name}").write_bytes(whole[: len(whole) * 2 // 3])

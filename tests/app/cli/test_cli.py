@@ -2,39 +2,99 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import get_args
 
 import pytest
+import typer
 
-from layflat.app.cli import learning, main, options
+from layflat.app.cli import main
+from layflat.app.commands.analyze_frame import FrameConfig
+from layflat.app.commands.demo import DemoConfig
+from layflat.app.commands.evaluate import ENGINES, EvaluateConfig
+from layflat.app.commands.flatten import FlattenConfig
+from layflat.app.commands.place import PlaceConfig
+from layflat.app.commands.replay import MODES, ReplayConfig
+from layflat.app.commands.train import TrainConfig
+from layflat.app.evaluation.suites import shipped
+from layflat.app.reproduce.run import ReproduceConfig
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.perception.descriptors.registry import DESCRIPTORS
-from layflat.policy.registry import TRAINABLE_POLICIES
+from layflat.policy.registry import TRAINABLE_POLICIES, WRAPPERS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
+from layflat.policy.spec import builtin_names
+from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.starts.registry import STARTS
+from layflat.sim.tasks.registry import TASKS
 
-COMMANDS = (
-    "demo",
-    "record",
-    "train",
-    "place",
-    "flatten",
-    "word",
-    "bench",
-    "doctor",
-    "data",
-    "replay",
-    "reproduce",
-    "evaluate",
-    "disturb",
-    "gamepad",
-    "app",
-)
+COMMANDS = typer.main.get_command(main.cli).commands
+
+CONFIGS = {
+    "record": RecordConfig,
+    "train": TrainConfig,
+    "place": PlaceConfig,
+    "flatten": FlattenConfig,
+    "evaluate": EvaluateConfig,
+    "disturb": EvaluateConfig,
+    "replay": ReplayConfig,
+    "word": FrameConfig,
+    "demo": DemoConfig,
+    "reproduce": ReproduceConfig,
+}
+POLICIES = [*builtin_names("place"), *WRAPPERS]
+CHOICES = {
+    ("record", "robot"): ROBOTS,
+    ("record", "task"): TASKS,
+    ("record", "cloth"): CLOTHS,
+    ("record", "source"): ["scripted", *TELEOPERATORS],
+    ("record", "descriptor"): DESCRIPTORS,
+    ("train", "policy"): TRAINABLE_POLICIES,
+    ("place", "policy"): POLICIES,
+    ("place", "wrappers"): WRAPPERS,
+    ("place", "disturbance"): DISTURBANCES,
+    ("place", "robot"): ROBOTS,
+    ("place", "cloth"): CLOTHS,
+    ("flatten", "controller"): CONTROLLERS,
+    ("flatten", "descriptor"): DESCRIPTORS,
+    ("flatten", "cloth"): CLOTHS,
+    ("evaluate", "policies"): [*POLICIES, *builtin_names("smooth")],
+    ("evaluate", "disturb"): [*shipped(), *(name for name in DISTURBANCES if name != "none")],
+    ("evaluate", "robots"): ROBOTS,
+    ("evaluate", "cloths"): CLOTHS,
+    ("evaluate", "task"): TASKS,
+    ("evaluate", "start"): STARTS,
+    ("evaluate", "engine"): ENGINES,
+    ("demo", "robots"): ROBOTS,
+    ("demo", "cloth"): CLOTHS,
+    ("word", "descriptor"): DESCRIPTORS,
+    ("replay", "mode"): MODES,
+}
+
+
+@pytest.mark.parametrize(("command", "name"), CHOICES)
+def test_the_help_of_an_option_names_every_entry_of_its_registry(command, name):
+    (option,) = (option for option in COMMANDS[command].params if option.name == name)
+    words = re.findall(r"[\w-]+", f"{option.help} {option.metavar}")
+    assert [choice for choice in CHOICES[command, name] if choice not in words] == []
+
+
+@pytest.mark.parametrize("command", CONFIGS)
+def test_options_are_fields_of_the_config_with_the_same_defaults(command):
+    config = {field.name: field.default for field in fields(CONFIGS[command])}
+    options = {option.name: option for option in COMMANDS[command].params}
+    assert {*options} - {"workers", "force", "debug"} == {*config}
+    for name, default in config.items():
+        shown = options[name].show_default if isinstance(options[name].show_default, str) else options[name].default
+        if shown is not None and default is not MISSING and isinstance(default, (int, float, str)):
+            assert shown == default, name
 
 
 def _run(capsys, *arguments: str) -> tuple[int, str, str]:
@@ -61,7 +121,11 @@ WRONG = [
     ("gamepad", "monitor", "--seconds", "-1"),
     ("gamepad", "monitor", "--file", "x.json"),
     ("place", "x.npz", "--episodes", "-3"),
-    ("train", "x.h5", "m.npz", "--policy", "gmr"),
+    ("train", "x.h5", "m.npz", "--policy", "gmrx"),
+    ("record", "x.h5", "--task", "iron"),
+    ("record", "x.h5", "--task", "smooth", "--robot", "hanger"),
+    ("evaluate", "hold", "--robot", "pickers", "--task", "smooth", "--out", "x"),
+    ("place", "word"),
     ("train", "x.h5", "m.npz", "--nope"),
     ("train", "x.h5"),
     ("train", "x.h5", "m.npz", "--intervention-weight", "0"),
@@ -125,19 +189,12 @@ def test_the_message_names_the_value_and_what_would_be_right(capsys):
     assert all(robot in err for robot in ROBOTS)
 
 
+@pytest.mark.parametrize("flag", ["-h", "--help"])
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_help_of_every_command(command, capsys):
-    status, out, err = _run(capsys, *([command] if command else []), "--help")
+def test_help_of_every_command(command, flag, capsys):
+    status, out, err = _run(capsys, *([command] if command else []), flag)
     assert (status, err) == (0, "")
     assert "Usage: layflat" in out
-
-
-def test_choices_are_those_of_the_packages():
-    assert set(get_args(options.RobotChoice)) == set(ROBOTS)
-    assert set(get_args(learning.SourceName)) == {"scripted", *TELEOPERATORS}
-    assert set(get_args(learning.PolicyName)) == set(TRAINABLE_POLICIES)
-    assert set(get_args(main.ControllerName)) == set(CONTROLLERS)
-    assert set(get_args(options.DescriptorName)) == set(DESCRIPTORS)
 
 
 def test_help_imports_nothing_heavy():

@@ -19,7 +19,8 @@ from layflat.data import repair, validate
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
-from layflat.policy import model_io as model_files
+from layflat.policy import model_io
+from layflat.sim.robots.registry import robot_spec
 
 LONG = 20
 """Episodes that are asked for, far more than are waited for."""
@@ -83,8 +84,8 @@ def _sources(path: Path) -> list[str]:
 
 def _may_be_recorded_again(path: Path, make_episode) -> bool:
     count = len(_sources(path))
-    with SessionRecorder(path, robot="pickers", cloth="napkin") as recorder:
-        recorder.keep(make_episode(robot="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT_DESCRIPTOR))
+    with SessionRecorder(path, robot=robot_spec("pickers"), cloth="napkin") as recorder:
+        recorder.save(make_episode(robot="pickers", cloth="napkin", disturbed=False, descriptor=DEFAULT_DESCRIPTOR))
     return len(_sources(path)) == count + 1 and [p.name for p in path.parent.iterdir()] == [path.name]
 
 
@@ -150,7 +151,7 @@ def test_the_next_recording_tells_what_a_killed_one_left(start, tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_writes_the_rows_of_the_episodes_that_are_finished(start, tmp_path):
-    model_files.save(random_model("pickers", 20), tmp_path / "m.npz")
+    model_io.save(random_model("pickers", 20), tmp_path / "m.npz")
     rows, session = tmp_path / "rows.json", tmp_path / "s.h5"
     child = start("place", tmp_path / "m.npz", "--episodes", LONG, "--json", rows, "--record", session)
     _until(child.stderr, "seed 0")
@@ -166,9 +167,9 @@ def test_ctrl_c_writes_the_rows_of_the_episodes_that_are_finished(start, tmp_pat
 
 @pytest.mark.slow
 def test_ctrl_c_while_training_leaves_no_model(start, tmp_path, make_episode):
-    with SessionRecorder(tmp_path / "s.h5", robot="pickers", cloth="towel") as recorder:
+    with SessionRecorder(tmp_path / "s.h5", robot=robot_spec("pickers"), cloth="towel") as recorder:
         for seed in range(8):
-            recorder.keep(make_episode(robot="pickers", seed=seed, disturbed=False))
+            recorder.save(make_episode(robot="pickers", seed=seed, disturbed=False))
     child = start("train", tmp_path / "s.h5", tmp_path / "m.npz")
     _until(child.stderr, "training")
     time.sleep(1.0)

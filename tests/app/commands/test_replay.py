@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from layflat.app.commands.replay import compare, differences, rerun, settings_of, state_report
+from layflat.app.commands.replay import compare, differences, rerun, recorded_config, state_report
 from layflat.app.media.video import count_frames
 from layflat.app.support.errors import UsageError
 from layflat.data import SessionRecorder
@@ -20,27 +20,27 @@ from layflat.data.types import DisturbanceRecord, GroundTruth
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.errors import SimError
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 
 SCRIPT = """
 import json, sys
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
-from layflat.policy.rollout import run_episode
-from layflat.app.workers.episode_pool import fresh_processes
-from layflat.app.commands.replay import action_report, compare, read_episode, rerun
-from layflat.policy.runner import Run
-from layflat.policy.schedule import ScheduledDisturbance, When
-from data import SessionRecorder
-from layflat.data.types import Pull
+from layflat.app.commands.replay import action_report, compare, rerun
+from layflat.app.workers.process import process_pool
+from layflat.data import SessionRecorder, open_session
+from layflat.data.types import DragTarget
 from layflat.policy.base import Decision
-from layflat.policy.scripted.baselines import RandomPolicy as RandomMoves, ZeroPolicy as Hold
-from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.simulation import Placing
-from layflat.sim.config import BenchSettings
+from layflat.policy.rollout import rollout
+from layflat.policy.runner import EpisodeRunner
+from layflat.policy.schedule import ScheduledDisturbance, Trigger
+from layflat.policy.scripted.baselines import RandomPolicy, ZeroPolicy
+from layflat.sim.config import SimConfig
+from layflat.sim.robots.registry import robot_spec
+from layflat.sim.simulation import ClothSimulation
 
-class Short(RandomMoves):
+class ShortPolicy(RandomPolicy):
     left = 6
     def act(self, observation):
         self.left -= 1
@@ -49,51 +49,52 @@ class Short(RandomMoves):
     def continue_after_disturbance(self):
         self.left = 3
 
-def by_hand(bench, robot):
-    # A person pulls at one node and at another, beside two disturbances, and then leads the holder.
-    policy = Hold(robot)
-    run = Run(bench, policy, seed=5)
-    down = np.tile([0.0, 0.0, -0.01], 2) if robot == "pickers" else np.array([0.002, -0.012])
+def by_hand(env, robot):
+    # A person drags one node and another, beside two disturbances, and then guides the robot.
+    policy = ZeroPolicy(robot)
+    env.reset(5)
+    run = EpisodeRunner(env, policy, seed=5)
+    down = robot.pack([0.002, 0.0, -0.012] if robot.n_points == 1 else [0.0, 0.0, -0.01])
     policy.act = lambda seen: Decision(action=down)
     for step in range(12):
         if step in (3, 6):
             run.disturb({3: "wind", 6: "push"}[step], repeat=step)
         if step == 9:
-            held = run.seen.holder_position if robot == "hanger" else run.seen.corner_positions
+            held = run.observation.holder_position if robot.n_points == 1 else run.observation.corner_positions
             policy.act = lambda seen: Decision(action=down, hand=held + [0.05, 0.0, -0.05])
-        where = run.truth.nodes[20] + [0.02, 0.01, 0.01]
-        pull = Pull(node=20 if step < 6 else 90, target_m=where) if step in (2, 3, 4, 7, 8, 10) else None
-        assert run.step("place", pull) is None
-    return run.episode("interrupted", "partial")
+        where = run.ground_truth.nodes[20] + [0.02, 0.01, 0.01]
+        drag = DragTarget(node=20 if step < 6 else 90, target_m=where) if step in (2, 3, 4, 7, 8, 10) else None
+        assert run.step("place", drag) is None
+    return run.build_episode("interrupted", "partial")
 
 SCHEDULES = {"twice": [
-    ScheduledDisturbance(disturbance=DISTURBANCES["wind"], when=When(moment="step", value=2)),
-    ScheduledDisturbance(disturbance=DISTURBANCES["poke"], repeats=2),
+    ScheduledDisturbance(disturbance="wind", trigger=Trigger(kind="step", value=2)),
+    ScheduledDisturbance(disturbance="poke", repeats=2),
 ]}
 
 def record(robot, cloth, disturbance):
-    bench = Placing(BenchSettings(robot=robot, cloth=cloth, table_friction=0.9))
-    bench.reset(5)
+    env = ClothSimulation(SimConfig(robot=robot, cloth=cloth, table_friction=0.9))
     if disturbance == "by hand":
-        return by_hand(bench, robot)
+        return by_hand(env, robot_spec(robot))
     schedule = SCHEDULES.get(disturbance, ())
-    return run_episode(bench, Short(robot), seed=5, disturbance=disturbance, schedule=schedule)
+    return rollout(env, ShortPolicy(robot_spec(robot)), seed=5, disturbance=disturbance, schedule=schedule)
 
 if __name__ == "__main__":
     robot, cloth, disturbance, path = sys.argv[1:]
-    with fresh_processes(1) as pool, SessionRecorder(path, robot=robot, cloth=cloth) as recorder:
+    with process_pool(1) as pool, SessionRecorder(path, robot=robot_spec(robot), cloth=cloth) as recorder:
         recorder.save(pool.schedule(record, args=[robot, cloth, disturbance]).result())
-    kept = read_episode(Path(path), 0)
-    again = rerun(kept)
-    told = {"phases": sorted({step.phase for step in kept.steps})}
-    told["befell"] = [[record.name, record.first_step, record.last_step] for record in kept.disturbances]
-    told["forces"] = [bool(step.force_n.any()) for step in kept.steps]
-    told["forces_again"] = all(np.array_equal(a.force_n, b.force_n) for a, b in zip(kept.steps, again.steps))
-    told["same"] = action_report(kept, again, compare(kept, again))
+    with open_session(path) as session:
+        saved = session.episode("demo_0", images=False)
+    again = rerun(saved)
+    told = {"phases": sorted({step.phase for step in saved.steps})}
+    told["disturbances"] = [[record.name, record.first_step, record.last_step] for record in saved.disturbances]
+    told["forces"] = [bool(step.force_n.any()) for step in saved.steps]
+    told["forces_again"] = all(np.array_equal(a.force_n, b.force_n) for a, b in zip(saved.steps, again.steps))
+    told["same"] = action_report(saved, again, compare(saved, again))
     if disturbance == "poke":
-        (befell,) = kept.disturbances
-        path_m = [[-x for x in corner] for corner in befell.plan["path_m"]]
-        changed = replace(kept, disturbances=[replace(befell, plan={**befell.plan, "path_m": path_m})])
+        (poke,) = saved.disturbances
+        path_m = [[-x for x in corner] for corner in poke.plan["path_m"]]
+        changed = replace(saved, disturbances=[replace(poke, plan={**poke.plan, "path_m": path_m})])
         elsewhere = rerun(changed)
         told["changed"] = action_report(changed, elsewhere, compare(changed, elsewhere))
     print(json.dumps(told))
@@ -129,7 +130,7 @@ def test_what_hands_did_runs_again_to_the_bit(robot, tmp_path):
     assert told["same"]["identical"] is True
     assert told["forces_again"] is True
     # A push that comes while a wind still settles takes its place.
-    assert told["befell"] == [["wind", 3, 5], ["push", 6, None]]
+    assert told["disturbances"] == [["wind", 3, 5], ["push", 6, None]]
     assert told["forces"][:3] == [False, False, True]
 
 
@@ -137,8 +138,8 @@ def test_repeated_disturbances_run_again_to_the_bit(tmp_path):
     told = _told("pickers", "napkin", "twice", tmp_path)
     assert told["same"]["identical"] is True
     assert told["forces_again"] is True
-    assert [name for name, *_ in told["befell"]] == ["wind", "poke", "poke"]
-    assert told["befell"][0][1] == 2
+    assert [name for name, *_ in told["disturbances"]] == ["wind", "poke", "poke"]
+    assert told["disturbances"][0][1] == 2
 
 
 @pytest.mark.parametrize(
@@ -247,9 +248,10 @@ def _planned(plan: dict) -> dict:
         ({"cloth": "silk"}, "'silk'.*napkin"),
         ({"disturbances": [DisturbanceRecord(name="earthquake", first_step=3)]}, "'earthquake'.*push"),
         ({"first_step": 3}, "first 3 steps"),
-        ({"bench": {"gravity": 3.7}}, "gravity"),
-        ({"bench": {"noise": "much"}}, "noise 'much'"),
+        ({"sim_config": {"gravity": 3.7}}, "gravity"),
+        ({"sim_config": {"noise": "much"}}, "noise 'much'"),
         ({"step_s": 7.0}, r"step_s is 7\.0"),
+        ({"physics": "real"}, "physics 'real' is unknown"),
         (_planned({"nodes": [1]}), "cannot be read"),
         (_planned(PLAN | {"nodes": [10**6]}), "does not fit this cloth"),
         (_planned(PLAN | {"path_m": [[0.0, float("inf"), 0.0]]}), "does not fit this cloth"),
@@ -266,11 +268,13 @@ def test_an_imported_episode_without_a_seed_cannot_run_again(make_episode):
         rerun(replace(make_episode(), seed=-1))
 
 
-def test_the_bench_is_as_the_file_says(make_episode):
-    told = settings_of(make_episode(bench={"table_friction": 0.7, "noise": False, "control": "position"}))
+def test_the_simulation_is_that_of_the_file(make_episode):
+    told = recorded_config(make_episode(sim_config={"table_friction": 0.7, "noise": False, "control": "position"}))
     assert (told.table_friction, told.noise, told.control, told.cloth) == (0.7, False, "position", "towel")
-    assert settings_of(make_episode(start={"table_friction": 0.6})).table_friction == 0.6
-    assert settings_of(make_episode()).table_friction == 1.0
+    assert recorded_config(make_episode(start={"table_friction": 0.6})).table_friction == 0.6
+    assert recorded_config(make_episode()).table_friction == 1.0
+    smooth = recorded_config(make_episode(robot="pickers", task="smooth", sim_config={"start": "crumpled"}))
+    assert (smooth.task, smooth.start) == ("smooth", "crumpled")
 
 
 def test_state_replay_tells_each_moment(make_episode):
@@ -288,7 +292,7 @@ def test_state_replay_tells_each_moment(make_episode):
 
 def test_state_replay_prints_films_and_writes(tmp_path, make_episode, lying):
     path = tmp_path / "s.h5"
-    with SessionRecorder(path, robot="pickers", cloth="towel") as recorder:
+    with SessionRecorder(path, robot=robot_spec("pickers"), cloth="towel") as recorder:
         recorder.save(lying(make_episode(robot="pickers"), n_steps=6))
     done = _replay(path, "--json", str(tmp_path / "s.json"), "--video", str(tmp_path / "s.webm"))
     assert done.returncode == 0, done.stderr

@@ -170,7 +170,10 @@ def test_a_browser_shows_all_of_it(reproduced, tmp_path, width):
 
 def test_an_unknown_experiment_is_refused(tmp_path):
     with pytest.raises(UsageError, match="experiment 'nonsense' is unknown"):
-        run.reproduce(tmp_path, quick=True, seeds=1, seed=0, only=["nonsense"], workers=1, report_only=True)
+        run.reproduce(
+            run.ReproduceConfig(out=tmp_path, quick=True, seeds=1, seed=0, only=("nonsense",), report_only=True),
+            workers=1,
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -240,7 +243,10 @@ def test_models_learn_once_from_the_first_demonstrations_that_ended_flat(make_ep
 @pytest.mark.slow
 def test_the_same_command_continues_and_changes_nothing_that_is_there(tmp_path, capsys):
     def call() -> str:
-        run.reproduce(tmp_path, quick=True, seeds=1, seed=5000, only=["flattening"], workers=2, report_only=False)
+        run.reproduce(
+            run.ReproduceConfig(out=tmp_path, quick=True, seeds=1, seed=5000, only=("flattening",), report_only=False),
+            workers=2,
+        )
         return capsys.readouterr().out
 
     folder = tmp_path / "trials" / "flattening"
@@ -253,4 +259,6 @@ def test_the_same_command_continues_and_changes_nothing_that_is_there(tmp_path, 
     assert {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()} == files
     assert "| word | 1 |" in (tmp_path / "table.md").read_text(encoding="utf-8")
     with pytest.raises(UsageError, match="holds a quick reproduction with 1 seeds"):
-        run.reproduce(tmp_path, quick=True, seeds=2, seed=5000, only=[], workers=1, report_only=True)
+        run.reproduce(
+            run.ReproduceConfig(out=tmp_path, quick=True, seeds=2, seed=5000, only=(), report_only=True), workers=1
+        )
