@@ -21,7 +21,7 @@ from layflat.data.types import STEP_S
 from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG
 from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS
 from layflat.sim.robots.registry import ROBOTS
-from layflat.tests.app.fake_episodes import Scripted
+from layflat.tests.app.fake_episodes import FakeEpisodes
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
@@ -123,7 +123,7 @@ def test_the_fast_way_gives_the_plain_ways_numbers(config):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_short_real_run(robot, tmp_path):
-    with bench.fresh_processes(1) as pool:
+    with bench.process_pool(1) as pool:
         physics = pool.schedule(measure.physics, args=(robot, "towel", 2, 2)).result()
         seeing = pool.schedule(measure.seeing, args=(robot, "towel", tmp_path, 2)).result()
     assert all((walls > 0).all() for walls in (*physics.values(), *seeing.values()))
@@ -145,14 +145,14 @@ def test_a_batch_is_really_shared_by_workers(tmp_path):
     """Of episodes that only wait, two at a time take half as long."""
     # OpenCV's threads, which other tests have started here, do not survive the forks of a batch.
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, Scripted(step_s=0.4)).result()
+        walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, FakeEpisodes(step_s=0.4)).result()
     assert walls["1"] > 1.5 * walls["2"]
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
 def test_recipes_really_run():
-    with bench.fresh_processes(1) as pool:
+    with bench.process_pool(1) as pool:
         samples = pool.schedule(measure_solver_settings.recipes, args=(10, "towel", 0.1, 2)).result()
     assert all((walls > 0).all() and len(walls) == 2 for walls in samples.values())
     assert len(measure_solver_settings.lines_of(10, samples)) == 4
@@ -160,7 +160,7 @@ def test_recipes_really_run():
 
 @pytest.mark.slow
 def test_keeping_and_opening_are_really_measured(tmp_path):
-    with bench.fresh_processes(1) as pool:
+    with bench.process_pool(1) as pool:
         recording = pool.schedule(measure_data.recording, args=(tmp_path, 3)).result()
         opening = pool.schedule(measure_data.opening, args=(tmp_path, 30)).result()
     assert len(recording["hand over"]) == 3

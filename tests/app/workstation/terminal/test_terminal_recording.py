@@ -16,7 +16,7 @@ import pytest
 
 from layflat.app.benchmarks.measure import random_model
 from layflat.app.cli import main
-from layflat.app.commands.replay import replay
+from layflat.app.commands.replay import ReplayConfig, replay
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
@@ -57,7 +57,7 @@ def record_command(path: Path, *more: object) -> tuple[object, ...]:
 
 def check_replay(path: Path, folder: Path) -> Episode:
     """The recorded actions give the same bits again."""
-    replay(path, episode=0, mode="action", json=folder / "r.json", force=False)
+    replay(ReplayConfig(path=path, episode=0, mode="action", json=folder / "r.json"), force=False)
     assert '"identical": true' in (folder / "r.json").read_text()
     with open_session(path) as session:
         return session[0]
