@@ -25,13 +25,13 @@ from layflat.app.reproduce.studies import RULE, ModelSpec
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.workers.work_item import DisturbanceCase
 from layflat.app.workers.sim_options import sim_config
+from layflat.app.workers.work_item import DisturbanceCase
 from layflat.policy.registry import RECOMMENDED_WRAPPERS
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.trained_model import RegressionModel
-from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
+from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS
 
 DEMONSTRATIONS = 10
