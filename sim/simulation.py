@@ -101,6 +101,7 @@ class ClothSimulation:
 
     def observe(self, *, images: bool = True) -> Observation:
         """Return what a policy may see now; without ``images``, with no camera frame in it."""
+        self._running()
         rgb = depth = None
         word, strength, contact, lowest = np.zeros(2), 0.0, 0.0, None
         if self.config.camera:
@@ -123,6 +124,7 @@ class ClothSimulation:
 
     def ground_truth(self) -> GroundTruth:
         """Return the mesh, its contact with the table and its flat area."""
+        self._running()
         return GroundTruth(
             nodes=self._nodes,
             contact_portion_true=self.cloth.contact_portion_true(self._nodes),
@@ -198,18 +200,9 @@ class ClothSimulation:
     ) -> DisturbanceRecord | None:
         """Start a disturbance, which acts in the following steps while `disturbed`; a previous one is cut off.
 
-        Parameters
-        ----------
-        disturbance
-            A name, a `DisturbanceSpec`, or a `DisturbanceRecord`, whose plan is repeated exactly. A record without a
-            plan is drawn again by its name.
-        repeat
-            Number of disturbances of this episode before it, so that each is drawn independently.
-
-        Returns
-        -------
-        DisturbanceRecord or None
-            The name and the trajectory that was drawn, with ``first_step`` 0; None where it does nothing.
+        A `DisturbanceRecord` is repeated exactly, or by its name where it has no plan. ``repeat`` is the number of
+        disturbances of this episode before it, so that each is drawn independently. Returns what was drawn, with
+        ``first_step`` 0; None where the disturbance does nothing.
         """
         cloth = self.config.cloth_spec
         self._running()

@@ -103,7 +103,8 @@ def test_starts_differ_by_seed_and_repeat_in_one_process() -> None:
 
 def test_without_a_reset_nothing_can_be_done() -> None:
     with simulation(seed=None) as sim:
-        for call in (lambda: sim.step(np.zeros(6)), lambda: sim.guide(None), lambda: sim.disturb("push")):
+        calls = (sim.observe, sim.ground_truth, lambda: sim.step(np.zeros(6)), lambda: sim.guide(None))
+        for call in (*calls, lambda: sim.disturb("push")):
             with pytest.raises(SimError, match="reset"):
                 call()
 
@@ -114,11 +115,9 @@ def test_without_a_reset_nothing_can_be_done() -> None:
 def test_the_fine_mesh_survives_a_whole_demonstration(robot: str, seed: int) -> None:
     script = """
 import sys, layflat
-from layflat.policy.rollout import rollout
-from layflat.policy.spec import PolicySpec
 from layflat.tests.sim.helpers import simulation
 with simulation(sys.argv[1], None, cloth="towel-fine", camera=True) as sim:
-    episode = rollout(sim, PolicySpec.parse("scripted").make(sim), seed=int(sys.argv[2]))
+    episode = layflat.rollout(sim, layflat.load_policy("scripted"), seed=int(sys.argv[2]))
 print(f"{episode.stopped_by}:{episode.final_ground_truth.flat_area}")
 """
     stopped_by, area = fresh_process_outputs(script, [robot, str(seed)])[0].split(":")
