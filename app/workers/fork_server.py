@@ -1,7 +1,7 @@
-"""A warm process that runs work items for another one.
+"""ForkServer: a process that has all modules loaded and runs work items for another one.
 
-What is forked must have no threads, and a Ray worker has many. ``python -m layflat.app.workers.fork_server FD`` answers
-on the socket that it inherits as file descriptor FD, and ends when its owner does.
+What is forked must have no threads, and a Ray worker has many. The module, run with a file descriptor, answers on the
+socket that it inherits as that descriptor, and ends when its owner does.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ class ForkServer:
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
-        environment = {
-            **os.environ,
-            **ONE_THREAD,
-            "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
-        }
-        words = python_command("layflat.app.workers.fork_server", str(theirs.fileno()))
-        self._process = subprocess.Popen(words, env=environment, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
+        paths = os.pathsep.join(path for path in sys.path if path)
+        self._process = subprocess.Popen(
+            python_command("layflat.app.workers.fork_server", str(theirs.fileno())),
+            env={**os.environ, **ONE_THREAD, "PYTHONPATH": paths},
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+        )
         theirs.close()
         self._connection: Connection = Connection(ours.detach())
 
     def run(self, item: WorkItem, make: EpisodeFactory) -> tuple[WorkResult, dict[str, bytes]]:
-        """Return what came of the item, and the files of its runs; OSError or EOFError if the server has ended."""
+        """Return the result of an item, and the files of its runs; OSError or EOFError if the server has ended."""
         self._connection.send((item, make))
         result, files = self._connection.recv()
         return result, files

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import crashed_metrics, episode_metrics
@@ -22,8 +22,6 @@ from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import Episode
 from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.config import SimConfig
-
-SavedCallback: TypeAlias = Callable[[SavedEpisode], None]
 
 
 def demonstrations(config: SimConfig, seeds: Sequence[int], *, keep_images: bool = False) -> list[WorkItem]:
@@ -64,47 +62,6 @@ def run_items(
             raise KeyboardInterrupt
 
 
-def record_items(
-    items: Iterable[WorkItem],
-    recorder: SessionRecorder,
-    folder: Path,
-    *,
-    workers: int,
-    make: EpisodeFactory = SimulatedEpisode,
-) -> Generator[tuple[WorkResult, SavedEpisode | None], None, None]:
-    """Run items into a session; yield each result with where the episode is saved, durable by then.
-
-    Every episode has a journal while it runs. What there is of an episode that was lost is saved as partial (None:
-    there is nothing). Images that an item keeps and the session does not are in the episode's file in ``folder``.
-    After Ctrl-C the episodes that were still running are discarded. WriteError where the disk is full.
-    """
-    running: list[JournalHandle] = []
-
-    def with_journals() -> Generator[WorkItem, None, None]:
-        for item in items:
-            running.append(recorder.new_journal())
-            yield replace(item, handle=running[-1])
-
-    try:
-        with closing(run_items(with_journals(), folder, workers=workers, make=make)) as results:
-            for result in results:
-                handle, saved = result.item.handle, result.saved
-                if handle is None:
-                    raise ValueError(f"the item of seed {result.item.seed} has no journal")
-                running.remove(handle)
-                if saved is None:
-                    saved = recorder.recover(handle)
-                else:
-                    recorder.register(saved)
-                yield result, saved
-                if result.unwritable is not None:
-                    raise WriteError(result.unwritable)
-    except KeyboardInterrupt:
-        for handle in reversed(running):
-            recorder.discard(handle)
-        raise
-
-
 @dataclass
 class CollectedEpisodes:
     """Episodes of a command, through Ctrl-C and the loss of some."""
@@ -140,35 +97,43 @@ def collect_items(
     *,
     workers: int,
     recorder: SessionRecorder | None = None,
-    on_saved: SavedCallback = lambda saved: None,
+    on_saved: Callable[[SavedEpisode], None] = lambda saved: None,
     make: EpisodeFactory = SimulatedEpisode,
 ) -> CollectedEpisodes:
     """Run all items, into a session if there is a ``recorder``; Ctrl-C ends them, and is raised by the result's check.
 
-    ``progress`` is in a phase whose items are these; ``on_saved`` is called when an episode is durable.
+    ``progress`` is in a phase whose items are these. Every episode that is recorded has a journal while it runs;
+    ``on_saved`` is called when it is durable, and for what there is of an episode that was lost. After Ctrl-C the
+    episodes that were still running are discarded. WriteError where the session cannot be written any more.
     """
-    collected = CollectedEpisodes()
-    results = _results(items, folder, workers, recorder, make)
+    collected, journals = CollectedEpisodes(), list[JournalHandle]()
+
+    def with_journals(recorder: SessionRecorder) -> Iterator[WorkItem]:
+        for item in items:
+            journals.append(recorder.new_journal())
+            yield replace(item, handle=journals[-1])
+
     try:
-        with closing(results):
-            for result, saved in results:
-                if saved is not None:
-                    on_saved(saved)
+        tasks = items if recorder is None else with_journals(recorder)
+        with closing(run_items(tasks, folder, workers=workers, make=make)) as results:
+            for result in results:
+                handle = result.item.handle
+                if recorder is not None and handle is not None:
+                    journals.remove(handle)
+                    saved = recorder.recover(handle) if result.saved is None else result.saved
+                    if result.saved is not None:
+                        recorder.register(result.saved)
+                    if saved is not None:
+                        on_saved(saved)
                 _add(collected, result, folder, progress)
+                if handle is not None and result.unwritable is not None:
+                    raise WriteError(result.unwritable)
     except KeyboardInterrupt as error:
         collected.interrupt = error
+        if recorder is not None:
+            for handle in journals:
+                recorder.discard(handle)
     return collected
-
-
-def _results(
-    items: Sequence[WorkItem], folder: Path, workers: int, recorder: SessionRecorder | None, make: EpisodeFactory
-) -> Generator[tuple[WorkResult, SavedEpisode | None], None, None]:
-    if recorder is not None:
-        yield from record_items(items, recorder, folder, workers=workers, make=make)
-        return
-    with closing(run_items(items, folder, workers=workers, make=make)) as results:
-        for result in results:
-            yield result, None
 
 
 def _add(collected: CollectedEpisodes, result: WorkResult, folder: Path, progress: Progress) -> None:

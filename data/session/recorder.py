@@ -28,7 +28,7 @@ from layflat.data.session.journal import JournalHandle
 from layflat.data.session.journal_reader import read_journal
 from layflat.data.session.parts import is_orphaned, journal_path, journals, part_files, parts_folder
 from layflat.data.session.reader import open_session
-from layflat.data.session.saved_episode import SavedEpisode, save_part
+from layflat.data.session.saved_episode import SavedEpisode, save_part, saved_in
 from layflat.data.session.session_writer import check_writable, write_errors
 from layflat.data.types import DESCRIPTORS, Episode, StoppedBy
 
@@ -88,6 +88,7 @@ class SessionRecorder:
         optional = {schema.DESCRIPTOR: descriptor, schema.TASK: task, schema.PHYSICS: physics}
         self._shared |= {key: value for key, value in optional.items() if value is not None}
         self._next = 0
+        self._free: list[int] = []
         self._uids: set[str] = set()
         self._running: list[EpisodeWriter] = []
         self._closed = False
@@ -162,14 +163,21 @@ class SessionRecorder:
     def recover(self, journal: JournalHandle, *, stopped_by: StoppedBy = "crashed") -> SavedEpisode | None:
         """Save the journal's episode, whose process ended without handing it over; return None where there is none."""
         self._check_open()
+        part = self._parts / f"{journal.name}.h5"
+        if part.exists():  # The process ended between saving the episode and reporting it.
+            complete = saved_in(part, journal.name, self.path)
+            self.register(complete)
+            journal.path.unlink(missing_ok=True)
+            return complete
         saved = self._recover(journal.path, stopped_by, journal.name)
         if saved is None:
             self._free_name(journal.name)
         return saved
 
     def discard(self, journal: JournalHandle) -> None:
-        """Forget a running episode."""
+        """Forget a running episode, also where its process has saved it but not reported it."""
         journal.path.unlink(missing_ok=True)
+        (self._parts / f"{journal.name}.h5").unlink(missing_ok=True)
         self._free_name(journal.name)
 
     def close(self) -> None:
@@ -247,13 +255,15 @@ class SessionRecorder:
         return saved
 
     def _reserve_name(self) -> str:
+        """Return the lowest name that no episode has, or had when this recorder was opened."""
+        if self._free:
+            return schema.demo_name(self._free.pop(self._free.index(min(self._free))))
         self._next += 1
         return schema.demo_name(self._next - 1)
 
     def _free_name(self, name: str) -> None:
-        """Use a reserved name again, if it is the last one."""
-        if schema.demo_number(name) == self._next - 1:
-            self._next -= 1
+        """Use a reserved name again."""
+        self._free.append(schema.demo_number(name))
 
     def _check_open(self) -> None:
         if self._closed:

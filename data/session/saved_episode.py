@@ -9,6 +9,7 @@ from pathlib import Path
 from layflat.data.atomic_files import fsync_write
 from layflat.data.format.attributes import Attribute
 from layflat.data.format.encode import shared_attributes
+from layflat.data.session.reader import open_session
 from layflat.data.session.session_writer import serialize, write_errors
 from layflat.data.types import Episode, Outcome
 
@@ -44,4 +45,20 @@ def save_part(session: Path, parts: Path, name: str, episode: Episode, uid: str,
         outcome=episode.outcome,
         contact_final=episode.final_observation.contact_portion,
         shared=shared_attributes(episode),
+    )
+
+
+def saved_in(part: Path, name: str, session: Path) -> SavedEpisode:
+    """Return the report of an episode from its file in the session's folder of parts."""
+    with open_session(part) as opened:
+        info, shared = opened.info(name), opened.shared
+    return SavedEpisode(
+        name=name,
+        path=session,
+        uid=info.uid,
+        n_steps=info.n_steps,
+        size_bytes=part.stat().st_size,
+        outcome=info.outcome,
+        contact_final=info.contact_final,
+        shared=shared,
     )

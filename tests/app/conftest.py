@@ -14,6 +14,9 @@ from layflat.data.types import Episode, GroundTruth, Observation, Step
 from layflat.policy.features import FeatureLayout, input_set
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.robots.registry import robot_spec
+from layflat.tests.app.program import start_program
+
+__all__ = ["start_program"]
 
 PLACE, DISTURB, REPAIR = 60, 10, 25
 EpisodeMaker = Callable[..., Episode]

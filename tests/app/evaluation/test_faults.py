@@ -1,16 +1,11 @@
-"""Whatever ends a process of a batch, or the batch itself: no row is lost, and none is there twice."""
+"""Faults of workers and of the program itself: no row is lost, and none is there twice."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
-import os
-import signal
-import subprocess
-import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +21,7 @@ from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import COLUMNS, episode_metrics
 from layflat.data.atomic_files import WriterLock
 from layflat.tests.app.fake_episodes import FAULTS, PLACING, FakeEpisodes, Fault, fake_episode, fake_plan, key_of
+from layflat.tests.app.program import Program
 
 DISK_SHARE, HANG_SHARE = 0.04, 0.05
 LIMIT_S = 4.0
@@ -107,137 +103,76 @@ def test_a_thousand_faults_lose_no_row_and_double_none(tmp_path):
 
 
 @pytest.fixture
-def start(tmp_path) -> Iterator:
-    """``start(seeds, workers, step_s)``: a batch as a program, in a process item of its own."""
-    running: list[subprocess.Popen] = []
+def start(start_program, tmp_path):
+    """``start(seeds, workers, step_s)``: an evaluation as a program."""
 
-    def run(seeds: int = 6, workers: int = 2, step_s: float = 0.3) -> subprocess.Popen:
-        words = [
-            sys.executable,
-            "-m",
-            "layflat.tests.app.fake_episodes",
-            str(tmp_path / "out"),
-            str(seeds),
-            str(workers),
-            str(step_s),
-        ]
-        child = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
-        running.append(child)
-        return child
+    def run(seeds: int = 6, workers: int = 2, step_s: float = 0.3) -> Program:
+        return start_program("layflat.tests.app.fake_episodes", tmp_path / "out", seeds, workers, step_s)
 
-    yield run
-    for child in running:
-        if child.poll() is None:
-            child.kill()
-        child.communicate()
+    return run
 
 
-def _until(stream, words: str) -> None:
-    for line in stream:
-        if words in line:
-            return
-    raise AssertionError(f"the program ended without saying {words!r}")
+def _check_continues(seeds: int, tmp_path: Path) -> None:
+    """The same command gives the rows of an evaluation that was never disturbed."""
+    rows = run_evaluation(fake_plan(seeds), tmp_path / "out", workers=4, make=FakeEpisodes()).rows
+    whole = run_evaluation(fake_plan(seeds), tmp_path / "whole", workers=4, make=FakeEpisodes()).rows
+    pd.testing.assert_frame_equal(rows, whole)
 
 
-def _left(item: int) -> list[psutil.Process]:
-    def there(process: psutil.Process) -> bool:
-        try:
-            return process.status() != psutil.STATUS_ZOMBIE and os.getpgid(process.pid) == item
-        except (ProcessLookupError, psutil.NoSuchProcess):
-            return False
-
-    return [process for process in psutil.process_iter() if there(process)]
-
-
-def _none_left(item: int, patience_s: float = 10.0) -> bool:
-    give_up = time.monotonic() + patience_s
-    while left := _left(item):
-        if time.monotonic() > give_up:
-            print(left)
-            return False
-        time.sleep(0.05)
-    return True
-
-
-def _whole(plan: EvaluationPlan, folder: Path) -> pd.DataFrame:
-    """The rows of a batch that nobody disturbs."""
-    return run_evaluation(plan, folder, workers=4, make=FakeEpisodes()).rows
-
-
-def test_kill_9_of_the_batch_leaves_no_process_and_the_same_command_goes_on(start, tmp_path):
-    child = start()
-    _until(child.stderr, "4/36")
+def test_kill_9_leaves_no_process_and_the_same_command_continues(start, tmp_path):
+    program = start()
+    program.until("4/36")
     # Between two items there may be none for a moment; killed are those that are at work.
-    give_up = time.monotonic() + 10
-    while len(_left(child.pid)) <= 2:
-        assert time.monotonic() < give_up, "no worker was ever seen"
-    child.kill()
-    child.wait()
-    assert _none_left(child.pid)
+    program.until(lambda: len(program.running()) > 2)
+    program.kill()
+    assert program.none_left()
+    with WriterLock(tmp_path / "out" / ".running", tmp_path):  # Nothing holds the folder.
+        pass
     kept = pd.read_csv(tmp_path / "out" / "episodes.csv")
     assert len(kept) >= 4
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "runs").glob("*.h5")}
     assert {f"{run}.h5" for run in kept["run"]} <= {path.name for path in files}
-    rows = run_evaluation(fake_plan(6), tmp_path / "out", workers=4, make=FakeEpisodes()).rows
-    pd.testing.assert_frame_equal(rows, _whole(fake_plan(6), tmp_path / "whole"))
+    _check_continues(6, tmp_path)
     assert {path: path.stat().st_mtime_ns for path in files} == files
 
 
-def test_ctrl_c_keeps_what_is_finished_sums_it_up_and_ends_with_130(start, tmp_path):
-    child = start()
-    _until(child.stderr, "3/36")
-    os.killpg(child.pid, signal.SIGINT)
-    _, err = child.communicate(timeout=30)
-    assert child.returncode == 130
-    assert err.splitlines()[-1].startswith("layflat: interrupted")
-    assert "Traceback" not in err
-    assert _none_left(child.pid)
+def test_ctrl_c_keeps_and_summarizes_what_is_finished_and_ends_with_130(start, tmp_path):
+    program = start()
+    program.until("3/36")
+    program.interrupt()
     results = EvaluationResults.open(tmp_path / "out")
     assert 3 <= len(results.rows) < 36
     assert not results.rows["crashed"].any()
-    assert sum(item["n"] for item in results.summary["groups"]) == len(results.rows)
-    rows = run_evaluation(fake_plan(6), tmp_path / "out", workers=4, make=FakeEpisodes()).rows
-    pd.testing.assert_frame_equal(rows, _whole(fake_plan(6), tmp_path / "whole"))
+    assert sum(group["n"] for group in results.summary["groups"]) == len(results.rows)
+    _check_continues(6, tmp_path)
 
 
 @pytest.mark.slow
-def test_a_batch_that_is_killed_again_and_again_comes_to_its_end(start, tmp_path):
+def test_an_evaluation_that_is_killed_again_and_again_comes_to_its_end(start, tmp_path):
     rng = np.random.default_rng(0)
     for _ in range(15):
-        child = start(seeds=12, workers=3, step_s=0.05)
+        program = start(seeds=12, workers=3, step_s=0.05)
         time.sleep(2.0 + rng.uniform(0.0, 3.0))
-        child.kill()
-        child.wait()
-        assert _none_left(child.pid)
-    child = start(seeds=12, workers=3, step_s=0.0)
-    child.communicate(timeout=120)
-    assert child.returncode == 0
-    pd.testing.assert_frame_equal(
-        EvaluationResults.open(tmp_path / "out").rows, _whole(fake_plan(12), tmp_path / "whole")
-    )
+        program.kill()
+        assert program.none_left()
+    assert start(seeds=12, workers=3, step_s=0.0).wait() == 0
+    before = EvaluationResults.open(tmp_path / "out").rows
+    _check_continues(12, tmp_path)
+    pd.testing.assert_frame_equal(EvaluationResults.open(tmp_path / "out").rows, before)
 
 
 def test_killed_workers_are_replaced(start, tmp_path):
     """From outside, at any moment, as when memory runs out."""
-    child = start(seeds=6, workers=2, step_s=0.3)
-    _until(child.stderr, "1/36")
+    program = start(seeds=6, workers=2, step_s=0.3)
+    program.until("1/36")
     for _ in range(5):
-        workers = [process for process in _left(child.pid) if process.pid != child.pid]
+        workers = [process for process in program.running() if process.pid != program.process.pid]
         with contextlib.suppress(psutil.NoSuchProcess):
             for process in workers[:1]:
                 process.kill()
         time.sleep(0.4)
-    assert child.wait(timeout=60) == 0
+    assert program.wait(60) == 0
     rows = EvaluationResults.open(tmp_path / "out").rows
     assert len(rows) == 36
     assert rows["run"].is_unique
     assert (rows["attempts"] == 2).any()
-
-
-def test_a_killed_batch_leaves_the_folder_to_the_next(start, tmp_path):
-    child = start()
-    _until(child.stderr, "1/36")
-    child.kill()
-    child.wait()
-    with WriterLock(tmp_path / "out" / ".running", tmp_path):
-        pass
