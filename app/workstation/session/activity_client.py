@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 from layflat.app.support.child_python import fork_server_context
+from layflat.app.workers.process import describe_exit_status
 from layflat.app.workstation.session.activity_process import ActivityFactory, Channels, main, receive, send
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.requests import ActivityRequest
@@ -40,6 +40,8 @@ class ActivityClient:
     """Newest status of the activity."""
     frame: SimulationFrame | None = None
     """Newest frame of the simulation."""
+    robot: RobotSpec | None = None
+    """Robot of the newest request."""
     _process: BaseProcess | None = None
     _connection: Connection | None = None
     _channels: Channels | None = None
@@ -55,7 +57,7 @@ class ActivityClient:
         self.problem, self.status, self._read = "", {}, [0, 0]
         self._closing = self._done = False
         context = start_fork_server()
-        self._channels = Channels(context, request.sim_config.robot_spec)
+        self._channels, self.robot = Channels(context), request.sim_config.robot_spec
         self._connection, theirs = context.Pipe()
         process = context.Process(
             target=main, args=(self.make, request, self._channels, theirs), name="activity", daemon=False
@@ -68,11 +70,6 @@ class ActivityClient:
     def alive(self) -> bool:
         """Whether there is a process."""
         return self._process is not None
-
-    @property
-    def robot(self) -> RobotSpec | None:
-        """Robot of the process, or None where there is none."""
-        return None if self._channels is None else self._channels.inputs.robot
 
     @property
     def pid(self) -> int | None:
@@ -106,8 +103,8 @@ class ActivityClient:
         if ended:
             if not (self._closing or self._done):
                 self.problem = (
-                    f"the simulation's process ended by itself ({_describe_exit(process)}); saved episodes are safe,"
-                    " and the steps of a running one are saved as partial by the next recording"
+                    f"the simulation was lost: {describe_exit_status(process.exitcode, END_S)}; saved episodes are"
+                    " safe, and the next recording saves the steps of a running one as partial"
                 )
             self._release()
         return events
@@ -150,8 +147,7 @@ class ActivityClient:
                 self._read[0], self.frame = frame
             status = self._channels.status.read(self._read[1])
             if status is not None:
-                self._read[1] = status[0]
-                self.status = json.loads(bytes(status[1]["text"]))
+                self._read[1], self.status = status
         return events
 
     def _release(self) -> None:
@@ -161,8 +157,3 @@ class ActivityClient:
         if self._connection is not None:
             self._connection.close()
         self._process = self._connection = self._channels = None
-
-
-def _describe_exit(process: BaseProcess) -> str:
-    code = process.exitcode or 0
-    return f"signal {-code}" if code < 0 else f"status {code}"

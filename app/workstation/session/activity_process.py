@@ -15,19 +15,17 @@ from multiprocessing.context import BaseContext
 from typing import Any, Protocol, TypeAlias
 
 import cv2
-import numpy as np
 
 from layflat.app.support.errors import format_error
 from layflat.app.workstation.session.frame_channel import FrameChannel
 from layflat.app.workstation.session.input_channel import InputChannel, InputSample
-from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.app.workstation.session.latest_value import LatestJson
 from layflat.app.workstation.session.requests import ActivityRequest
-from layflat.data.robot import RobotSpec
 
 IDLE_S = 0.005
 STATUS_S = 0.1
 """Longest time between two looks at the status, for its numbers."""
-_STATUS_BYTES = 32_000
+STATUS_BYTES = 32_000
 
 Message: TypeAlias = Mapping[str, Any]
 """JSON values by name: a request of the window by ``request``, or an event of the activity by ``event``."""
@@ -36,10 +34,10 @@ Message: TypeAlias = Mapping[str, Any]
 class Channels:
     """Everything between the window and an activity's process that only matters in its newest state."""
 
-    def __init__(self, context: BaseContext, robot: RobotSpec) -> None:
+    def __init__(self, context: BaseContext) -> None:
         self.frames = FrameChannel(context)
-        self.inputs = InputChannel(context, robot)
-        self.status = LatestValue(context, np.dtype([("text", f"S{_STATUS_BYTES}")]))
+        self.inputs = InputChannel(context)
+        self.status = LatestJson(context, STATUS_BYTES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +54,6 @@ class Endpoint:
     def send_event(self, event: str, **values: Any) -> None:
         """Send something that must arrive: ``saved``, ``discarded``, ``line``, ``failed``, ``ended``."""
         send(self.connection, {"event": event, **values})
-
-    def write_status(self, status: str) -> None:
-        """Replace the status."""
-        self.channels.status.write(text=status.encode()[:_STATUS_BYTES])
 
 
 class Activity(Protocol):
@@ -115,7 +109,7 @@ def main(make: ActivityFactory, request: ActivityRequest, channels: Channels, co
 
 
 def _serve(activity: Activity, endpoint: Endpoint) -> None:
-    written_s, written = 0.0, ""
+    written_s = 0.0
     while not activity.done:
         while endpoint.connection.poll():
             request = receive(endpoint.connection)
@@ -125,10 +119,7 @@ def _serve(activity: Activity, endpoint: Endpoint) -> None:
         pause_s = activity.step()
         now = time.monotonic()
         if now - written_s >= STATUS_S or pause_s == 0.0:
-            status = json.dumps(activity.status())
-            if status != written:
-                endpoint.write_status(status)
-                written = status
+            endpoint.channels.status.write(activity.status())
             written_s = now
         if pause_s > 0:
             endpoint.connection.poll(min(pause_s, IDLE_S))
@@ -140,7 +131,7 @@ def _close(activity: Activity, endpoint: Endpoint) -> None:
         activity.close()
     except Exception as error:
         _report(endpoint, error)
-    endpoint.write_status(json.dumps(activity.status()))
+    endpoint.channels.status.write(activity.status())
     with contextlib.suppress(OSError):
         endpoint.send_event("ended")
 

@@ -29,16 +29,16 @@ def command_effect(
     if state == "over":
         return None
     if command is Command.QUIT:
-        return "end, and keep this one as partial" if status.n_steps else "end the recording"
+        return "end, keep this one as partial" if status.n_steps else "end the recording"
     if command is Command.START:
-        starts = {"waiting": f"start the demonstration of seed {seed}", "paused": "continue"}
+        starts = {"waiting": f"start demonstration of seed {seed}", "paused": "continue"}
         return "return control to the policy" if state == "running" and status.human_in_control else starts.get(state)
     if command is Command.PAUSE:
         return {"running": "pause", "paused": "continue", "countdown": "stop the countdown"}.get(state)
     if command is Command.DISCARD:
         return "discard this one" if state in STARTED else None
     if command is Command.REDO:
-        return f"discard this one and start seed {seed} again" if state in STARTED else None
+        return f"discard this one, restart seed {seed}" if state in STARTED else None
     if command is Command.DISTURB:
         can = state in ("running", "paused") and disturbance != "none" and not status.disturbed
         return f"disturb the cloth ({disturbance})" if can else None

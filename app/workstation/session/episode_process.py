@@ -225,13 +225,8 @@ class EpisodeWorker:
 
     def handle_request(self, name: str, *details: Any) -> object:
         """Run ``step``, ``disturb``, ``release_control`` or ``end``; return the answer for the parent."""
-        requests: dict[str, Callable[..., object]] = {
-            "step": self.step,
-            "disturb": self.disturb,
-            "release_control": self.release_control,
-            "end": self.end,
-        }
-        return requests[name](*details)
+        known = (self.step, self.disturb, self.release_control, self.end)
+        return {method.__name__: method for method in known}[name](*details)
 
     def step(self, teleop: TeleopInput, drag: DragTarget | None = None) -> EpisodeStatus:
         """Run one step."""

@@ -11,17 +11,13 @@ from multiprocessing.context import BaseContext
 
 import numpy as np
 
-from layflat.app.workstation.session.latest_value import LatestValue
+from layflat.app.workstation.session.latest_value import LatestJson
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
-from layflat.data.robot import RobotSpec
 from layflat.data.types import DragTarget
 
-_DTYPE = np.dtype(
-    [
-        ("stamp_s", "f8"), ("motion", "f8", 6), ("speed", "f8"), ("connected", "?"), ("device", "U80"),
-        ("problem", "U240"), ("n_hands", "i4"), ("hand", "f8", (2, 3)), ("node", "i4"), ("target", "f8", 3),
-    ]
-)  # fmt: skip
+MAX_BYTES = 4000
+MAX_CHARS = 240
+"""Longest name and problem of a device."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,31 +33,22 @@ class InputSample:
 class InputChannel:
     """The window writes, the activity's process reads."""
 
-    def __init__(self, context: BaseContext, robot: RobotSpec) -> None:
-        self._value = LatestValue(context, _DTYPE)
-        self.robot: RobotSpec = robot
+    def __init__(self, context: BaseContext) -> None:
+        self._value = LatestJson(context, MAX_BYTES)
 
     def write(self, teleop: TeleopInput, drag: DragTarget | None = None) -> float:
         """Replace the value; return its stamp."""
         stamp_s = time.monotonic()
-        motion = np.zeros(6)
-        motion[: len(teleop.motion)] = teleop.motion
-        hand = np.zeros((2, 3))
-        n_hands = 0 if teleop.hand is None else int(np.ndim(teleop.hand))
-        if teleop.hand is not None:
-            hand[:n_hands] = teleop.hand
-        self._value.write(
-            stamp_s=stamp_s,
-            motion=motion,
-            speed=teleop.speed,
-            connected=teleop.connected,
-            device=teleop.device[:80],
-            problem=teleop.problem[:240],
-            n_hands=n_hands,
-            hand=hand,
-            node=-1 if drag is None else drag.node,
-            target=np.zeros(3) if drag is None else drag.target_m,
-        )
+        fields = {
+            "motion": teleop.motion.tolist(),
+            "speed": teleop.speed,
+            "connected": teleop.connected,
+            "device": teleop.device[:MAX_CHARS],
+            "problem": teleop.problem[:MAX_CHARS],
+            "stamp_s": stamp_s,
+            "hand": None if teleop.hand is None else teleop.hand.tolist(),
+        }
+        self._value.write({"teleop": fields, "drag": None if drag is None else [drag.node, drag.target_m.tolist()]})
         return stamp_s
 
     def read(self) -> InputSample | None:
@@ -69,16 +56,10 @@ class InputChannel:
         found = self._value.read()
         if found is None:
             return None
-        _, value = found
-        n_hands, node = int(value["n_hands"]), int(value["node"])
-        teleop = TeleopInput(
-            motion=value["motion"][: self.robot.size],
-            speed=float(value["speed"]),
-            connected=bool(value["connected"]),
-            device=str(value["device"]),
-            problem=str(value["problem"]),
-            stamp_s=float(value["stamp_s"]),
-            hand=None if n_hands == 0 else value["hand"][0] if n_hands == 1 else value["hand"],
+        fields, drag = found[1]["teleop"], found[1]["drag"]
+        arrays = {name: None if fields[name] is None else np.array(fields[name]) for name in ("motion", "hand")}
+        return InputSample(
+            stamp_s=fields["stamp_s"],
+            teleop=TeleopInput(**(fields | arrays)),
+            drag=None if drag is None else DragTarget(node=drag[0], target_m=drag[1]),
         )
-        drag = None if node < 0 else DragTarget(node=node, target_m=value["target"].copy())
-        return InputSample(stamp_s=teleop.stamp_s, teleop=teleop, drag=drag)

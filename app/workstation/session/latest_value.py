@@ -1,7 +1,8 @@
-"""The newest value of one process for another, through shared memory: neither ever waits for the other."""
+"""Newest value of one process for another, through shared memory: neither ever waits for the other."""
 
 from __future__ import annotations
 
+import json
 from multiprocessing.context import BaseContext
 from typing import Any
 
@@ -52,3 +53,27 @@ class LatestValue:
             if int(header["begun"][0]) <= number + 1:
                 return number, value
         return None
+
+
+class LatestJson:
+    """Newest JSON value of one process for another."""
+
+    def __init__(self, context: BaseContext, max_bytes: int) -> None:
+        self._max_bytes = max_bytes
+        self._written = b""
+        self._value = LatestValue(context, np.dtype([("text", f"S{max_bytes}")]))
+
+    def write(self, value: Any) -> None:
+        """Write a value, unless it is the last one."""
+        text = json.dumps(value).encode()
+        if text == self._written:
+            return
+        if len(text) > self._max_bytes:
+            raise ValueError(f"a value has {len(text)} bytes as JSON; at most {self._max_bytes} fit")
+        self._value.write(text=text)
+        self._written = text
+
+    def read(self, after: int = 0) -> tuple[int, Any] | None:
+        """Return number and newest value, or None where there is none newer than number ``after``."""
+        found = self._value.read(after)
+        return None if found is None else (found[0], json.loads(bytes(found[1]["text"])))

@@ -160,11 +160,11 @@ def speed(state: GamepadState) -> float:
 
 _TRIGGERS = (Button("R2", "faster"), Button("L2", "finer"))
 _MOTION_HELP: dict[int, tuple[Button, ...]] = {
-    1: (Button("left stick", "moves the hanger forward and back, up and down"), *_TRIGGERS),
+    1: (Button("left stick", "hanger forward, back, up, down"), *_TRIGGERS),
     2: (
-        Button("left, right stick", "moves the left, right picker forward and back, up and down"),
-        Button("L1 held", "the sticks move to the side instead of forward and back"),
-        Button("R1 held", "the left stick moves both pickers, the right one moves both to the side"),
+        Button("left, right stick", "left, right picker forward, back, up, down"),
+        Button("L1 held", "sticks move to the side"),
+        Button("R1 held", "left stick: both; right stick: both to the side"),
         *_TRIGGERS,
     ),
 }

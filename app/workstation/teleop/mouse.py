@@ -10,7 +10,7 @@ from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import dead_zone
 from layflat.app.workstation.teleop.key_map import LEFT, RIGHT
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
-from layflat.app.workstation.teleop.teleoperator import Button
+from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
 from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
@@ -24,7 +24,7 @@ LEFT_BUTTON = 1
 Pixel = tuple[int, int]
 
 
-class DragTeleoperator:
+class DragTeleoperator(WindowTeleoperator):
     """Base of what a drag with the left button does, beside a keyboard for everything else."""
 
     def __init__(self, robot: RobotSpec) -> None:
@@ -56,9 +56,6 @@ class DragTeleoperator:
         if event.type == pygame.WINDOWFOCUSLOST:
             self.dragging = False
         return self.keyboard.on_event(event)
-
-    def rumble(self, strength: float, seconds: float) -> None:
-        """Do nothing: mice cannot rumble."""
 
     def close(self) -> None:
         """End the drag and release all keys."""

@@ -29,7 +29,8 @@ class Teleoperator(Protocol):
         """Return the newest state and the commands since the last poll; never wait."""
 
     def rumble(self, strength: float, seconds: float) -> None:
-        """Rumble with a strength of 0..1, where the device can."""
+        """Rumble with a strength of 0..1, where the device can; do nothing by default."""
+        return
 
     def help(self) -> tuple[Button, ...]:
         """Return the effect of each button."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from layflat.app.workstation.teleop import key_map
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
-from layflat.app.workstation.teleop.teleoperator import Button
+from layflat.app.workstation.teleop.teleoperator import Button, Teleoperator
 from layflat.app.workstation.teleop.terminal_keys import TerminalKeys
 from layflat.data.robot import RobotSpec
 
@@ -24,7 +24,7 @@ SAME_PRESS_S = 0.8
 """A key reported again within this time may be repeating: the first repetition comes after 0.25 to 0.7 s."""
 
 
-class TerminalKeyboard:
+class TerminalKeyboard(Teleoperator):
     """Teleoperator that takes over the terminal until `close`."""
 
     name = "keyboard"
@@ -67,9 +67,6 @@ class TerminalKeyboard:
             commands=tuple(commands),
             device="terminal",
         )
-
-    def rumble(self, strength: float, seconds: float) -> None:
-        """Do nothing: keyboards cannot rumble."""
 
     def help(self) -> tuple[Button, ...]:
         """Return the effect of each key."""

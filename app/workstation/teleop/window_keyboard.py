@@ -6,13 +6,13 @@ from typing import Any
 
 from layflat.app.workstation.teleop import key_map, sdl
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
-from layflat.app.workstation.teleop.teleoperator import Button
+from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
 from layflat.data.robot import RobotSpec
 
 _ARROWS = ("left", "right", "up", "down")
 
 
-class WindowKeyboard:
+class WindowKeyboard(WindowTeleoperator):
     """Teleoperator of key events; held keys are released when the window loses the focus."""
 
     name = "keyboard"
@@ -52,9 +52,6 @@ class WindowKeyboard:
         commands, self._commands = tuple(self._commands), []
         motion = key_map.sum_motions(self.robot, self._motions, self._held.values())
         return TeleopInput(motion=motion, speed=self._speed, commands=commands, device="keyboard")
-
-    def rumble(self, strength: float, seconds: float) -> None:
-        """Do nothing: keyboards cannot rumble."""
 
     def help(self) -> tuple[Button, ...]:
         """Return the effect of each key."""

@@ -89,7 +89,7 @@ class InputManager:
         self._viewport.hand = None if self.newest is None else self.newest.hand
         if not (client.alive and accepts_drag):
             self._viewport.end_drag()
-        if client.robot is None:
+        if not client.alive or client.robot is None:
             return
         client.send_input(self.newest or zero_input(client.robot), self._viewport.drag)
         if self._rumble is not None:

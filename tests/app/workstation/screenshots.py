@@ -48,8 +48,8 @@ class Album:
         print(f"{path} {path.stat().st_size // 1000} kB", flush=True)
 
     def settings(self, **changes: object) -> None:
-        shop = self.window.context
-        shop.change(replace(shop.settings, **changes))  # type: ignore[arg-type]
+        context = self.window.context
+        context.change_settings(replace(context.settings, **changes))  # type: ignore[arg-type]
         self.window.page.on_resize()
 
     def wait_for_state(self, state: str) -> None:

@@ -54,7 +54,7 @@ class PlacePage(ActivityPage):
     """Whether to place as fast as possible, and then wait to be disturbed (the Disturb tab)."""
     record: str = ""
     """Session to record into; empty: nothing is recorded."""
-    _shown: str = ""
+    _shown: str | None = None
     """Newest message of the activity that was shown."""
 
     def build(self) -> None:
@@ -90,7 +90,7 @@ class PlacePage(ActivityPage):
         request = self._request()
         if request is None or not self.run(request):
             return
-        self._shown = ""
+        self._shown = None
         self.context.client.request("start")
         self.context.show_message(f"hanging the cloth of seed {self.seed}")
 
@@ -129,8 +129,8 @@ class PlacePage(ActivityPage):
     def update(self) -> None:
         """Show new messages of the activity."""
         super().update()
-        message = str(self.status.get("message", ""))
-        if self.running and not self.finished and message != self._shown:
+        message = self.status.get("message")
+        if self.running and not self.finished and message not in (None, self._shown):
             self._shown = message
             self.context.show_message(message)
 

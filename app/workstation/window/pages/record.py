@@ -146,7 +146,8 @@ class RecordPage(ActivityPage):
             return list(MENU_HINTS)
         effects: dict[str, str | None] = self.status.get("effects", {})
         hints = device_key_hints(self.input_manager.help(), effects, self.context.send_command)
-        return [*hints, KeyHint("Esc", "to the menu", self.escape)]
+        hints.insert(sum(hint.press is not None for hint in hints), KeyHint("Esc", "to the menu", self.escape))
+        return hints
 
     def headline(self) -> tuple[str, style.Color]:
         """Return the state."""

@@ -65,7 +65,7 @@ def test_a_process_that_dies_is_reported_and_can_be_started_again(client):
     run_until_steps(client)
     client.request("die")
     poll_until(client, lambda: not client.alive)
-    assert "ended by itself (signal 9)" in client.problem
+    assert "SIGKILL" in client.problem
     assert "saved" in client.problem
     start(client)
     assert client.problem == ""

@@ -57,7 +57,7 @@ def test_an_input_is_read_as_written(robot, guided):
         motion=rng.uniform(-1, 1, robot.size), speed=0.25, connected=False, device="Pad é", problem="disconnected",
         hand=rng.normal(size=robot.hand_shape) if guided else None,
     )  # fmt: skip
-    channel = InputChannel(CONTEXT, robot)
+    channel = InputChannel(CONTEXT)
     assert channel.read() is None
     before = time.monotonic()
     stamp = channel.write(teleop, DragTarget(node=7, target_m=[0.1, 0.2, 0.3]))

@@ -44,7 +44,7 @@ class Placing:
         **options,
     ) -> None:
         context = get_context("spawn")
-        self.channels = Channels(context, HANGER)
+        self.channels = Channels(context)
         self._connection, theirs = context.Pipe()
         self.policy = ForwardPolicy(enough)
         request = PlaceRequest(
