@@ -98,10 +98,7 @@ class Policy(Protocol):
 
 
 def continue_after_disturbance(policy: Policy) -> None:
-    """Prepare a policy to continue after a stop: it restarts its stop rules and keeps the rest of its state.
-
-    Policies without a method of this name need no preparation.
-    """
+    """Prepare a policy that has such a method to continue after a stop: it restarts its stop rules, no more."""
     prepare = getattr(policy, "continue_after_disturbance", None)
     if prepare is not None:
         prepare()

@@ -1,8 +1,7 @@
 """Layout of the input of a learned policy.
 
-Thesis, chapter 4-1-2: holder position, WORD and contact portion in; the baseline takes the position only. The sets in
-between are the ablations. Columns are in natural units: positions in m (world), WORD a unit vector, contact portion
-in 0..1; `FeatureLayout.scales` divides them before they enter a kernel.
+Thesis, chapter 4-1-2: holder position, WORD and contact portion; the baseline takes the position only. Columns are in
+natural units (m in the world, unit vector, 0..1); `FeatureLayout.scales` divides them before they enter a kernel.
 """
 
 from __future__ import annotations
@@ -31,27 +30,22 @@ _CLOTH_COLUMNS = {
 }
 """Attribute of Observation, and index in its row."""
 
-
 WORD_COLUMNS = ("word_x", "word_y")
-CONTACT_COLUMNS = ("contact",)
-
 INPUT_SETS: Mapping[str, tuple[str, ...]] = {
     "position": (),
-    "position+contact": CONTACT_COLUMNS,
+    "position+contact": ("contact",),
     "position+word": WORD_COLUMNS,
-    "all": WORD_COLUMNS + CONTACT_COLUMNS,
+    "all": (*WORD_COLUMNS, "contact"),
 }
 """Columns that each set adds to the position; ``all`` is the thesis's proposed method, ``position`` its baseline."""
 
 POSITION_SCALE_M = 0.1
-WORD_SCALE = 1.0
-CONTACT_SCALE = 0.2
+_CLOTH_SCALES = {"word_x": 1.0, "word_y": 1.0, "contact": 0.2}
 """Equally important changes of each column, so that one length scale can serve metres, unit vectors and portions.
 
-Constants, not the spread of the data: 1 then means the same in every model, a column that hardly moved in the
-demonstrations (the y of symmetrical pickers) does not have its noise blown up, and the long way of the contact portion
-through the air does not hide the last tenth that counts. On a planar toy with a drag whose speed depends on contact
-(5 demonstrations) the held-out error in x was 1.04 mm a step, against 1.14 with standard deviations and 1.27 unscaled.
+Constants, not the spread of the data: 1 then means the same in every model, and a column that hardly moved in the
+demonstrations does not have its noise blown up. On a planar toy with a drag whose speed depends on contact (5
+demonstrations) the held-out error in x was 1.04 mm a step, against 1.14 with standard deviations and 1.27 unscaled.
 """
 
 
@@ -76,15 +70,17 @@ class FeatureLayout:
         """Number of columns, D."""
         return len(self.names)
 
+    @property
+    def _sources(self) -> list[tuple[str, int]]:
+        return [columns_of(self.robot)[name] for name in self.names]
+
     def vector(self, observation: Observation) -> FloatArray:
         """Return (D,) columns of one observation, in natural units."""
-        sources = [columns_of(self.robot)[name] for name in self.names]
-        return np.array([float(np.ravel(getattr(observation, key))[index]) for key, index in sources])
+        return np.array([float(np.ravel(getattr(observation, key))[index]) for key, index in self._sources])
 
     def select(self, observations: ObservationColumns) -> FloatArray:
         """Return (T, D) columns of many observations, in natural units."""
-        sources = [columns_of(self.robot)[name] for name in self.names]
-        return np.column_stack([observations[key][:, index] for key, index in sources])
+        return np.column_stack([observations[key][:, index] for key, index in self._sources])
 
     def matrix(self, steps: Sequence[Step]) -> FloatArray:
         """Return (T, D) columns of the observation at the start of each step."""
@@ -92,7 +88,7 @@ class FeatureLayout:
 
     def scales(self) -> FloatArray:
         """Return (D,) divisors of the columns for a kernel with one length scale for all (Eq. 4-6)."""
-        return np.array([_scale(name) for name in self.names])
+        return np.array([_CLOTH_SCALES.get(name, POSITION_SCALE_M) for name in self.names])
 
 
 def columns_of(robot: RobotSpec) -> Mapping[str, tuple[str, int]]:
@@ -124,9 +120,3 @@ def input_set(robot: RobotSpec, name: str) -> FeatureLayout:
     if name not in INPUT_SETS:
         raise PolicyError(f"input set {name!r} is unknown; it must be one of {', '.join(INPUT_SETS)}")
     return FeatureLayout(robot=robot, names=robot.coordinates + INPUT_SETS[name])
-
-
-def _scale(name: str) -> float:
-    if name in WORD_COLUMNS:
-        return WORD_SCALE
-    return CONTACT_SCALE if name in CONTACT_COLUMNS else POSITION_SCALE_M

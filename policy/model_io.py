@@ -38,37 +38,17 @@ MAX_POINTS = 20_000
 """No fit makes more; the kernel matrices alone would be 3 GB for each output."""
 
 _SCALARS: Mapping[str, type] = {
-    "policy": str,
-    "task": str,
-    "cloth": str,
-    "descriptor": str,
-    "step_s": float,
-    "action_limit_m": float,
-    "stop_threshold_m": float,
-    "stop_steps": int,
-    "seed": int,
-    "demonstrations": int,
-    "points_available": int,
+    **dict.fromkeys(("policy", "task", "cloth", "descriptor"), str),
+    **dict.fromkeys(("step_s", "action_limit_m", "stop_threshold_m"), float),
+    **dict.fromkeys(("stop_steps", "seed", "demonstrations", "points_available"), int),
 }
 """Fields of every model that are stored in the header as they are."""
 
 
 def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
-    """Write a model file, completely or not at all.
+    """Write a model file (``.npz``), completely or not at all.
 
-    Parameters
-    ----------
-    model : TrainedModel
-        The model.
-    path : str or Path
-        Name of the file, which should end in ``.npz``.
-    force : bool
-        Whether to replace an existing file.
-
-    Raises
-    ------
-    PolicyError
-        If the file exists, or cannot be written.
+    PolicyError if it cannot be written, or exists and ``force`` does not allow to replace it.
     """
     target = Path(path)
     if target.exists() and not force:
@@ -87,22 +67,9 @@ def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
 
 
 def load(path: str | Path) -> TrainedModel:
-    """Read a model file.
+    """Read a file that `save` wrote; the model predicts the same bits as the saved one.
 
-    Parameters
-    ----------
-    path : str or Path
-        Name of a file that `save` wrote.
-
-    Returns
-    -------
-    TrainedModel
-        The model, which predicts the same bits as the saved one.
-
-    Raises
-    ------
-    PolicyError
-        If the file is missing, is not a model file of this schema, or has been damaged or changed.
+    PolicyError if the file is missing, is not a model file of this schema, or has been damaged or changed.
     """
     source = Path(path)
     try:
@@ -116,8 +83,9 @@ def load(path: str | Path) -> TrainedModel:
         if header["checksum"] != checksum(header, arrays):
             raise PolicyError("its checksum does not match: it was damaged or changed; train it again")
         return _model_of(header, arrays)
-    except FileNotFoundError as error:
-        raise PolicyError(f"{source} does not exist; `layflat train` makes a model") from error
+    except (FileNotFoundError, IsADirectoryError) as error:
+        wrong = "is not a file" if source.exists() else "does not exist"
+        raise PolicyError(f"{source} {wrong}; give a model that `layflat train` wrote") from error
     except zipfile.BadZipFile as error:
         raise PolicyError(f"{source} is not a model file, or only a part of one ({error})") from error
     except OSError as error:
@@ -149,10 +117,7 @@ def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[st
         "features": list(model.layout.names),
         "shapes": {name: list(array.shape) for name, array in arrays.items()},
         "heldout_rmse_m": None if model.heldout_rmse_m is None else list(model.heldout_rmse_m),
-        "provenance": {
-            "versions": dict(model.provenance.versions),
-            **{name: getattr(model.provenance, name) for name in ("platform", "created_utc", "command")},
-        },
+        "provenance": vars(model.provenance) | {"versions": dict(model.provenance.versions)},
         **{name: kind(getattr(model, name)) for name, kind in _SCALARS.items()},
         **model.settings(),
     }

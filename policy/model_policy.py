@@ -14,18 +14,15 @@ NO_GAIN_FROM_CONTACT = 0.8
 """Contact portion from which a missing gain counts; before, a part of the cloth is still in the air."""
 
 
-def default_guard() -> StopRule:
-    """Return the rule that keeps a policy from running away.
-
-    A fold keeps the contact portion low, so that a policy would drag on to the edge of the table.
-    """
-    return AnyOf(x_limit(), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
-
-
 def model_stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:
-    """Return the rule that ends a model's policy: its output has faded, or the guard (by default the default one)."""
-    faded = below_threshold(model.stop_threshold_m, n_steps=model.stop_steps)
-    return AnyOf(faded, default_guard() if guard is None else guard)
+    """Return the rule that ends a model's policy: its output has faded, or it runs away by the guard.
+
+    The default guard ends a drag that gains nothing: a fold keeps the contact portion low, so that a policy would drag
+    on to the edge of the table.
+    """
+    if guard is None:
+        guard = AnyOf(x_limit(), NoContactGain(n_steps=NO_GAIN_STEPS, from_contact=NO_GAIN_FROM_CONTACT))
+    return AnyOf(below_threshold(model.stop_threshold_m, n_steps=model.stop_steps), guard)
 
 
 class ModelPolicy(RuleStoppedPolicy):

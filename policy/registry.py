@@ -10,18 +10,15 @@ from typing import Any
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Episode, Provenance
 from layflat.policy.base import Policy, PolicyError
-from layflat.policy.demonstrations import Demonstrations
-from layflat.policy.dmp.model import DmpModel
-from layflat.policy.dmp.policy import DmpPolicy
-from layflat.policy.features import input_set
-from layflat.policy.gmr.model import GmrModel
+from layflat.policy.dmp import DmpModel, DmpPolicy
+from layflat.policy.gmr import GmrModel
 from layflat.policy.gp.finishing_policy import FinishingPolicy
 from layflat.policy.gp.model import GpModel
 from layflat.policy.model_policy import ModelPolicy
-from layflat.policy.nearest.model import NearestModel
+from layflat.policy.nearest import NearestModel
 from layflat.policy.scripted.baselines import RandomPolicy, ZeroPolicy, drag_rule, stretch_right
-from layflat.policy.trained_model import Progress, TrainedModel
-from layflat.policy.training_set import build_training_set
+from layflat.policy.trained_model import Progress, TrainedModel, ignore_progress
+from layflat.policy.training_set import Demonstrations, build_training_set
 from layflat.policy.wrappers.recovery import RecoveryWrapper
 from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 
@@ -59,9 +56,9 @@ LEARNERS: Mapping[str, Learner] = {
     "gp-contact": Learner("gp.fit", "position+contact", GpModel, ModelPolicy),
     "gp-direction": Learner("gp.fit", "position+word", GpModel, ModelPolicy),
     "gp-finish": Learner("gp.fit", "all", GpModel, FinishingPolicy),
-    "gmr": Learner("gmr.fit", "all", GmrModel, ModelPolicy),
-    "dmp": Learner("dmp.fit", "position", DmpModel, DmpPolicy),
-    "nearest": Learner("nearest.model", "all", NearestModel, ModelPolicy),
+    "gmr": Learner("gmr", "all", GmrModel, ModelPolicy),
+    "dmp": Learner("dmp", "position", DmpModel, DmpPolicy),
+    "nearest": Learner("nearest", "all", NearestModel, ModelPolicy),
 }
 """The thesis's two policies, ablations of their inputs, and other methods (section 5-3)."""
 
@@ -69,20 +66,7 @@ TRAINABLE_POLICIES = tuple(LEARNERS)
 
 
 def make(name: str, robot: RobotSpec) -> Policy:
-    """Make a built-in policy.
-
-    Parameters
-    ----------
-    name : str
-        One of BUILTIN_POLICIES.
-    robot : RobotSpec
-        Robot to move.
-
-    Raises
-    ------
-    PolicyError
-        If the name is unknown or belongs to a policy that must be trained.
-    """
+    """Make one of BUILTIN_POLICIES; PolicyError if the name is unknown, or that of a policy that must be trained."""
     if name in LEARNERS:
         raise PolicyError(f"policy {name!r} is learned; train it and give the model's file")
     return _known("policy", name, BUILTIN_POLICIES)(robot)
@@ -97,33 +81,11 @@ def train(
     progress: Progress | None = None,
     intervention_weight: int = 1,
 ) -> TrainedModel:
-    """Train a model on demonstrations.
+    """Train a model of one of TRAINABLE_POLICIES; `from_model` makes its policy.
 
-    Parameters
-    ----------
-    name : str
-        One of TRAINABLE_POLICIES.
-    demonstrations : Demonstrations or sequence of Episode
-        Demonstrations of one robot, task, cloth and step. Steps of the phase ``disturb`` are left out. The caller
-        chooses which episodes are worth learning from.
-    seed : int
-        Random seed.
-    provenance : Provenance, optional
-        Versions and command, which are stored with the model.
-    progress : callable, optional
-        Called with the number of finished parts, the number of all parts, and a message.
-    intervention_weight : int
-        Weight of steps in which a person corrected a policy; only for Gaussian processes.
-
-    Returns
-    -------
-    TrainedModel
-        The model; `from_model` makes its policy.
-
-    Raises
-    ------
-    PolicyError
-        If the policy cannot be trained, or the demonstrations are too few or do not belong together.
+    The caller chooses which demonstrations are worth learning from; steps of the phase ``disturb`` are left out.
+    Gaussian processes may give steps in which a person corrected a policy a larger ``intervention_weight``. PolicyError
+    if the policy cannot be trained, or the demonstrations are too few or do not belong together.
     """
     learner = _known("trainable policy", name, LEARNERS)
     options: dict[str, Any] = {}
@@ -133,21 +95,13 @@ def train(
         from layflat.policy.gp.fit import FitOptions
 
         options["options"] = FitOptions(intervention_weight=intervention_weight)
-    source = Demonstrations.of(demonstrations)
-    training = build_training_set(source, input_set(source.robot, learner.inputs))
-    fit = import_module(f"layflat.policy.{learner.fit}").fit
-    model: TrainedModel = fit(training, policy=name, seed=seed, provenance=provenance, progress=progress, **options)
-    return model
+    training = build_training_set(demonstrations, learner.inputs, policy=name, seed=seed, provenance=provenance)
+    fit: Callable[..., TrainedModel] = import_module(f"layflat.policy.{learner.fit}").fit
+    return fit(training, progress or ignore_progress, **options)
 
 
 def from_model(model: TrainedModel) -> Policy:
-    """Make the policy that runs a trained model.
-
-    Raises
-    ------
-    PolicyError
-        If the model names an unknown policy, or one of another method.
-    """
+    """Make the policy that runs a model; PolicyError if it names an unknown policy, or one of another method."""
     learner = _known("the model's policy", model.policy, LEARNERS)
     if not isinstance(model, learner.model):
         raise PolicyError(f"a {type(model).__name__} cannot be run as {model.policy}; train it again")

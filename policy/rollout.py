@@ -6,11 +6,9 @@ An episode has up to three phases: ``place``, until the policy stops; ``disturb`
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from layflat.data.provenance import capture_provenance
 from layflat.data.types import Episode, StoppedBy
 from layflat.policy.base import Policy, continue_after_disturbance, max_extra_steps
 from layflat.policy.environment import Environment
@@ -69,13 +67,7 @@ def rollout(
     if disturbance == "none":
         disturbance = "+".join(dict.fromkeys(item.name for item in schedule)) or "none"
     run = EpisodeRunner(
-        env,
-        policy,
-        seed=seed,
-        disturbance=disturbance,
-        keep_images=keep_images,
-        callbacks=callbacks,
-        on_start=on_start,
+        env, policy, seed=seed, disturbance=disturbance, keep_images=keep_images, callbacks=callbacks, on_start=on_start
     )
     scheduler = DisturbanceScheduler(schedule)
     stopped_by = run_until_stop(run, scheduler, max_steps=max_steps)
@@ -132,7 +124,6 @@ def replay_actions(env: Environment, recorded: Episode) -> Episode:
 
     Disturbances start where they started and end when they end; drags are repeated step by step.
     """
-    started_s = time.monotonic()
     env.reset(recorded.seed)
     run = EpisodeRunner(env, ReplayPolicy(recorded), seed=recorded.seed)
     records = {record.first_step: record for record in recorded.disturbances}
@@ -142,12 +133,5 @@ def replay_actions(env: Environment, recorded: Episode) -> Episode:
         if run.step(step.phase, step.drag, step.intervention) is not None:
             break
     again = run.build_episode(recorded.stopped_by, recorded.outcome)
-    return replace(
-        recorded,
-        steps=again.steps,
-        disturbances=again.disturbances,
-        final_observation=again.final_observation,
-        final_ground_truth=again.final_ground_truth,
-        wall_s=time.monotonic() - started_s,
-        provenance=capture_provenance(),
-    )
+    new = ("steps", "disturbances", "final_observation", "final_ground_truth", "wall_s", "provenance")
+    return replace(recorded, **{name: getattr(again, name) for name in new})

@@ -11,16 +11,7 @@ import numpy as np
 
 from layflat.data.arrays import FloatArray
 from layflat.data.provenance import capture_provenance
-from layflat.data.types import (
-    DisturbanceRecord,
-    DragTarget,
-    Episode,
-    Observation,
-    Outcome,
-    Phase,
-    Step,
-    StoppedBy,
-)
+from layflat.data.types import DisturbanceRecord, DragTarget, Episode, Observation, Outcome, Phase, Step, StoppedBy
 from layflat.policy.base import Decision, Policy
 from layflat.policy.environment import Environment
 
@@ -57,23 +48,15 @@ class EpisodeRunner:
         callbacks: Sequence[StepCallback] = (),
         on_start: Callable[[Episode], StepCallback] | None = None,
     ) -> None:
-        """``on_start`` gets the episode before its first step and returns one more callback, such as a journal.
-
-        With ``keep_images`` each step keeps the camera's frame (about 0.5 MB).
-        """
-        self.env = env
-        self.policy = policy
-        self.seed = seed
+        """Reset the policy and observe the start; the options are those of `layflat.policy.rollout.rollout`."""
+        self.env, self.policy, self.seed = env, policy, seed
         self.disturbance = disturbance
         """Name of the disturbance, or of the suite of them, for the record."""
         self.steps: list[Step] = []
         self.disturbances: list[DisturbanceRecord] = []
         self.started_s = time.monotonic()
         """Clock of the machine when the episode started, for its wall time."""
-        self._keep_images = keep_images
-        self._callbacks = tuple(callbacks)
-        self._zeros = env.spec.robot.zeros()
-        self._dragging = False
+        self._keep_images, self._callbacks, self._dragging = keep_images, tuple(callbacks), False
         policy.reset(seed)
         self.observation = env.observe()
         """What the next step starts with."""
@@ -93,12 +76,11 @@ class EpisodeRunner:
         return self.env.disturbed
 
     def step(self, phase: Phase, drag: DragTarget | None = None, intervention: bool = False) -> StoppedBy | None:
-        """Run one step; return why the phase is over, or None.
+        """Run one step; return why the phase is over, or None. In the phase ``disturb`` the robot rests.
 
-        In the phase ``disturb`` the robot rests. ``drag`` is where a person pulls the cloth in this step;
-        ``intervention`` marks that a person decided although a policy is in control.
+        ``drag`` is where a person pulls the cloth; ``intervention`` marks that a person decided in place of the policy.
         """
-        action, std, hand = self._zeros, None, None
+        action, std, hand = self.env.spec.robot.zeros(), None, None
         if phase != "disturb":
             decision = as_decision(self.policy.act(self.observation))
             if decision.stop is not None:
@@ -110,6 +92,7 @@ class EpisodeRunner:
             self.env.step(action)
         else:
             action = self.env.guide(hand)
+        force = self.env.force_n()
         step = Step(
             observation=self._kept(self.observation),
             ground_truth=self.ground_truth,
@@ -117,7 +100,7 @@ class EpisodeRunner:
             action_std=std,
             phase=phase,
             drag=drag,
-            force_n=self._force(),
+            force_n=force if np.isfinite(force).all() else np.zeros(3),  # NaN where the simulation diverged
             intervention=intervention,
             hand_m=hand,
         )
@@ -143,10 +126,7 @@ class EpisodeRunner:
         return "step_limit"
 
     def disturb(self, disturbance: Any, repeat: int = 0) -> None:
-        """Start a disturbance, which acts from the next step on and replaces one that still acts.
-
-        Parameters are those of `Environment.disturb`.
-        """
+        """Start a disturbance (see `Environment.disturb`) from the next step on; it replaces one that still acts."""
         record = self.env.disturb(disturbance, repeat)
         self._end_disturbance()
         if record is not None:
@@ -194,9 +174,8 @@ class EpisodeRunner:
         )
 
     def _kept(self, observation: Observation) -> Observation:
-        if self._keep_images:
-            return replace(observation, free_edge_m=None)
-        return replace(observation, free_edge_m=None, rgb=None, depth=None)
+        kept = replace(observation, free_edge_m=None)
+        return kept if self._keep_images else replace(kept, rgb=None, depth=None)
 
     def _drag(self, drag: DragTarget | None) -> None:
         if drag is not None:
@@ -204,11 +183,6 @@ class EpisodeRunner:
         elif self._dragging:
             self.env.release()
         self._dragging = drag is not None
-
-    def _force(self) -> FloatArray:
-        """Return the force, or zeros when the simulation diverged and the force is NaN."""
-        force = self.env.force_n()
-        return force if np.isfinite(force).all() else np.zeros(3)
 
     def _end_disturbance(self) -> None:
         """Note that the last disturbance ended with the last step; forget one that never acted."""

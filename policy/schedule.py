@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 from layflat.policy.base import PolicyError
 
@@ -52,8 +52,7 @@ class ScheduledDisturbance:
         return str(getattr(self.disturbance, "name", self.disturbance))
 
 
-@dataclass(frozen=True, kw_only=True)
-class DueDisturbance:
+class DueDisturbance(NamedTuple):
     """A disturbance that starts now."""
 
     disturbance: Any
@@ -69,7 +68,7 @@ class DisturbanceScheduler:
         self._later: list[DueDisturbance] = []
         for item in schedule:
             for count in range(item.repeats):
-                due = DueDisturbance(disturbance=item.disturbance, repeat=len(self._waiting) + len(self._later))
+                due = DueDisturbance(item.disturbance, len(self._waiting) + len(self._later))
                 if count == 0 and item.trigger.kind != "stopped":
                     self._waiting.append((item.trigger, due))
                 else:

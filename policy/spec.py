@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from layflat.data.robot import RobotSpec
-from layflat.data.types import GroundTruth
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.environment import Environment
 from layflat.policy.scripted import wrinkle_removal
-from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
+from layflat.policy.scripted.demonstrator import NO_GROUND_TRUTH, ScriptedDemonstrator
 from layflat.policy.trained_model import TrainedModel
 from layflat.policy.wrappers.sequential import SequentialPolicy
 
@@ -101,7 +99,7 @@ class PolicySpec:
         if text in BUILTIN_NAMES:  # even where a file has that name
             return cls(builtin=text, stem=text)
         if Path(text).exists():
-            return cls(model=load_model(Path(text)), stem=Path(text).stem)
+            return cls(model=model_io.load(text), stem=Path(text).stem)
         parts = _TEXT.fullmatch(text)
         label, (first, *rest) = (None, [text]) if parts is None else (parts["label"], _split(parts["policy"]))
         wrappers = tuple(word for word in rest if word in registry.WRAPPERS)
@@ -114,7 +112,7 @@ class PolicySpec:
             raise PolicyError(
                 f"policy {text!r} is neither a model file (MODEL.npz) nor one of {', '.join(BUILTIN_NAMES)}"
             )
-        model = load_model(Path(first))
+        model = model_io.load(first)
         return cls(model=model, builtin=rule, wrappers=wrappers, label=label or "", stem=Path(first).stem)
 
 
@@ -123,39 +121,21 @@ def builtin_names(task: str) -> tuple[str, ...]:
     return (SCRIPTED, *(wrinkle_removal.CONTROLLERS if task == SMOOTH else registry.BUILTIN_POLICIES))
 
 
-def load_model(path: Path) -> TrainedModel:
-    """Read a model file; PolicyError in one sentence where it cannot be read or is no model."""
-    wanted = "give a model that `layflat train` wrote"
-    if not path.exists():
-        raise PolicyError(f"{path} does not exist; {wanted}")
-    if not path.is_file():
-        raise PolicyError(f"{path} is not a file; {wanted}")
-    if not os.access(path, os.R_OK):
-        raise PolicyError(f"{path} cannot be read; check its permissions")
-    return model_io.load(path)
-
-
 def _builtin(name: str, env: Environment) -> Policy:
     if name == SCRIPTED and env.spec.task == SMOOTH:
         name = WORD_CONTROLLER
     if name == SCRIPTED:
         shape = env.spec.cloth_shape
-
-        def ground_truth() -> GroundTruth:
-            truth = env.ground_truth()
-            if truth is None:
-                raise PolicyError("the scripted demonstrator needs a simulation: it looks at the cloth's mesh")
-            return truth
-
         if shape is None:
             raise PolicyError(f"the scripted demonstrator needs the size of cloth {env.spec.cloth}, which is not known")
-        ground_truth()
+        if env.ground_truth() is None:
+            raise PolicyError(NO_GROUND_TRUTH)
         return ScriptedDemonstrator(
             env.spec.robot,
             length_m=shape.length_m,
             columns=shape.columns,
             held_width_m=shape.held_width_m,
-            ground_truth=ground_truth,
+            ground_truth=env.ground_truth,
         )
     if env.spec.task == SMOOTH:
         return wrinkle_removal.controller(name, env.spec.robot)

@@ -6,10 +6,10 @@ and when a policy continues after a disturbance.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,14 +22,11 @@ X_LIMIT_M = 0.75
 """World x at which the camera's view ends."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stop:
-    """Reason to stop."""
+class Stop(NamedTuple):
+    """Reason to stop: a word for files, and an explanation for people."""
 
     by: StoppedBy
-    """Word for files."""
     reason: str
-    """Explanation for people."""
 
 
 class StopRule(Protocol):
@@ -46,8 +43,7 @@ class Sustained:
     """Stops when a condition holds for ``n_steps`` steps in a row."""
 
     def __init__(self, condition: Callable[[Observation, FloatArray], bool], stop: Stop, *, n_steps: int) -> None:
-        self._condition = condition
-        self._stop = stop
+        self._condition, self._stop = condition, stop
         self._n_steps = positive("n_steps", n_steps)
         self._count = 0
 
@@ -64,18 +60,17 @@ class Sustained:
 def below_threshold(threshold_m: float, *, n_steps: int = 1) -> StopRule:
     """Stop when the norm of the action is below ``threshold_m`` for ``n_steps`` steps (thesis, chapter 4-2-3).
 
-    The thesis stops at the first such step. A larger ``n_steps`` keeps a pause between two moves from ending the
-    episode.
+    The thesis stops at the first such step. More steps keep a pause between two moves from ending the episode.
     """
     least = positive("threshold_m", threshold_m)
-    stop = Stop(by="threshold", reason=f"output below {1000 * least:g} mm for {n_steps} steps")
+    stop = Stop("threshold", f"output below {1000 * least:g} mm for {n_steps} steps")
     return Sustained(lambda _, action: float(np.linalg.norm(action)) < least, stop, n_steps=n_steps)
 
 
 def contact_reached(contact: float, *, n_steps: int = 1) -> StopRule:
     """Stop when the contact portion is at least ``contact`` for ``n_steps`` steps."""
     least = positive("contact", contact)
-    stop = Stop(by="converged", reason=f"contact portion has reached {least:g}")
+    stop = Stop("converged", f"contact portion has reached {least:g}")
     return Sustained(lambda observation, _: observation.contact_portion >= least, stop, n_steps=n_steps)
 
 
@@ -84,7 +79,7 @@ def x_limit(x_m: float = X_LIMIT_M) -> StopRule:
 
     In files it counts as ``step_limit``; the reason says which limit it is.
     """
-    stop = Stop(by="step_limit", reason=f"holder has reached the limit x = {x_m:g} m")
+    stop = Stop("step_limit", f"holder has reached the limit x = {x_m:g} m")
     return Sustained(lambda observation, _: bool(observation.holder_position[0] >= x_m), stop, n_steps=1)
 
 
@@ -96,8 +91,7 @@ class NoContactGain:
     """
 
     def __init__(self, *, n_steps: int, gain: float = 0.002, from_contact: float = 0.0) -> None:
-        self._n_steps = positive("n_steps", n_steps)
-        self._gain = positive("gain", gain)
+        self._n_steps, self._gain = positive("n_steps", n_steps), positive("gain", gain)
         self._from_contact = from_contact
         self.reset()
 
@@ -110,16 +104,13 @@ class NoContactGain:
         """Count one step."""
         contact = observation.contact_portion
         if self._best is None:
-            if contact >= self._from_contact:
-                self._best = contact
-            return None
-        if contact >= self._best + self._gain:
+            self._best = contact if contact >= self._from_contact else None
+        elif contact >= self._best + self._gain:
             self._best, self._count = contact, 0
-            return None
-        self._count += 1
-        if self._count < self._n_steps:
-            return None
-        return Stop(by="converged", reason=f"no gain of contact for {self._n_steps} steps")
+        else:
+            self._count += 1
+        stop = Stop("converged", f"no gain of contact for {self._n_steps} steps")
+        return stop if self._count >= self._n_steps else None
 
 
 class Stuck:
@@ -139,7 +130,7 @@ class Stuck:
         n_steps = self._positions.maxlen
         if len(self._positions) != n_steps or np.ptp(np.array(self._positions), axis=0).max() >= self._within_m:
             return None
-        return Stop(by="converged", reason=f"holder has stayed within {1000 * self._within_m:g} mm for {n_steps} steps")
+        return Stop("converged", f"holder has stayed within {1000 * self._within_m:g} mm for {n_steps} steps")
 
 
 class AnyOf:
@@ -163,8 +154,7 @@ class RuleStoppedPolicy:
     """Base of policies that act until their stop rule ends the episode."""
 
     def __init__(self, name: str, robot: RobotSpec, stop: StopRule) -> None:
-        self.name = name
-        self.robot = robot
+        self.name, self.robot = name, robot
         self._stop = stop
 
     def reset(self, seed: int) -> None:
@@ -191,8 +181,9 @@ class RuleStoppedPolicy:
         return Decision(action=action, std=std, reason=reason)
 
 
-def positive(name: str, value: float) -> float:
-    """Return a parameter of a rule; PolicyError unless it is finite and above 0."""
-    if not (np.isfinite(value) and value > 0):
-        raise PolicyError(f"{name} is {value}; it must be above 0")
+def positive(name: str, value: float, most: float = math.inf) -> float:
+    """Return a parameter; PolicyError unless it is finite, above 0 and at most ``most``."""
+    if not (np.isfinite(value) and 0 < value <= most):
+        limit = "" if most == math.inf else f" and at most {most}"
+        raise PolicyError(f"{name} is {value}; it must be above 0{limit}")
     return value

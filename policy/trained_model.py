@@ -23,38 +23,16 @@ Progress: TypeAlias = Callable[[int, int, str], None]
 """Called by a fit with the number of finished parts, the number of all parts, and a message about the last one."""
 
 
+def ignore_progress(done: int, total: int, message: str) -> None:
+    """Do nothing: the default of a fit's ``progress``."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainedModel:
     """Base of the trained models; immutable, arrays read-only.
 
-    A method adds its arrays and settings as fields and names them in the class variables. `save` and `load` of
-    `layflat.policy.model_io` store them with the fields of this class.
-
-    Attributes
-    ----------
-    policy : str
-        Name of the policy that runs the model, as in `layflat.policy.registry.LEARNERS`.
-    layout : FeatureLayout
-        Robot, and features that the model takes as input.
-    cloth, task : str
-        Cloth and task of the demonstrations.
-    descriptor : str
-        Descriptor from which the observations' WORD must come.
-    step_s : float
-        Duration of a step in the demonstrations, s.
-    action_limit_m : float
-        Largest component of an action, m per step.
-    stop_threshold_m, stop_steps : float, int
-        The policy stops when the norm of its output is below the threshold for so many steps.
-    seed : int
-        Seed of the fit.
-    demonstrations, points_available : int
-        Number of demonstrations, and of their steps.
-    heldout_rmse_m : tuple of float, optional
-        Error on a demonstration by a model trained without it, m per step for each of the A outputs; None if there was
-        only one demonstration.
-    provenance : Provenance
-        Versions and command of the training.
+    A method adds its arrays and settings as fields and names them in the class variables, with which
+    `layflat.policy.model_io` stores them.
     """
 
     FORMAT: ClassVar[str]
@@ -65,23 +43,36 @@ class TrainedModel:
     """Arrays that a file may have."""
     SETTINGS: ClassVar[Mapping[str, type]] = {}
     """Header fields of this method alone."""
+    POINTS: ClassVar[str] = "inputs"
+    """Array with a row for each part that the model consists of."""
+    POINT_NAME: ClassVar[str] = "points"
+    """Name of these parts, in the plural."""
 
     policy: str
+    """Name of the policy that runs the model, as in `layflat.policy.registry.LEARNERS`."""
     layout: FeatureLayout
+    """Robot, and features that the model takes as input."""
     cloth: str
     task: str = "place"
     descriptor: str = DEFAULT_DESCRIPTOR
+    """Source of the observations' WORD."""
     step_s: float = STEP_S
     action_limit_m: float = ACTION_LIMIT_M
+    """Largest component of an action, m per step."""
     stop_threshold_m: float = STOP_THRESHOLD_M
     stop_steps: int = STOP_STEPS
     seed: int = 0
     demonstrations: int = 1
+    """Number of demonstrations; ``points_available`` is that of their steps."""
     points_available: int = 0
     heldout_rmse_m: tuple[float, ...] | None = None
+    """Error on a demonstration by a model trained without it, m per step for each output; None for a single one."""
     provenance: Provenance = field(default_factory=Provenance)
+    """Versions and command of the training."""
 
     def __post_init__(self) -> None:
+        if not self.n_points:
+            raise PolicyError("a model needs at least one point")
         self._require_positive("step_s", "stop_threshold_m", "stop_steps", "demonstrations")
         if not 0 < self.action_limit_m <= ACTION_LIMIT_M:
             raise PolicyError(f"action_limit_m is {self.action_limit_m}; it must be in 0..{ACTION_LIMIT_M}")
@@ -102,12 +93,12 @@ class TrainedModel:
     @property
     def n_points(self) -> int:
         """Number of parts that the model consists of: points, components or basis functions."""
-        raise NotImplementedError
+        return len(getattr(self, self.POINTS))
 
     @property
     def point_name(self) -> str:
         """Name, in the plural, of the parts that ``n_points`` counts."""
-        return "points"
+        return self.POINT_NAME
 
     def arrays(self) -> dict[str, FloatArray]:
         """Return the arrays for a file, by name."""
@@ -125,7 +116,6 @@ class TrainedModel:
         return cls(**shared, **arrays, **settings)
 
     def _require_positive(self, *names: str) -> None:
-        """Raise a PolicyError unless all numbers in these fields are finite and above 0."""
         for name in names:
             value = getattr(self, name)
             if not (np.isfinite(value) & (np.asarray(value) > 0)).all():
@@ -145,18 +135,7 @@ class RegressionModel(TrainedModel):
         super().__post_init__()
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Predict the action.
-
-        Parameters
-        ----------
-        inputs : array_like of shape (M, D)
-            Features in natural units, in the order of the model's layout.
-
-        Returns
-        -------
-        mean, std : ndarray of shape (M, A)
-            Mean and standard deviation, m per step.
-        """
+        """Return mean and standard deviation of the action, (M, A) m per step, for inputs (M, D) in natural units."""
         raise NotImplementedError
 
     def _scaled(self, inputs: ArrayLike) -> FloatArray:

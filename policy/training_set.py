@@ -1,4 +1,4 @@
-"""Training sets: the columns that a learner fits, and the error on demonstrations that are left out."""
+"""Demonstrations as columns, the training sets that learners fit, and the error on demonstrations left out."""
 
 from __future__ import annotations
 
@@ -12,24 +12,117 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.robot import RobotSpec
+from layflat.data.session.reader import Session
 from layflat.data.types import Episode, Provenance
 from layflat.policy.base import PolicyError
-from layflat.policy.demonstrations import Demonstrations
-from layflat.policy.features import FeatureLayout
+from layflat.policy.features import (
+    FeatureLayout,
+    ObservationColumns,
+    input_set,
+    observation_columns,
+    observation_keys,
+    position_key,
+)
 
 OUTPUT_SCALE_M = 0.01
 """Usual move in one step, to which learners' bounds are relative. A constant, so that no data set changes a prior."""
 MIN_POINTS = 10
+_AGREED = {"task": "the tasks", "cloth": "the cloths", "step_s": "steps of", "descriptor": "the descriptors"}
 
 Predict = Callable[[FloatArray], FloatArray]
 """(M, D) inputs in natural units -> (M, A) m per step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Demonstrations:
+    """Steps of whole demonstrations of one robot, task, cloth, step and descriptor; T steps of E demonstrations."""
+
+    robot: RobotSpec
+    task: str
+    cloth: str
+    descriptor: str
+    step_s: float
+    seeds: tuple[int, ...]
+    """Seed of each demonstration."""
+    observations: ObservationColumns
+    """Rows (T, ...) before each step."""
+    next_positions: ObservationColumns
+    """Rows (T, ...) of the robot's positions after each step."""
+    actions: FloatArray
+    """(T, A) m per step."""
+    phases: NDArray[np.bytes_]
+    """(T,) ``place``, ``disturb`` or ``repair``."""
+    interventions: NDArray[np.bool_]
+    """(T,) true where a person decided although a policy was in control."""
+    numbers: NDArray[np.int64]
+    """(T,) position of the step's demonstration in ``seeds``."""
+
+    def __len__(self) -> int:
+        return len(self.seeds)
+
+    @classmethod
+    def from_session(cls, session: Session, names: Sequence[str]) -> Demonstrations:
+        """Read the episodes with these names; no step or observation objects are made."""
+        _check_any(names)
+        keys, position = observation_keys(session.robot), position_key(session.robot)
+        rows = session.arrays(
+            [*(f"obs/{key}" for key in keys), f"next_obs/{position}", "action_m", "phase", "intervention"], names
+        )
+        return cls(
+            **_shared(session),
+            seeds=tuple(session.info(name).seed for name in names),
+            observations={key: rows[f"obs/{key}"] for key in keys},
+            next_positions={position: rows[f"next_obs/{position}"]},
+            actions=rows["action_m"],
+            phases=rows["phase"],
+            interventions=rows["intervention"].astype(bool),
+            numbers=rows["episode"],
+        )
+
+    @classmethod
+    def from_episodes(cls, episodes: Sequence[Episode]) -> Demonstrations:
+        """Take the steps of episodes; PolicyError where they do not belong together."""
+        _check_any(episodes)
+        first, steps = episodes[0], [step for episode in episodes for step in episode.steps]
+        for number, episode in enumerate(episodes):
+            if episode.robot != first.robot:
+                raise PolicyError(f"demonstration {number} is of robot {episode.robot}; the first is of {first.robot}")
+            for attribute, noun in _AGREED.items():
+                found, wanted = getattr(episode, attribute), getattr(first, attribute)
+                if found != wanted:
+                    raise PolicyError(f"demonstrations mix {noun} {wanted} and {found}; choose one")
+        after = [observation for episode in episodes for observation in episode.observations()[1:]]
+        return cls(
+            **_shared(first),
+            seeds=tuple(episode.seed for episode in episodes),
+            observations=observation_columns([step.observation for step in steps], observation_keys(first.robot)),
+            next_positions=observation_columns(after, (position_key(first.robot),)),
+            actions=np.array([step.action for step in steps]).reshape(len(steps), first.robot.size),
+            phases=np.array([step.phase.encode() for step in steps], dtype="|S8"),
+            interventions=np.array([step.intervention for step in steps], dtype=bool),
+            numbers=np.repeat(np.arange(len(episodes)), [len(episode.steps) for episode in episodes]),
+        )
+
+
+def _shared(source: Session | Episode) -> dict[str, Any]:
+    return {"robot": source.robot} | {name: getattr(source, name) for name in _AGREED}
+
+
+def _check_any(demonstrations: Sequence[object]) -> None:
+    if not demonstrations:
+        raise PolicyError("there are no demonstrations to learn from; at least one is needed")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingSet:
     """Inputs and targets of the steps of demonstrations, without the phase ``disturb``; arrays read-only."""
 
+    policy: str
+    """Name of the policy that is trained."""
     layout: FeatureLayout
+    seed: int
+    provenance: Provenance
     demonstrations: Demonstrations
     inputs: FloatArray
     """(N, D) in natural units."""
@@ -40,39 +133,43 @@ class TrainingSet:
     corrections: NDArray[np.bool_]
     """(N,) true where a person decided although a policy was in control."""
 
-    def shared(self, policy: str, seed: int, provenance: Provenance | None, *libraries: str) -> dict[str, Any]:
-        """Return the fields of a TrainedModel that follow from the demonstrations; the fit used ``libraries``."""
-        given, source = provenance or Provenance(), self.demonstrations
+    def shared(self, *libraries: str) -> dict[str, Any]:
+        """Return the fields of a TrainedModel that do not depend on its method; the fit used ``libraries``."""
         # The numbers of a fit depend on these, where the caller has not named them.
         own = {"python": python_version(), "numpy": np.__version__} | {name: version(name) for name in libraries}
         return {
-            "policy": policy,
-            "layout": self.layout,
-            "task": source.task,
-            "cloth": source.cloth,
-            "descriptor": source.descriptor,
-            "step_s": source.step_s,
-            "seed": seed,
-            "demonstrations": len(source),
+            **{name: getattr(self, name) for name in ("policy", "layout", "seed")},
+            **{name: getattr(self.demonstrations, name) for name in _AGREED},
+            "demonstrations": len(self.demonstrations),
             "points_available": len(self.inputs),
-            "provenance": replace(given, versions={**own, **given.versions}),
+            "provenance": replace(self.provenance, versions={**own, **self.provenance.versions}),
         }
 
 
-def build_training_set(source: Demonstrations | Sequence[Episode], layout: FeatureLayout) -> TrainingSet:
-    """Return all steps but those of phase ``disturb``; PolicyError where the demonstrations do not belong together.
+def build_training_set(
+    source: Demonstrations | Sequence[Episode],
+    inputs: str,
+    *,
+    policy: str,
+    seed: int = 0,
+    provenance: Provenance | None = None,
+) -> TrainingSet:
+    """Return all steps but those of phase ``disturb``, with a named input set.
 
-    The caller chooses which episodes are worth learning from (no failures, no folds).
+    The caller chooses which episodes are worth learning from (no failures, no folds). PolicyError where the steps are
+    too few or the demonstrations do not belong together.
     """
-    known = Demonstrations.of(source)
-    if known.robot != layout.robot:
-        raise PolicyError(f"the demonstrations are of robot {known.robot}; the model is for {layout.robot}")
+    known = source if isinstance(source, Demonstrations) else Demonstrations.from_episodes(source)
+    layout = input_set(known.robot, inputs)
     rows = known.phases != b"disturb"
     count = int(rows.sum())
     if count < MIN_POINTS:
         raise PolicyError(f"the demonstrations hold {count} steps; at least {MIN_POINTS} are needed")
     return TrainingSet(
+        policy=policy,
         layout=layout,
+        seed=seed,
+        provenance=provenance or Provenance(),
         demonstrations=known,
         inputs=frozen_array(layout.select(known.observations)[rows], (count, layout.size), "inputs"),
         targets=frozen_array(known.actions[rows], (count, layout.robot.size), "targets"),
@@ -90,4 +187,9 @@ def held_out_rmse(training: TrainingSet, fit: Callable[[FloatArray, FloatArray],
     for label in labels:
         out = training.groups == label
         errors[out] = training.targets[out] - fit(training.inputs[~out], training.targets[~out])(training.inputs[out])
+    return rmse(errors)
+
+
+def rmse(errors: FloatArray) -> tuple[float, ...]:
+    """Return the root mean square of each column of errors (N, A)."""
     return tuple(float(value) for value in np.sqrt((errors**2).mean(axis=0)))

@@ -16,9 +16,9 @@ from layflat.app.support.progress import Progress
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.policy import model_io, registry
-from layflat.policy.demonstrations import Demonstrations
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import TrainedModel
+from layflat.policy.training_set import Demonstrations
 
 EXPECTED_S = 30.0
 

@@ -1,7 +1,7 @@
 """FinishingPolicy (``gp-finish``): Gaussian processes whose motion does not fade out before the cloth is flat.
 
 A process answers zero where it has no data, so that the thesis's policy stands still outside of its demonstrations
-(section 5-1). With all inputs divided by their scales, this policy (``docs/explanation/policies.md`` has the reasons):
+(section 5-1). With all inputs divided by their scales, this policy (see ``docs/explanation/policies.md``):
 
 - queries the processes at most RADIUS from the nearest demonstrated step, so that their mean never fades;
 - in the air moves back towards that step, in proportion to its distance beyond RADIUS;
@@ -12,7 +12,7 @@ A process answers zero where it has no data, so that the thesis's policy stands 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -44,8 +44,7 @@ NOISE_M = 2e-4
 """Output below which its direction is noise."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Neighbour:
+class Neighbour(NamedTuple):
     """Demonstrated step that is most similar to the current one."""
 
     distance: float
@@ -71,14 +70,14 @@ class FinishingPolicy(RuleStoppedPolicy):
         """Decide one step."""
         features = self.model.layout.vector(observation)
         neighbour = self.nearest(features)
-        means, stds = self.model.predict(neighbour.query[np.newaxis])
-        in_air = observation.contact_portion < PULL_BELOW_CONTACT
-        wanted = means[0] + PULL * neighbour.way_back if in_air else means[0]
+        (wanted,), (std,) = self.model.predict(neighbour.query[np.newaxis])
+        if observation.contact_portion < PULL_BELOW_CONTACT:
+            wanted = wanted + PULL * neighbour.way_back
         wanted, reason = self._at_least_useful(wanted, features[self._coordinates], observation)
         action = np.clip(wanted, -self.model.action_limit_m, self.model.action_limit_m)
         if neighbour.distance > RADIUS:
             reason = f"{reason}, {neighbour.distance:.1f} scales from the demonstrations"
-        return self._decide(observation, action, reason, std=stds[0])
+        return self._decide(observation, action, reason, std=std)
 
     def nearest(self, features: FloatArray) -> Neighbour:
         """Find the demonstrated step nearest to ``features`` (D,), in natural units."""
@@ -88,7 +87,7 @@ class FinishingPolicy(RuleStoppedPolicy):
         share = min(1.0, RADIUS / max(float(distances[k]), RADIUS))
         query = self._points[k] + share * (scaled - self._points[k])
         back = (1 - share) * (self.model.inputs[k] - features)[self._coordinates]
-        return Neighbour(distance=float(distances[k]), query=query * self.model.input_scale, way_back=back)
+        return Neighbour(float(distances[k]), query * self.model.input_scale, back)
 
     def _at_least_useful(
         self, wanted: FloatArray, position: FloatArray, observation: Observation
@@ -101,14 +100,12 @@ class FinishingPolicy(RuleStoppedPolicy):
             return np.zeros_like(wanted), "flat"
         if observation.contact_portion >= ON_TABLE_CONTACT or norm < NOISE_M:
             forward = np.where(least > 0, np.maximum(wanted, least), wanted)
+            # Only where the output is small: on top of a landing, a way down would throw the cloth into folds.
             return forward + self._down(position), "not flat yet: a useful move to the front"
         return wanted * float(np.linalg.norm(least)) / norm, "not flat yet: a useful move"
 
     def _down(self, position: FloatArray) -> FloatArray:
-        """Return (A,) m towards the height at which the demonstrations ended: never up, at most a useful move.
-
-        Only added when the output is very small: on top of a landing it would throw the cloth into folds.
-        """
+        """Return (A,) m towards the height at which the demonstrations ended: never up, at most a useful move."""
         away = np.where(self._is_height, self._rest - position, 0.0)
         return np.clip(PULL * away, -USEFUL_M, 0.0)
 

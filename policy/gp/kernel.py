@@ -35,9 +35,8 @@ class Hyperparameters:
 
     def __post_init__(self) -> None:
         freeze(self, "length_scales", (None, None))
-        outputs = len(self.length_scales)
-        freeze(self, "variance", (outputs,))
-        freeze(self, "noise", (outputs,))
+        for name in ("variance", "noise"):
+            freeze(self, name, (len(self.length_scales),))
         if self.kernel not in KERNELS:
             raise PolicyError(f"kernel is {self.kernel!r}; it must be one of {', '.join(KERNELS)}")
         for name in ("length_scales", "variance", "noise"):
@@ -54,19 +53,10 @@ def covariance(left: FloatArray, right: FloatArray, hyper: Hyperparameters, outp
     return np.asarray(hyper.variance[output] * np.exp(-0.5 * squared))
 
 
-def cholesky(scaled: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
-    """Return the lower factor (N, N) of K + noise I over scaled inputs (N, D)."""
-    return _factor(scaled, hyper, output, float(hyper.noise[output]))
-
-
-def kernel_factor(scaled: FloatArray, hyper: Hyperparameters, output: int) -> FloatArray:
-    """Return the lower factor (M, M) of K alone, over inducing points that lie apart."""
-    return _factor(scaled, hyper, output, 0.0)
-
-
-def _factor(scaled: FloatArray, hyper: Hyperparameters, output: int, noise: float) -> FloatArray:
+def cholesky(scaled: FloatArray, hyper: Hyperparameters, output: int, *, noise: bool = True) -> FloatArray:
+    """Return the lower factor (N, N) of K + noise I over scaled inputs (N, D); without ``noise`` that of K alone."""
     kernel = covariance(scaled, scaled, hyper, output)
-    kernel[np.diag_indices_from(kernel)] += noise + JITTER
+    kernel[np.diag_indices_from(kernel)] += (float(hyper.noise[output]) if noise else 0.0) + JITTER
     try:
         factor, _ = cho_factor(kernel, lower=True, overwrite_a=True, check_finite=False)
     except LinAlgError as error:

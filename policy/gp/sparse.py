@@ -16,7 +16,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from layflat.data.arrays import FloatArray
-from layflat.policy.gp.kernel import Hyperparameters, covariance, kernel_factor
+from layflat.policy.gp import kernel
+from layflat.policy.gp.kernel import Hyperparameters
 
 
 def inducing_points(scaled: FloatArray, count: int, seed: int) -> FloatArray:
@@ -52,8 +53,7 @@ def held_out_errors(
         gram, power = white @ white.T, white @ targets[:, a]
         for label in np.unique(groups):
             own = groups == label
-            inner = np.eye(len(inducing)) + gram - white[:, own] @ white[:, own].T
-            inner = cholesky(inner, lower=True)
+            inner = cholesky(np.eye(len(inducing)) + gram - white[:, own] @ white[:, own].T, lower=True)
             rest = (power - white[:, own] @ targets[own, a]) / noise_std
             # k_u^T L^-T is a step's own column of A, times s.
             errors[own, a] = targets[own, a] - noise_std * white[:, own].T @ _solve(inner, rest)
@@ -64,9 +64,9 @@ def _whitened(
     inducing: FloatArray, scaled: FloatArray, hyper: Hyperparameters, output: int
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return L (M, M), A (M, N) and s of one output."""
-    lower = kernel_factor(inducing, hyper, output)
+    lower = kernel.cholesky(inducing, hyper, output, noise=False)
     noise_std = float(np.sqrt(hyper.noise[output]))
-    white = solve_triangular(lower, covariance(inducing, scaled, hyper, output), lower=True) / noise_std
+    white = solve_triangular(lower, kernel.covariance(inducing, scaled, hyper, output), lower=True) / noise_std
     return lower, white, noise_std
 
 

@@ -6,8 +6,16 @@ import numpy as np
 
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, Observation
-from layflat.policy.base import Decision, PolicyError
-from layflat.policy.stopping import AnyOf, NoContactGain, RuleStoppedPolicy, StopRule, contact_reached, x_limit
+from layflat.policy.base import Decision
+from layflat.policy.stopping import (
+    AnyOf,
+    NoContactGain,
+    RuleStoppedPolicy,
+    StopRule,
+    contact_reached,
+    positive,
+    x_limit,
+)
 
 DRAG_M = 0.005
 """Drag along +x in one step; well inside the 3..10 mm that the scripted demonstrator uses."""
@@ -38,7 +46,7 @@ class RandomPolicy:
 
     def __init__(self, robot: RobotSpec, *, limit_m: float = ACTION_LIMIT_M, planar: bool = False) -> None:
         self.robot = robot
-        self._limit_m = checked_step("limit_m", limit_m)
+        self._limit_m = positive("limit_m", limit_m, ACTION_LIMIT_M)
         self._free = [not (planar and axis.axis == 2) for axis in robot.axes]
         self.reset(0)
 
@@ -57,7 +65,7 @@ class DragPolicy(RuleStoppedPolicy):
 
     def __init__(self, robot: RobotSpec, *, name: str, stop: StopRule, speed_m: float = DRAG_M) -> None:
         super().__init__(name, robot, stop)
-        self._action = robot.pack([checked_step("speed_m", speed_m), 0.0, 0.0])
+        self._action = robot.pack([positive("speed_m", speed_m, ACTION_LIMIT_M), 0.0, 0.0])
 
     def act(self, observation: Observation) -> Decision:
         """Decide one step."""
@@ -73,10 +81,3 @@ def drag_rule(robot: RobotSpec) -> DragPolicy:
     """Drag along +x while the contact portion grows: three lines that repair about as well as a GP in the plane."""
     stop = AnyOf(contact_reached(FLAT_CONTACT), NoContactGain(n_steps=6), x_limit())
     return DragPolicy(robot, name="drag-rule", stop=stop)
-
-
-def checked_step(name: str, step_m: float) -> float:
-    """Return a displacement per step; PolicyError unless it is above 0 and at most the action limit."""
-    if not 0 < step_m <= ACTION_LIMIT_M:
-        raise PolicyError(f"{name} is {step_m}; it must be above 0 and at most {ACTION_LIMIT_M}")
-    return step_m

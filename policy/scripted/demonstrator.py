@@ -14,6 +14,8 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
 from layflat.policy.base import Decision, PolicyError
 
+NO_GROUND_TRUTH = "the scripted demonstrator needs a simulation: it looks at the cloth's mesh"
+
 TOUCH_HEIGHT_M = 0.012
 """The free edge counts as touching below this height."""
 BRAKE_ABOVE_M = 0.06
@@ -28,22 +30,21 @@ REACH = (0.91, 0.985)
 SMALL_M = 0.30
 """A cloth shorter than this is laid more tautly, see TAUT."""
 TAUT = 0.82
-"""Least distance of the held from the free edge while a small cloth is laid, as a share of its length. Straight to its
-goal the holder leaves up to 28 % slack on the way. A napkin then bulges up to the hem while the hem is still in the
-air, and turns it over: it lands behind the held edge and stays folded (3 of 10 demonstrations)."""
+"""Least distance of the held from the free edge while a small cloth is laid, share of its length. Straight to its goal
+the holder leaves up to 28 % slack, so that a napkin bulges, turns its hem over in the air and stays folded (3 of 10
+demonstrations)."""
 LAND_GAIN = 0.3
 LAND_STEP_M = 0.0015
 ASIDE_X_M = (-0.07, 0.08)
-"""Range of x in which the descent begins, drawn for each demonstration. This spreads few demonstrations over all
-starts. And from a single x everything that follows would happen at the same x, so that a learner could not tell what
-was done because of x from what was done because of contact."""
+"""Range of x in which the descent begins, drawn for each demonstration: from a single x everything would happen at the
+same x, and a learner could not tell what was done because of x from what was done because of contact."""
 ASIDE_STEP_M = (0.008, 0.004)
 """Sideways and down in one step on the way there."""
 ASIDE_STEPS = 12
 TREMOR_M = 0.0015
 TREMOR_MEMORY = 0.8
-"""A hand wanders by about 2 mm a step, for about 5 steps to the same side; what follows shows how to come back.
-Without tremor, five demonstrations lie on one narrow path, and a policy that leaves it never returns."""
+"""A hand wanders by about 2 mm a step, for about 5 steps to the same side, and comes back. Without tremor, five
+demonstrations lie on one narrow path, and a policy that leaves it never returns."""
 STEADY_M = 0.10
 HELD_HEIGHT_M = 0.005
 DRAG_STEP_M = (0.004, 0.010)
@@ -58,18 +59,8 @@ ALIGN_STEP_M = 0.006
 class ScriptedDemonstrator:
     """Demonstrates in phases: aside, descend until the free edge trails behind, lay, drag until flat, hold.
 
-    Parameters
-    ----------
-    robot : RobotSpec
-        Robot to move.
-    length_m : float
-        Length of the flat cloth along x.
-    columns : int
-        Number of nodes along its free edge, which are the first of the mesh.
-    held_width_m : float
-        Distance at which the robot holds the two corners.
-    ground_truth : callable
-        Returns the simulator's current ground truth.
+    The flat cloth is ``length_m`` long along x. ``columns`` is the number of nodes along its free edge, which are the
+    first of the mesh; the robot holds the two corners ``held_width_m`` apart.
     """
 
     name = "scripted"
@@ -84,27 +75,21 @@ class ScriptedDemonstrator:
         ground_truth: Callable[[], GroundTruth | None],
     ) -> None:
         self.robot = robot
-        self._length_m = length_m
-        self._columns = columns
-        self._held_width_m = held_width_m
+        self._length_m, self._columns, self._held_width_m = length_m, columns, held_width_m
         self._ground_truth = ground_truth
         self.reset(0)
 
     def reset(self, seed: int) -> None:
         """Start a new demonstration."""
         self._rng = np.random.default_rng([seed, 0xE0])
-        self._reach = float(self._rng.uniform(*REACH))
+        self._reach, self._aside_x = (float(self._rng.uniform(*limits)) for limits in (REACH, ASIDE_X_M))
         self._tremor = np.zeros(2)
-        self._aside_x = float(self._rng.uniform(*ASIDE_X_M))
-        self._aside_steps = 0
-        self._phase = "aside"
+        self._phase, self._aside_steps = "aside", 0
         self.continue_after_disturbance()
 
     def continue_after_disturbance(self) -> None:
         """Drag again if the demonstration was over."""
-        self._best = -np.inf
-        self._since_gain = 0
-        self._held = 0
+        self._best, self._since_gain, self._held = -np.inf, 0, 0
         self._drag_from_x: float | None = None
         if self._phase == "hold":
             self._phase = "drag"
@@ -136,7 +121,7 @@ class ScriptedDemonstrator:
         """Return the nodes of the free edge, (columns, 3) m."""
         truth = self._ground_truth()
         if truth is None:
-            raise PolicyError("the scripted demonstrator needs a simulation: it looks at the cloth's mesh")
+            raise PolicyError(NO_GROUND_TRUTH)
         return truth.nodes[: self._columns]
 
     def _descend(self, observation: Observation, lowest_m: float) -> Decision:
@@ -177,10 +162,9 @@ class ScriptedDemonstrator:
 
     def _hold(self) -> Decision:
         self._held += 1
-        done = self._held > HOLD_STEPS
-        return Decision(
-            action=self.robot.zeros(), stop="converged" if done else None, reason="flat" if done else "holding"
-        )
+        if self._held > HOLD_STEPS:
+            return Decision(action=self.robot.zeros(), stop="converged", reason="flat")
+        return Decision(action=self.robot.zeros(), reason="holding")
 
     def _move(self, observation: Observation, dx: float, dz: float, reason: str) -> Decision:
         if self._phase in ("aside", "descend", "lay"):

@@ -13,8 +13,7 @@ class ReplayPolicy:
     """
 
     def __init__(self, episode: Episode) -> None:
-        self.name = episode.source
-        self.robot = episode.robot
+        self.name, self.robot = episode.source, episode.robot
         self._steps = [step for step in episode.steps if step.phase != "disturb"]
         self._next = 0
 

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from layflat.data.robot import RobotSpec
-from layflat.data.types import Observation
+from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, Policy, PolicyError
-from layflat.policy.scripted.baselines import DragPolicy, RandomPolicy, checked_step
-from layflat.policy.stopping import AnyOf, RuleStoppedPolicy, StopRule, contact_reached, x_limit
+from layflat.policy.scripted.baselines import DragPolicy, RandomPolicy
+from layflat.policy.stopping import AnyOf, RuleStoppedPolicy, StopRule, contact_reached, positive, x_limit
 
 STEP_M = 0.010
 """Displacement of a picker in one step."""
@@ -37,7 +37,7 @@ class WordFlatten(RuleStoppedPolicy):
         if robot.n_points != 2:
             raise PolicyError(f"controller word moves two pickers on their own; robot {robot} cannot")
         super().__init__("word", robot, _flat_or_out_of_view())
-        self._step_m = checked_step("step_m", step_m)
+        self._step_m = positive("step_m", step_m, ACTION_LIMIT_M)
 
     def act(self, observation: Observation) -> Decision:
         """Decide one step."""
@@ -57,13 +57,9 @@ def _flat_or_out_of_view() -> StopRule:
     return AnyOf(contact_reached(FLAT_CONTACT, n_steps=FLAT_STEPS), x_limit())
 
 
-def _stretch_right(robot: RobotSpec) -> Policy:
-    return DragPolicy(robot, name="stretch-right", stop=_flat_or_out_of_view(), speed_m=STEP_M)
-
-
 CONTROLLERS: Mapping[str, Callable[[RobotSpec], Policy]] = {
     "word": WordFlatten,
-    "stretch-right": _stretch_right,
+    "stretch-right": lambda robot: DragPolicy(robot, name="stretch-right", stop=_flat_or_out_of_view(), speed_m=STEP_M),
     "random": lambda robot: RandomPolicy(robot, limit_m=STEP_M, planar=True),
 }
 """The proposed method and the baselines of Figures 3-6, 3-7 and 3-8."""

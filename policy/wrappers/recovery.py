@@ -1,8 +1,7 @@
 """RecoveryWrapper: undoes a fold that a policy has left, and lets the policy lay the cloth again.
 
-A fold hides cloth, and no pull at the held edge brings it out: contact stays the same although nothing is left to pull
-out (section 5-1). Section 5-3 proposes to lift the cloth and to lay it down again. Here the held edge is turned over,
-or the cloth is lifted, or lifted and wiped over the table.
+A fold hides cloth that no pull at the held edge brings out (section 5-1). Section 5-3 proposes to lift the cloth and
+to lay it down again. Here the held edge is turned over, or the cloth is lifted, or lifted and wiped over the table.
 """
 
 from __future__ import annotations
@@ -52,26 +51,20 @@ WIPE_M = 0.12
 """Length of a wipe: friction draws out a corner that stays tucked in when the cloth is only shaken in the air."""
 WIPE_STEP_M = 0.010
 SETTLE_STEPS = 40
-STILL_STEPS = 8
-STILL_M = 0.012
-"""Range of the free edge's x relative to the holder."""
+STILL_STEPS, STILL_M = 8, 0.012
+"""Steps, and range of the free edge's x relative to the holder."""
 
 
 class RecoveryWrapper:
     """Acts as ``policy``; where it ends over a fold, undoes the fold and lets it continue, at most ``tries`` times."""
 
     def __init__(self, policy: Policy, *, tries: int = TRIES) -> None:
-        self.name = f"{policy.name}+recovery"
-        self.robot = policy.robot
+        self.name, self.robot = f"{policy.name}+recovery", policy.robot
         self.max_extra_steps = max_extra_steps(policy) + tries * (2 * LIFT_STEPS + SETTLE_STEPS + PLACE_STEPS)
-        self._policy = policy
-        self._tries = tries
-        self._seed = 0
+        self._policy, self._tries, self._seed = policy, tries, 0
         self._corners = np.zeros((2, 3))
-        """(2, 3) m: from the holder to the corners, side by side and as far apart as they ever were.
-
-        A hem that hangs slack between two pickers, or aslant, folds at one of them, and no lift to there unfolds it.
-        """
+        """(2, 3) m: from the holder to the corners, side by side and as far apart as they ever were: a hem that hangs slack
+        or aslant between two pickers folds at one of them, and no lift unfolds it."""
         self._begin()
 
     def reset(self, seed: int) -> None:
@@ -124,17 +117,17 @@ class RecoveryWrapper:
 
     def _folded(self, decision: Decision) -> bool:
         """Count this step; return whether the policy has ended, or gets nowhere, while cloth is hidden."""
-        observation = self._observation
+        contact = self._observation.contact_portion
         self._n_steps += 1
-        self._contacts.append(observation.contact_portion)
-        self._strengths.append(observation.word_strength)
-        self._positions.append(observation.holder_position)
+        self._contacts.append(contact)
+        self._strengths.append(self._observation.word_strength)
+        self._positions.append(self._observation.holder_position)
+        smooth = len(self._strengths) == SMOOTH_STEPS and bool(np.mean(self._strengths) < SMOOTH_STRENGTH)
         ended = decision.stop is not None or self._n_steps > PLACE_STEPS
-        smooth = len(self._strengths) == SMOOTH_STEPS and np.mean(self._strengths) < SMOOTH_STRENGTH
-        ended = ended or self._plateau(PLATEAU_STEPS) or (bool(smooth) and self._plateau(SMOOTH_STEPS))
-        if len(self._positions) == STUCK_STEPS and observation.contact_portion < PLATEAU_FROM:
+        ended = ended or self._plateau(PLATEAU_STEPS) or (smooth and self._plateau(SMOOTH_STEPS))
+        if len(self._positions) == STUCK_STEPS and contact < PLATEAU_FROM:
             ended = ended or bool(np.ptp(np.array(self._positions), axis=0).max() < STUCK_M)
-        return ended and observation.contact_portion < FLAT_CONTACT
+        return ended and contact < FLAT_CONTACT
 
     def _plateau(self, n_steps: int) -> bool:
         """Whether much of the cloth lay in the last steps, and their second half gained next to nothing."""

@@ -12,10 +12,8 @@ class SequentialPolicy:
     def __init__(self, first: Policy, then: Policy, *, name: str) -> None:
         if first.robot != then.robot:
             raise PolicyError(f"{first.name} is for robot {first.robot}, but {then.name} is for {then.robot}")
-        self.name = name
-        self.robot = first.robot
-        self._first, self._then = first, then
-        self._active = first
+        self.name, self.robot = name, first.robot
+        self._first, self._then, self._active = first, then, first
 
     def reset(self, seed: int) -> None:
         """Start a new episode with the first policy."""

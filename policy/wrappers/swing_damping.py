@@ -34,8 +34,7 @@ class SwingDampingWrapper:
     """Acts as ``policy``, but lifts a cloth that swings ahead before it touches, and waits until it hangs still."""
 
     def __init__(self, policy: Policy) -> None:
-        self.name = f"{policy.name}+steady"
-        self.robot = policy.robot
+        self.name, self.robot = f"{policy.name}+steady", policy.robot
         self.max_extra_steps = max_extra_steps(policy) + WAIT_STEPS
         self._policy = policy
         self._clear()
@@ -46,8 +45,7 @@ class SwingDampingWrapper:
         self._clear()
 
     def _clear(self) -> None:
-        self._waited = 0
-        self._waiting = False
+        self._waited, self._waiting = 0, False
         self._ahead: deque[float] = deque(maxlen=STILL_STEPS)
 
     def continue_after_disturbance(self) -> None:
@@ -70,6 +68,5 @@ class SwingDampingWrapper:
             return self._policy.act(observation)
         self._waited += 1
         rise = float(np.clip(CLEAR_M - free_edge[2], 0.0, ACTION_LIMIT_M))
-        return Decision(
-            action=self.robot.pack([0.0, 0.0, rise]), reason="the cloth swings ahead: waiting until it hangs still"
-        )
+        reason = "the cloth swings ahead: waiting until it hangs still"
+        return Decision(action=self.robot.pack([0.0, 0.0, rise]), reason=reason)

@@ -1,8 +1,7 @@
 """TakeoverPolicy: a person takes control from a policy when it goes wrong, corrects it and releases control again.
 
-The person's steps are recorded as interventions (``Step.intervention``). The demonstrations then lie where the policy
-needed them, as in DAgger with a person who decides when to help (HG-DAgger, Kelly et al. 2019). A later training keeps
-what the person let pass and may weight the corrections (Mandlekar et al. 2020, intervention weighted regression).
+The person's steps are recorded as interventions. The demonstrations then lie where the policy needed them (HG-DAgger,
+Kelly et al. 2019); a training may weight them (intervention weighted regression, Mandlekar et al. 2020).
 """
 
 from __future__ import annotations
@@ -24,19 +23,15 @@ class TakeoverPolicy:
     """Acts as ``policy`` until the person takes control, then as ``person`` until they release it.
 
     ``request`` returns the person's request, or None if nothing changes; it is called once a step and must not wait.
-    After a release the policy continues as after a disturbance, because its stop rules counted another state of the
-    cloth.
+    After a release the policy continues as after a disturbance: its stop rules counted another state of the cloth.
     """
 
     def __init__(self, policy: Policy, person: Policy, request: Callable[[], ControlRequest | None]) -> None:
         if policy.robot != person.robot:
             raise PolicyError(f"{policy.name} is for robot {policy.robot}, but {person.name} is for {person.robot}")
-        self.name = f"{policy.name}+{person.name}"
-        self.robot = policy.robot
+        self.name, self.robot = f"{policy.name}+{person.name}", policy.robot
         self.human_in_control = False
-        """Whether the person is in control."""
-        self._policy, self._person = policy, person
-        self._request = request
+        self._policy, self._person, self._request = policy, person, request
 
     def reset(self, seed: int) -> None:
         """Start a new episode with the policy in control."""
@@ -69,9 +64,7 @@ class MotionTakeoverTrigger:
     def __init__(self, moving: Callable[[], bool], *, rest_steps: int = REST_STEPS) -> None:
         if rest_steps < 1:
             raise PolicyError(f"rest_steps is {rest_steps}; it must be at least 1")
-        self._moving = moving
-        self._rest_steps = rest_steps
-        self._rested = 0
+        self._moving, self._rest_steps, self._rested = moving, rest_steps, 0
 
     def release(self) -> None:
         """Release control now, as if the hands had rested long enough."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -27,18 +27,16 @@ def observe(
     y: float = 0.17,
     contact: float = 0.0,
     word: Sequence[float] = (0.0, 0.0),
-    time_s: float = 0.0,
-    free_edge_m: Sequence[float] | None = None,
+    **fields: Any,
 ) -> Observation:
     """Return what is seen of a cloth that is held at (x, +-y, z)."""
     return Observation(
-        time_s=time_s,
         corner_positions=[[x, y, z], [x, -y, z]],
         holder_position=[x, 0.0, z],
         word=word,
         word_strength=float(np.linalg.norm(word)),
         contact_portion=contact,
-        free_edge_m=free_edge_m,
+        **({"time_s": 0.0} | fields),
     )
 
 
@@ -120,7 +118,7 @@ def trained_model(name: str, robot: RobotSpec) -> TrainedModel:
     return registry.train(name, demonstrations(robot))
 
 
-def fit_with(fit: Callable[..., Any], episodes: Sequence[Episode], inputs: str = "all", **options: Any) -> Any:
+def fit_with(fit, episodes: Sequence[Episode], inputs="all", *, policy="gp-word", seed=0, **options: Any) -> Any:
     """Return the model of a ``fit`` on these demonstrations and a named input set."""
-    robot = episodes[0].robot if episodes else HANGER
-    return fit(build_training_set(episodes, input_set(robot, inputs)), **{"policy": "gp-word", **options})
+    training = build_training_set(episodes, inputs, policy=policy, seed=seed)
+    return fit(training, **options)

@@ -262,4 +262,4 @@ def test_foreign_files_are_refused(tmp_path):
         refused(path, "not a model file")
     np.savez(path, a=np.zeros(3))
     refused(path, "not a model file")
-    refused(tmp_path, "cannot read")
+    refused(tmp_path, "is not a file")

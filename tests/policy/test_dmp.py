@@ -7,8 +7,7 @@ import pytest
 
 from layflat.policy import registry
 from layflat.policy.base import PolicyError, continue_after_disturbance
-from layflat.policy.dmp.model import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, basis, path
-from layflat.policy.dmp.policy import DmpPolicy
+from layflat.policy.dmp import DAMPING, PHASE_RATE, STIFFNESS, DmpModel, DmpPolicy, basis, path
 from layflat.policy.features import input_set
 from layflat.policy.stopping import AnyOf
 from layflat.tests.factories import HANGER

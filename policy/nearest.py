@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 
 from layflat.data.arrays import FloatArray
-from layflat.data.types import Provenance
-from layflat.policy.base import PolicyError
-from layflat.policy.trained_model import Progress, RegressionModel, freeze
+from layflat.policy.trained_model import Progress, RegressionModel, freeze, ignore_progress
 from layflat.policy.training_set import Predict, TrainingSet, held_out_rmse
 
 NEIGHBOURS = 5
@@ -25,8 +22,8 @@ MIN_STD_M = 1e-4
 class NearestModel(RegressionModel):
     """All N demonstrated steps."""
 
-    FORMAT: ClassVar[str] = "layflat-nearest"
-    ARRAYS: ClassVar[tuple[str, ...]] = ("inputs", "input_scale", "actions")
+    FORMAT = "layflat-nearest"
+    ARRAYS = ("inputs", "input_scale", "actions")
 
     inputs: FloatArray
     """(N, D) in natural units."""
@@ -36,14 +33,7 @@ class NearestModel(RegressionModel):
     def __post_init__(self) -> None:
         freeze(self, "inputs", (None, self.layout.size))
         freeze(self, "actions", (len(self.inputs), len(self.outputs)))
-        if not len(self.inputs):
-            raise PolicyError("a model needs at least one point")
         super().__post_init__()
-
-    @property
-    def n_points(self) -> int:
-        """Number of demonstrated steps."""
-        return len(self.inputs)
 
     def predict(self, inputs: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return the action of the nearest step (the first of equals), and the deviation of the NEIGHBOURS nearest.
@@ -55,26 +45,14 @@ class NearestModel(RegressionModel):
         return self.actions[near[:, 0]], np.maximum(self.actions[near].std(axis=1), MIN_STD_M)
 
 
-def fit(
-    training: TrainingSet,
-    *,
-    policy: str,
-    seed: int = 0,
-    provenance: Provenance | None = None,
-    progress: Progress | None = None,
-) -> NearestModel:
-    """Make a model that is named ``policy`` from all steps of the demonstrations."""
-    model = NearestModel(
-        **training.shared(policy, seed, provenance),
-        inputs=training.inputs,
-        input_scale=training.layout.scales(),
-        actions=training.targets,
-    )
+def fit(training: TrainingSet, progress: Progress = ignore_progress) -> NearestModel:
+    """Make a model from all steps of the demonstrations."""
+    scale = training.layout.scales()
+    model = NearestModel(**training.shared(), inputs=training.inputs, input_scale=scale, actions=training.targets)
 
     def refit(inputs: FloatArray, targets: FloatArray) -> Predict:
         rest = replace(model, inputs=inputs, actions=targets)
         return lambda queries: rest.predict(queries)[0]
 
-    if progress is not None:
-        progress(1, 1, f"{model.n_points} steps stored")
+    progress(1, 1, f"{model.n_points} steps stored")
     return replace(model, heldout_rmse_m=held_out_rmse(training, refit))

@@ -9,7 +9,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from layflat.policy import registry
 from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
-from layflat.policy.nearest import model as nearest_model
+from layflat.policy.nearest import MIN_STD_M
 from layflat.tests.factories import HANGER
 from layflat.tests.policy.factories import episode_of, observe
 
@@ -35,7 +35,7 @@ def test_is_scikit_learns_nearest_neighbour(episodes):
     mean, std = model.predict(queries)
     oracle = KNeighborsRegressor(1).fit(inputs, actions)
     np.testing.assert_array_equal(mean, oracle.predict(queries / LAYOUT.scales()))
-    assert (std >= nearest_model.MIN_STD_M).all()
+    assert (std >= MIN_STD_M).all()
 
 
 def test_a_demonstrated_step_gives_its_own_action(episodes):
