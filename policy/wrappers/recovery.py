@@ -63,8 +63,8 @@ class RecoveryWrapper:
         self.max_extra_steps = max_extra_steps(policy) + tries * (2 * LIFT_STEPS + SETTLE_STEPS + PLACE_STEPS)
         self._policy, self._tries, self._seed = policy, tries, 0
         self._corners = np.zeros((2, 3))
-        """(2, 3) m: from the holder to the corners, side by side and as far apart as they ever were: a hem that hangs slack
-        or aslant between two pickers folds at one of them, and no lift unfolds it."""
+        """(2, 3) m: from the holder to the corners, side by side and as far apart as they ever were: a hem that hangs
+        slack or aslant between two pickers folds at one of them, and no lift unfolds it."""
         self._begin()
 
     def reset(self, seed: int) -> None:
