@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState, make_state
@@ -15,67 +15,64 @@ from layflat.app.workstation.teleop.mapping import read_mapping, saved_mapping
 
 AXIS_MAX = 32767
 """Full deflection of an axis of SDL's controllers."""
-UNMOVED = (16383, 16384)
-"""Reading of a controller's trigger whose raw axis has not moved yet and reads 0."""
+UNMOVED = (0, 16383, 16384)
+"""Readings of a controller's trigger whose raw axis has not moved yet and reads 0."""
 
 
-class GamepadDevice(Protocol):
-    """One gamepad whose buttons are known."""
+class GamepadDevice:
+    """Base of gamepads whose buttons are known."""
 
-    name: str
-    source: str
-    """Source of that knowledge: "SDL", "calibrated", "raw layout B"."""
-    instance: int
-    """SDL's number for it while it is plugged in."""
+    def __init__(self, pygame: Any, joystick: Any, device: Any, source: str) -> None:
+        """Use ``device``, which is the joystick itself or SDL's controller on top of it."""
+        self.source = source
+        """Source of the knowledge: "SDL", "calibrated", "raw layout B"."""
+        self.name = str(joystick.get_name() if device is joystick else device.name)
+        self.instance = int(joystick.get_instance_id())
+        """SDL's number for it while it is plugged in."""
+        self._pygame = pygame
+        self._device = device
+        self._moved_triggers: set[str] = set()
 
     def state(self) -> GamepadState:
         """Return the state now."""
+        raise NotImplementedError
 
     def pressed_button(self, event: Any) -> str | None:
         """Return the button whose press this event of the gamepad is, or None."""
+        raise NotImplementedError
 
     def rumble(self, strength: float, seconds: float) -> bool:
-        """Rumble; return False where the gamepad cannot."""
+        """Rumble both motors; return False where the gamepad cannot."""
+        return bool(self._device.rumble(strength, strength, int(1000 * seconds)))
 
     def close(self) -> None:
         """Release it."""
+        with contextlib.suppress(self._pygame.error):
+            self._device.quit()
 
-
-class _Triggers:
-    """Triggers that count as released until they first move: before that they may read 0, which is half pulled."""
-
-    def __init__(self) -> None:
-        self._moved: set[str] = set()
-
-    def value(self, name: str, value: float, *, unmoved: bool) -> float:
-        if unmoved and name not in self._moved:
+    def _trigger_value(self, name: str, value: float, *, unmoved: bool) -> float:
+        """Count a trigger as released until it first moves: before that it may read 0, which is half pulled."""
+        if unmoved and name not in self._moved_triggers:
             return 0.0
-        self._moved.add(name)
+        self._moved_triggers.add(name)
         return value
 
 
-class ControllerDevice:
+class ControllerDevice(GamepadDevice):
     """Gamepad that SDL's database knows."""
 
-    source = "SDL"
-
     def __init__(self, pygame: Any, controller: Any) -> None:
-        self._pygame = pygame
-        self._controller = controller
-        self._joystick = controller.as_joystick()
-        self.name = str(controller.name)
-        self.instance = int(self._joystick.get_instance_id())
-        self._triggers = _Triggers()
+        super().__init__(pygame, controller.as_joystick(), controller, "SDL")
 
     def state(self) -> GamepadState:
         """Return the state now."""
-        raw = [self._controller.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
+        raw = [self._device.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
         sticks = {name: max(raw[axis] / AXIS_MAX, -1.0) for axis, name in enumerate(STICKS)}
         triggers = {
-            name: self._triggers.value(name, value / AXIS_MAX, unmoved=value in UNMOVED or value == 0)
+            name: self._trigger_value(name, value / AXIS_MAX, unmoved=value in UNMOVED)
             for name, value in zip(TRIGGERS, raw[len(STICKS) :], strict=True)
         }
-        return make_state(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._controller.get_button(k)])
+        return make_state(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._device.get_button(k)])
 
     def pressed_button(self, event: Any) -> str | None:
         """Return the button whose press this event is, or None."""
@@ -83,63 +80,37 @@ class ControllerDevice:
             return BUTTONS[event.button]
         return None
 
-    def rumble(self, strength: float, seconds: float) -> bool:
-        """Rumble both motors."""
-        return bool(self._controller.rumble(strength, strength, int(1000 * seconds)))
 
-    def close(self) -> None:
-        """Release it."""
-        with contextlib.suppress(self._pygame.error):
-            self._controller.quit()
-
-
-class RawGamepad:
+class RawGamepad(GamepadDevice):
     """Gamepad whose buttons a layout names."""
 
     def __init__(self, pygame: Any, joystick: Any, layout: GamepadLayout, source: str) -> None:
-        self._pygame = pygame
-        self._joystick = joystick
+        super().__init__(pygame, joystick, joystick, source)
         self._layout = layout
-        self.source = source
-        self.name = str(joystick.get_name())
-        self.instance = int(joystick.get_instance_id())
-        self._triggers = _Triggers()
 
     def state(self) -> GamepadState:
         """Return the state now."""
-        sticks = {name: sign * self._joystick.get_axis(axis) for name, (axis, sign) in self._layout.sticks.items()}
+        sticks = {name: sign * self._device.get_axis(axis) for name, (axis, sign) in self._layout.sticks.items()}
         triggers = {name: self._trigger(name) for name in self._layout.triggers}
-        pressed = [name for name, binding in self._layout.buttons.items() if binding.is_pressed(self._joystick)]
+        pressed = [name for name, binding in self._layout.buttons.items() if binding.is_pressed(self._device)]
         return make_state(sticks, triggers, pressed)
 
     def _trigger(self, name: str) -> float:
         trigger = self._layout.triggers[name]
         if isinstance(trigger, Binding):
-            return float(trigger.is_pressed(self._joystick))
-        raw = self._joystick.get_axis(trigger.axis)
-        return self._triggers.value(name, trigger.value(raw), unmoved=raw == 0 and trigger.rest != 0)
+            return float(trigger.is_pressed(self._device))
+        raw = self._device.get_axis(trigger.axis)
+        return self._trigger_value(name, trigger.value(raw), unmoved=raw == 0 and trigger.rest != 0)
 
     def pressed_button(self, event: Any) -> str | None:
         """Return the button whose press this event is, or None."""
+        texts = []
         if event.type == self._pygame.JOYBUTTONDOWN:
-            return self._bound_to(f"b{event.button}")
-        if event.type == self._pygame.JOYHATMOTION:
-            x, y = event.value
-            texts = [f"h{event.hat}.{axis}{'+' if value > 0 else '-'}" for axis, value in (("x", x), ("y", y)) if value]
-            return next(filter(None, map(self._bound_to, texts)), None)
-        return None
-
-    def _bound_to(self, text: str) -> str | None:
-        return next((name for name, binding in self._layout.buttons.items() if binding.text == text), None)
-
-    def rumble(self, strength: float, seconds: float) -> bool:
-        """Rumble both motors."""
-        return bool(self._joystick.rumble(strength, strength, int(1000 * seconds)))
-
-    def close(self) -> None:
-        """Release it."""
-        with contextlib.suppress(self._pygame.error):
-            self._joystick.quit()
+            texts = [f"b{event.button}"]
+        elif event.type == self._pygame.JOYHATMOTION:
+            ways = zip("xy", event.value, strict=True)
+            texts = [f"h{event.hat}.{axis}{'+' if value > 0 else '-'}" for axis, value in ways if value]
+        return next((name for name, binding in self._layout.buttons.items() if binding.text in texts), None)
 
 
 class GamepadRegistry:
