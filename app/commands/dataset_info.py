@@ -30,7 +30,7 @@ RANGES: Mapping[str, tuple[str, Callable[[float], str]]] = {
     "steps": ("n_steps", "{:.0f}".format),
     "contact at start": ("contact_start", "{:.1%}".format),
     "contact at end": ("contact_final", "{:.1%}".format),
-    "mesh contact at end": ("contact_true_final", "{:.1%}".format),
+    "mesh contact at end": ("contact_final_true", "{:.1%}".format),
     "flat area at end": ("flat_area_final", "{:.3f}".format),
 }
 """Ranges on the page: title -> attribute of DemoInfo, format."""

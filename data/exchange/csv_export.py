@@ -3,53 +3,51 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from layflat.data.atomic_files import atomic_path
 from layflat.data.errors import DataError
-from layflat.data.format.demo_info import DemoInfo
+from layflat.data.format import schema
+from layflat.data.format.opening import errors_name
+from layflat.data.format.rows import demo_rows
 from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
-from layflat.data.types import Episode, GroundTruth, Observation, Step
 
 EPISODES_CSV, STEPS_CSV = "episodes.csv", "steps.csv"
-_INFO_COLUMNS = {
-    "robot": "robot",
-    "task": "task",
-    "physics": "physics",
-    "cloth": "cloth",
-    "seed": "seed",
-    "source": "source",
-    "outcome": "outcome",
-    "stopped_by": "stopped_by",
-    "disturbance": "disturbance",
-    "steps": "n_steps",
-    "step_s": "step_s",
-    "contact_start": "contact_start",
-    "contact_final": "contact_final",
-    "contact_final_true": "contact_true_final",
-    "flat_area_final": "flat_area_final",
-}
-"""Columns of episodes.csv after the name, and the attribute of DemoInfo in each."""
-EPISODE_COLUMNS = ("episode", *_INFO_COLUMNS)
-_CORNERS = tuple(f"corner{corner}_{axis}_m" for corner in (1, 2) for axis in "xyz")
-_HOLDER = tuple(f"holder_{axis}_m" for axis in "xyz")
-_OBSERVATION = ("time_s", *_CORNERS, *_HOLDER, "word_x", "word_y", "word_strength", "contact_portion")
-_GROUND_TRUTH = ("contact_portion_true", "flat_area")
-_DISTURBANCE = (
-    *(f"force_{axis}_n" for axis in "xyz"),
-    "drag_node",
-    *(f"drag_{axis}_m" for axis in "xyz"),
-    "intervention",
+_INFO = (
+    *("robot", "task", "physics", "cloth", "seed", "source", "outcome", "stopped_by", "disturbance", "n_steps"),
+    *("step_s", "contact_start", "contact_final", "contact_final_true", "flat_area_final"),
 )
+"""Attributes of DemoInfo in episodes.csv, after the name."""
+_MOMENT_COLUMNS = {
+    "time_s": ("time_s",),
+    "corner_positions": tuple(f"corner{corner}_{axis}_m" for corner in (1, 2) for axis in "xyz"),
+    "holder_position": tuple(f"holder_{axis}_m" for axis in "xyz"),
+    "word": ("word_x", "word_y"),
+    "word_strength": ("word_strength",),
+    "contact_portion": ("contact_portion",),
+    schema.CONTACT_TRUE: ("contact_portion_true",),
+    schema.FLAT_AREA: ("flat_area",),
+}
+_STEP_COLUMNS = {
+    schema.FORCE: tuple(f"force_{axis}_n" for axis in "xyz"),
+    schema.DRAG_NODE: ("drag_node",),
+    schema.DRAG_TARGET: tuple(f"drag_{axis}_m" for axis in "xyz"),
+    schema.INTERVENTION: ("intervention",),
+}
 
 
-def step_columns(robot: RobotSpec) -> tuple[str, ...]:
-    """Return the columns of steps.csv; the actions are displacements in metres."""
+def step_columns(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
+    """Return the columns of steps.csv after ``episode, step, phase``, by key of the rows; actions are in metres."""
     actions = tuple(f"{name}_m" for name in robot.action_names)
     stds = tuple(f"std_{name}" for name in actions)
-    return ("episode", "step", "phase", *_OBSERVATION, *_GROUND_TRUTH, *actions, *stds, *_DISTURBANCE)
+    return {**_MOMENT_COLUMNS, schema.ACTION_M: actions, schema.ACTION_STD: stds, **_STEP_COLUMNS}
 
 
 def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None) -> int:
@@ -70,46 +68,33 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
         steps_path.open("x", newline="", encoding="utf-8") as steps_file,
     ):
         episodes, steps = csv.writer(episodes_file), csv.writer(steps_file)
-        episodes.writerow(EPISODE_COLUMNS)
-        steps.writerow(step_columns(session.robot))
+        episodes.writerow(["episode", *(name.removeprefix("n_") for name in _INFO)])
+        columns = step_columns(session.robot)
+        steps.writerow(["episode", "step", "phase", *chain.from_iterable(columns.values())])
         for name in chosen:
-            episodes.writerow(_episode_row(name, session.info(name)))
-            steps.writerows(_step_rows(name, session.episode(name, images=False)))
+            info = session.info(name)
+            # The csv module writes None as an empty cell, and floats by their repr.
+            episodes.writerow([name, *(getattr(info, attribute) for attribute in _INFO)])
+            with errors_name(session.path):
+                steps.writerows(_step_rows(name, demo_rows(session.group(name), images=False), columns))
     return sum(session.info(name).n_steps for name in chosen)
 
 
-def _episode_row(name: str, info: DemoInfo) -> list[object]:
-    # The csv module writes None as an empty cell, and floats by their repr.
-    return [name, *(getattr(info, attribute) for attribute in _INFO_COLUMNS.values())]
+def _step_rows(
+    name: str, rows: Mapping[str, NDArray[Any]], columns: Mapping[str, tuple[str, ...]]
+) -> Iterator[list[object]]:
+    """Yield a row for each step and one for the final observation."""
+    phases = [phase.decode() for phase in rows[schema.PHASE]]
+    for index in range(len(phases) + 1):
+        cells: list[object] = [name, index, phases[index] if index < len(phases) else ""]
+        for key, titles in columns.items():
+            if key in rows and index < len(rows[key]):
+                cells += [_cell(key, value) for value in np.ravel(rows[key][index]).tolist()]
+            else:
+                cells += [""] * len(titles)
+        yield cells
 
 
-def _step_rows(name: str, episode: Episode) -> Iterator[list[object]]:
-    size = episode.robot.size
-    for index, step in enumerate(episode.steps):
-        std = [""] * size if step.action_std is None else step.action_std.tolist()
-        before = [name, index, step.phase, *_observation(step.observation), *_ground_truth(step.ground_truth)]
-        yield [*before, *step.action.tolist(), *std, *_disturbance(step)]
-    final = [*_observation(episode.final_observation), *_ground_truth(episode.final_ground_truth)]
-    yield [name, len(episode.steps), "", *final, *[""] * (2 * size + len(_DISTURBANCE))]
-
-
-def _observation(observation: Observation) -> list[float]:
-    return [
-        float(observation.time_s),
-        *observation.corner_positions.ravel().tolist(),
-        *observation.holder_position.tolist(),
-        *observation.word.tolist(),
-        float(observation.word_strength),
-        float(observation.contact_portion),
-    ]
-
-
-def _ground_truth(ground_truth: GroundTruth | None) -> list[object]:
-    if ground_truth is None:
-        return [""] * len(_GROUND_TRUTH)
-    return [float(ground_truth.contact_portion_true), float(ground_truth.flat_area)]
-
-
-def _disturbance(step: Step) -> list[object]:
-    drag = [""] * 4 if step.drag is None else [step.drag.node, *step.drag.target_m.tolist()]
-    return [*step.force_n.tolist(), *drag, int(step.intervention)]
+def _cell(key: str, value: float) -> float | str:
+    """Return a number as it is, and an empty cell where there is no value."""
+    return "" if value != value or (key == schema.DRAG_NODE and value < 0) else value

@@ -102,21 +102,18 @@ def _write(
     on_episode: Callable[[str], None] | None,
 ) -> LeRobotExport:
     task = f"Lay the {session.cloth} flat on the table with the {session.robot}."
-    features: tuple[Feature, ...] = ()
+    features = features_of(session, names[0], images=images)
     stats = Stats()
     meta = _EpisodeTable(task)
     with _DataFiles(root) as files:
         for index, name in enumerate(names):
-            episode = session.episode(name, images=images)
-            if not features:
-                features = features_of(episode, images=images)
-            columns = frames_of(episode, features, name=name)
-            columns |= _indices(index, meta.frames, len(episode.steps), fps)
+            n_steps = session.info(name).n_steps
+            columns = frames_of(session, name, features) | _indices(index, meta.frames, n_steps, fps)
             place = files.write(features, columns)
             own = Stats()
             own.add(columns)
             stats.merge(own)
-            meta.add(index, len(episode.steps), place, own)
+            meta.add(index, n_steps, place, own)
             meta.describe(index, name, session.info(name))
             if on_episode is not None:
                 on_episode(name)

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from layflat.data.errors import DataError
 from layflat.data.exchange.optional_imports import require
-from layflat.data.types import Episode
+from layflat.data.session.reader import Session
 
-RGB_KEY = "observation.images.camera"
 DEPTH_KEY = "observation.images.depth"
+IMAGES = {"observation.images.camera": "obs/rgb", DEPTH_KEY: "obs/depth"}
+"""Column of images -> data set."""
+STATE = ("obs/corner_positions", "obs/holder_position")
+CLOTH = ("obs/word", "obs/word_strength", "obs/contact_portion")
 FEATURES_KEY = "huggingface"
 """Key of the parquet files' metadata in which Hugging Face's ``datasets`` looks for the types of columns."""
 
@@ -64,47 +67,43 @@ class Feature:
         return value if self.shape == (1,) else {"feature": value, "length": self.shape[0], "_type": "Sequence"}
 
 
-def features_of(episode: Episode, *, images: bool) -> tuple[Feature, ...]:
-    """Return the columns of episodes like this one."""
-    first = episode.steps[0].observation
-    actions = episode.robot.action_names
-    kept: list[Feature] = [
+def features_of(session: Session, name: str, *, images: bool) -> tuple[Feature, ...]:
+    """Return the columns of a session's episodes, by the example of one."""
+    group, actions = session.group(name), session.robot.action_names
+    features = [
         Feature(key="observation.state", dtype="float32", shape=(len(STATE_NAMES),), names=STATE_NAMES),
         Feature(key="observation.environment_state", dtype="float32", shape=(len(CLOTH_NAMES),), names=CLOTH_NAMES),
     ]
     axes = ("height", "width", "channels")
-    if images and first.rgb is not None:
-        kept.append(Feature(key=RGB_KEY, dtype="image", shape=first.rgb.shape, names=axes))
-    if images and first.depth is not None:
-        kept.append(Feature(key=DEPTH_KEY, dtype="image", shape=(*first.depth.shape, 1), names=axes, depth=True))
-    kept += [
+    for key, source in IMAGES.items():
+        if images and source in group:
+            shape = group[source].shape[1:]
+            features.append(Feature(key=key, dtype="image", shape=shape, names=axes, depth=key == DEPTH_KEY))
+    features += [
         Feature(key="action", dtype="float32", shape=(len(actions),), names=actions),
         Feature(key="next.reward", dtype="float32", shape=(1,)),
         Feature(key="next.done", dtype="bool", shape=(1,)),
         Feature(key="timestamp", dtype="float32", shape=(1,)),
     ]
     indices = ("frame_index", "episode_index", "index", "task_index")
-    return (*kept, *(Feature(key=key, dtype="int64", shape=(1,)) for key in indices))
+    return (*features, *(Feature(key=key, dtype="int64", shape=(1,)) for key in indices))
 
 
-def frames_of(episode: Episode, features: tuple[Feature, ...], *, name: str) -> dict[str, NDArray[Any]]:
-    """Return columns by key, one row for each step; without times and indices."""
-    seen = [step.observation for step in episode.steps]
-    count = len(seen)
+def frames_of(session: Session, name: str, features: tuple[Feature, ...]) -> dict[str, NDArray[Any]]:
+    """Return columns by key, one row for each step of an episode; without times and indices."""
+    rows = session.arrays([*STATE, *CLOTH, "action_m", "rewards", "dones"], [name])
     columns: dict[str, NDArray[Any]] = {
-        "observation.state": np.array([[*o.corner_positions.ravel(), *o.holder_position] for o in seen], np.float32),
-        "observation.environment_state": np.array(
-            [[*o.word, o.word_strength, o.contact_portion] for o in seen], np.float32
-        ),
-        "action": np.array([step.action for step in episode.steps], np.float32),
-        "next.reward": np.diff(episode.contact()).astype(np.float32),
-        "next.done": np.arange(1, count + 1) == count,
+        "observation.state": np.hstack([rows[key] for key in STATE]).astype(np.float32),
+        "observation.environment_state": np.hstack([rows[key] for key in CLOTH]).astype(np.float32),
+        "action": rows["action_m"].astype(np.float32),
+        "next.reward": rows["rewards"].astype(np.float32),
+        "next.done": rows["dones"].astype(bool),
     }
     for feature in (feature for feature in features if feature.dtype == "image"):
-        images = [o.depth[..., np.newaxis] if feature.depth and o.depth is not None else o.rgb for o in seen]
-        if any(image is None or image.shape != feature.shape for image in images):
+        source = IMAGES[feature.key]
+        if source not in session.group(name) or session.group(name)[source].shape[1:] != feature.shape:
             raise DataError(f"{name} has no images of {feature.shape} in {feature.key}; export without images")
-        columns[feature.key] = np.array(images)
+        columns[feature.key] = session.array(name, source)
     return columns
 
 

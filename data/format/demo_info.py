@@ -38,7 +38,7 @@ class DemoInfo:
     wall_s: float
     contact_start: float
     contact_final: float
-    contact_true_final: float | None
+    contact_final_true: float | None
     """None without ground truth."""
     flat_area_final: float | None
     """None without ground truth."""

@@ -191,7 +191,7 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
             continue
         rows = np.ascontiguousarray(arrays[field.key], dtype=field.dtype)
         chunked = {"chunks": _chunks(rows), "fletcher32": True} if rows.size else {}
-        packed = PACKING if field.packed and rows.size else {}
+        packed = PACKING if rows.ndim == 4 and rows.size else {}
         dataset = group.create_dataset(field.key, rows.shape, rows.dtype, **chunked, **packed)
         earlier = field.key.replace(f"{schema.NEXT_OBS}/", f"{schema.OBS}/")
         follows = packed and earlier != field.key and np.array_equal(arrays[earlier][1:], rows[:-1])

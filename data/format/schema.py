@@ -65,7 +65,7 @@ SIM_CONFIG = "sim_config"
 """JSON object: settings of the simulation."""
 FIRST_STEP = "first_step"
 CONTACT_START, CONTACT_FINAL = "contact_start", "contact_final"
-CONTACT_TRUE_FINAL, FLAT_AREA_FINAL = "contact_true_final", "flat_area_final"
+CONTACT_TRUE_FINAL, FLAT_AREA_FINAL = "contact_final_true", "flat_area_final"
 """Copies from the arrays, so that a table of episodes needs none of them; checked when the arrays are read. The last
 two are absent without ground truth."""
 PROVENANCE = "provenance"
@@ -90,30 +90,16 @@ SESSION_KEYS = (ROBOT, ACTION_AXES, TASK, PHYSICS, CLOTH, STEP_S, DESCRIPTOR)
 _SHARED: dict[str, type] = {VERSION: int, **dict.fromkeys(SESSION_KEYS, str), STEP_S: float, ACTION_LIMIT: float}
 SESSION_ATTRIBUTES: dict[str, type] = {SCHEMA_NAME: str, **_SHARED, TOTAL: int, FRAMES: str}
 DEMO_ATTRIBUTES: dict[str, type] = {
-    UID: str,
-    NUM_SAMPLES: int,
     **_SHARED,
-    SEED: int,
-    SOURCE: str,
-    DISTURBANCE: str,
-    DISTURBANCES: str,
-    OUTCOME: str,
+    **dict.fromkeys((UID, SOURCE, OUTCOME, STOPPED_BY, DISTURBANCE, DISTURBANCES, START, SIM_CONFIG, PROVENANCE), str),
+    **dict.fromkeys((NUM_SAMPLES, SEED, FIRST_STEP), int),
+    **dict.fromkeys((WALL_S, CONTACT_START, CONTACT_FINAL, CONTACT_TRUE_FINAL, FLAT_AREA_FINAL), float),
     SUCCESS: bool,
-    STOPPED_BY: str,
-    WALL_S: float,
-    START: str,
-    SIM_CONFIG: str,
-    FIRST_STEP: int,
-    CONTACT_START: float,
-    CONTACT_FINAL: float,
-    CONTACT_TRUE_FINAL: float,
-    FLAT_AREA_FINAL: float,
-    PROVENANCE: str,
 }
 GROUND_TRUTH_ATTRIBUTES = (CONTACT_TRUE_FINAL, FLAT_AREA_FINAL)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Field:
     """One data set of a demo."""
 
@@ -123,7 +109,7 @@ class Field:
     """numpy type string, little endian."""
     shape: tuple[int | str, ...]
     """Lengths. A letter is bound where it first occurs and must then agree within the demo; HAND_SHAPE stands for the
-    robot's `hand_shape`."""
+    robot's `hand_shape`. Data sets of four dimensions are images, which are compressed without loss."""
     unit: str = "1"
     frame: str = "none"
     """Key of FRAME_TEXTS."""
@@ -132,8 +118,6 @@ class Field:
     optional: bool = False
     default: float | None = None
     """Value of every step where the data set is absent."""
-    packed: bool = False
-    """Compressed without loss, which is worth its time for images only."""
 
 
 HAND_SHAPE = "hand shape"
@@ -167,79 +151,42 @@ _XYZ = ("x", "y", "z")
 _CORNERS = ("x1", "y1", "z1", "x2", "y2", "z2")
 
 OBSERVATION_FIELDS: tuple[Field, ...] = (
-    Field(key="time_s", dtype="<f8", shape=("N", 1), unit="s", columns=("time",)),
-    Field(key="corner_positions", dtype="<f8", shape=("N", 6), unit="m", frame="world", columns=_CORNERS),
-    Field(key="holder_position", dtype="<f8", shape=("N", 3), unit="m", frame="world", columns=_XYZ),
-    Field(key="word", dtype="<f8", shape=("N", 2), frame="table", columns=("x", "y")),
-    Field(key="word_strength", dtype="<f8", shape=("N", 1), columns=("strength",)),
-    Field(key="contact_portion", dtype="<f8", shape=("N", 1), columns=("portion",)),
-    Field(
-        key=RGB,
-        dtype="|u1",
-        shape=("N", "H", "W", 3),
-        frame="image",
-        columns=("red", "green", "blue"),
-        optional=True,
-        packed=True,
-    ),
-    Field(
-        key=DEPTH,
-        dtype="<f4",
-        shape=("N", "H of depth", "W of depth", 1),
-        unit="m",
-        frame="camera",
-        columns=("depth",),
-        optional=True,
-        packed=True,
-    ),
+    Field("time_s", "<f8", ("N", 1), "s", columns=("time",)),
+    Field("corner_positions", "<f8", ("N", 6), "m", "world", _CORNERS),
+    Field("holder_position", "<f8", ("N", 3), "m", "world", _XYZ),
+    Field("word", "<f8", ("N", 2), "1", "table", ("x", "y")),
+    Field("word_strength", "<f8", ("N", 1), columns=("strength",)),
+    Field("contact_portion", "<f8", ("N", 1), columns=("portion",)),
+    Field(RGB, "|u1", ("N", "H", "W", 3), "1", "image", ("red", "green", "blue"), optional=True),
+    Field(DEPTH, "<f4", ("N", "H of depth", "W of depth", 1), "m", "camera", ("depth",), optional=True),
 )
 """Under ``obs`` as before a step, under ``next_obs`` as after it; keys are attributes of layflat.data.Observation."""
-
 GROUND_TRUTH_FIELDS: tuple[Field, ...] = (
-    Field(key=STATES, dtype="<f8", shape=("N", "D"), unit="m", frame="world", optional=True),
-    Field(key=FINAL_STATE, dtype="<f8", shape=("D",), unit="m", frame="world", optional=True),
-    Field(key=CONTACT_TRUE, dtype="<f8", shape=("N+1", 1), columns=("portion",), optional=True),
-    Field(key=FLAT_AREA, dtype="<f8", shape=("N+1", 1), columns=("area",), optional=True),
+    Field(STATES, "<f8", ("N", "D"), "m", "world", optional=True),
+    Field(FINAL_STATE, "<f8", ("D",), "m", "world", optional=True),
+    Field(CONTACT_TRUE, "<f8", ("N+1", 1), columns=("portion",), optional=True),
+    Field(FLAT_AREA, "<f8", ("N+1", 1), columns=("area",), optional=True),
 )
 """All of them are there, or none."""
-
 STEP_FIELDS: tuple[Field, ...] = (
-    Field(key=ACTION_M, dtype="<f8", shape=("N", "A"), unit="m", frame="world"),
-    Field(key=ACTION_STD, dtype="<f8", shape=("N", "A"), unit="m", frame="world"),
-    Field(key=PHASE, dtype="|S8", shape=("N",)),
-    Field(key=FORCE, dtype="<f8", shape=("N", 3), unit="N", frame="world", columns=_XYZ, optional=True, default=0.0),
-    Field(key=DRAG_NODE, dtype="<i8", shape=("N",), optional=True, default=-1),
-    Field(
-        key=DRAG_TARGET,
-        dtype="<f8",
-        shape=("N", 3),
-        unit="m",
-        frame="world",
-        columns=_XYZ,
-        optional=True,
-        default=math.nan,
-    ),
-    Field(
-        key=HAND,
-        dtype="<f8",
-        shape=("N", HAND_SHAPE),
-        unit="m",
-        frame="world",
-        columns=_XYZ,
-        optional=True,
-        default=math.nan,
-    ),
-    Field(key=INTERVENTION, dtype="|u1", shape=("N",), optional=True, default=0),
+    Field(ACTION_M, "<f8", ("N", "A"), "m", "world"),
+    Field(ACTION_STD, "<f8", ("N", "A"), "m", "world"),
+    Field(PHASE, "|S8", ("N",)),
+    Field(FORCE, "<f8", ("N", 3), "N", "world", _XYZ, optional=True, default=0.0),
+    Field(DRAG_NODE, "<i8", ("N",), optional=True, default=-1),
+    Field(DRAG_TARGET, "<f8", ("N", 3), "m", "world", _XYZ, optional=True, default=math.nan),
+    Field(HAND, "<f8", ("N", HAND_SHAPE), "m", "world", _XYZ, optional=True, default=math.nan),
+    Field(INTERVENTION, "|u1", ("N",), optional=True, default=0),
 )
-"""What happened in a step. The optional ones are absent where no step has any."""
+"""Data of each step. The optional ones are absent where no step has any."""
 
 FIELDS: Mapping[str, Field] = {
     field.key: field
     for field in (
-        Field(key=ACTIONS, dtype="<f8", shape=("N", "A"), frame="world"),
-        Field(key=REWARDS, dtype="<f8", shape=("N",)),
-        Field(key=DONES, dtype="|u1", shape=("N",)),
-        Field(key=JOINTS, dtype="<f8", shape=("J",), unit="rad", optional=True),
+        Field(ACTIONS, "<f8", ("N", "A"), "1", "world"),
+        Field(REWARDS, "<f8", ("N",)),
+        Field(DONES, "|u1", ("N",)),
+        Field(JOINTS, "<f8", ("J",), "rad", optional=True),
         *STEP_FIELDS,
         *GROUND_TRUTH_FIELDS,
         *(replace(field, key=f"{OBS}/{field.key}") for field in OBSERVATION_FIELDS),

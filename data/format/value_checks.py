@@ -14,7 +14,7 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.structure_checks import Violations
-from layflat.data.types import ACTION_LIMIT_M, PHASES
+from layflat.data.types import PHASES
 
 BLOCK_BYTES = 1 << 24
 UNIT_TOLERANCE = 1e-6
@@ -44,7 +44,6 @@ def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> No
     if len(found) > before:
         return
     for key, check in (
-        (schema.ACTIONS, _check_actions),
         (schema.DONES, _check_dones),
         (schema.REWARDS, _check_rewards),
         ("obs/word", _check_unit),
@@ -57,8 +56,6 @@ def inspect_contents(group: h5py.Group, info: DemoInfo, found: Violations) -> No
         if f"{schema.OBS}/{field.key}" in group:
             with found.at(f"{group.name}/{schema.NEXT_OBS}/{field.key}"):
                 _check_next(group, field.key)
-    with found.at(group.name):
-        _check_copies(group, info)
 
 
 def _blocks(dataset: h5py.Dataset) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -89,11 +86,6 @@ def _all(fine: NDArray[np.bool_], start: int, rows: NDArray[Any], right: str) ->
         where = tuple(int(i) for i in np.argwhere(~fine)[0])
         shown = rows[where]
         raise DataError(f"row {start + where[0]} holds {shown}; it must be {right}")
-
-
-def _check_actions(group: h5py.Group) -> None:
-    if not np.array_equal(group[schema.ACTION_M][()] / ACTION_LIMIT_M, group[schema.ACTIONS][()]):
-        raise DataError(f"{schema.ACTIONS} is not {schema.ACTION_M} / {ACTION_LIMIT_M}")
 
 
 def _check_dones(group: h5py.Group) -> None:
@@ -146,18 +138,3 @@ def _check_next(group: h5py.Group, key: str) -> None:
         rows = rows[: len(now) - 1 - start]
         if not np.array_equal(rows, now[start + 1 : start + 1 + len(rows)]):
             raise DataError(f"is not {schema.OBS}/{key} of the following step")
-
-
-def _check_copies(group: h5py.Group, info: DemoInfo) -> None:
-    copies = [
-        (schema.CONTACT_START, info.contact_start, group["obs/contact_portion"][0, 0]),
-        (schema.CONTACT_FINAL, info.contact_final, group["next_obs/contact_portion"][-1, 0]),
-    ]
-    if info.contact_true_final is not None and info.flat_area_final is not None:
-        copies += [
-            (schema.CONTACT_TRUE_FINAL, info.contact_true_final, group[schema.CONTACT_TRUE][-1, 0]),
-            (schema.FLAT_AREA_FINAL, info.flat_area_final, group[schema.FLAT_AREA][-1, 0]),
-        ]
-    for name, attribute, stored in copies:
-        if attribute != stored:
-            raise DataError(f"attribute {name} is {attribute}; the arrays say {stored}")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.data.format.schema import DEPTH, FIELDS, NEXT_OBS, RGB, STEP_KEYS
+from layflat.data.format.schema import FIELDS, NEXT_OBS, STEP_KEYS
 from layflat.data.session.reader import Session
 
 
@@ -39,7 +39,7 @@ class SessionStats:
     """(E,) number of steps of each episode, in the order of their names, as all that follow."""
     contact_start: FloatArray
     contact_final: FloatArray
-    contact_true_final: FloatArray
+    contact_final_true: FloatArray
     """NaN for an episode without ground truth."""
     flat_area_final: FloatArray
     """NaN for an episode without ground truth."""
@@ -63,7 +63,7 @@ def session_stats(session: Session, *, columns: bool = True) -> SessionStats:
         lengths=each("n_steps"),
         contact_start=each("contact_start"),
         contact_final=each("contact_final"),
-        contact_true_final=each("contact_true_final"),
+        contact_final_true=each("contact_final_true"),
         flat_area_final=each("flat_area_final"),
         columns=column_stats(session) if columns else {},
     )
@@ -71,50 +71,40 @@ def session_stats(session: Session, *, columns: bool = True) -> SessionStats:
 
 def column_stats(session: Session) -> dict[str, ColumnStats]:
     """Return the statistics of all data sets with numbers per step, without images and ``next_obs``."""
-    running: dict[str, _Running] = {}
+    found: dict[str, ColumnStats] = {}
     for key in STEP_KEYS:
         field = FIELDS[key]
-        if np.dtype(field.dtype).kind in "Si" or key.startswith(NEXT_OBS) or key.endswith((f"/{RGB}", f"/{DEPTH}")):
+        if np.dtype(field.dtype).kind in "Si" or len(field.shape) == 4 or key.startswith(NEXT_OBS):
             continue
         # Of an optional data set that some episode has, the others count with its default, or not at all.
         having = [name for name in session.names if key in session.group(name)]
         for name in session.names if having and field.default is not None else having:
             rows = session.array(name, key).astype(float)
-            running.setdefault(key, _Running(field.unit)).add(rows.reshape(len(rows), -1))
-    return {key: value.result() for key, value in running.items()}
+            stats = _stats_of(rows.reshape(len(rows), -1), field.unit)
+            found[key] = _merged(found[key], stats) if key in found else stats
+    return found
 
 
-class _Running:
-    """Chan's update of mean and squared deviations, batch by batch; rows with NaN (no value) are left out."""
+def _stats_of(rows: FloatArray, unit: str) -> ColumnStats:
+    """Return the statistics of rows (N, D); rows with NaN have no value and are left out."""
+    rows = rows[~np.isnan(rows).any(axis=1)]
+    if not len(rows):
+        return ColumnStats(unit=unit, count=0, **dict.fromkeys(("min", "max", "mean", "std"), np.zeros(0)))
+    low, high = rows.min(axis=0), rows.max(axis=0)
+    return ColumnStats(unit=unit, count=len(rows), min=low, max=high, mean=rows.mean(axis=0), std=rows.std(axis=0))
 
-    def __init__(self, unit: str) -> None:
-        self.unit = unit
-        self.count = 0
-        self.min = self.max = self.mean = self.squares = np.zeros(0)
 
-    def add(self, rows: FloatArray) -> None:
-        rows = rows[~np.isnan(rows).any(axis=1)]
-        if not len(rows):
-            return
-        mean = rows.mean(axis=0)
-        squares = ((rows - mean) ** 2).sum(axis=0)
-        if not self.count:
-            self.min, self.max = rows.min(axis=0), rows.max(axis=0)
-            self.mean, self.squares, self.count = mean, squares, len(rows)
-            return
-        total, apart = self.count + len(rows), mean - self.mean
-        self.squares = self.squares + squares + apart**2 * (self.count * len(rows) / total)
-        self.mean = self.mean + apart * (len(rows) / total)
-        self.min = np.minimum(self.min, rows.min(axis=0))
-        self.max = np.maximum(self.max, rows.max(axis=0))
-        self.count = total
-
-    def result(self) -> ColumnStats:
-        return ColumnStats(
-            unit=self.unit,
-            count=self.count,
-            min=self.min,
-            max=self.max,
-            mean=self.mean,
-            std=np.sqrt(self.squares / max(self.count, 1)),
-        )
+def _merged(a: ColumnStats, b: ColumnStats) -> ColumnStats:
+    """Return the statistics of the rows of both (Chan's update of mean and squared deviations)."""
+    if not a.count or not b.count:
+        return a if a.count else b
+    count, apart = a.count + b.count, b.mean - a.mean
+    squares = a.std**2 * a.count + b.std**2 * b.count + apart**2 * (a.count * b.count / count)
+    return ColumnStats(
+        unit=a.unit,
+        count=count,
+        min=np.minimum(a.min, b.min),
+        max=np.maximum(a.max, b.max),
+        mean=a.mean + apart * (b.count / count),
+        std=np.sqrt(squares / count),
+    )

@@ -136,7 +136,7 @@ def test_episodes_without_ground_truth_are_shown_and_exported(done, make_episode
     assert "physics real" in page
     assert "mesh contact" not in page
     episode = json.loads(Path("info.json").read_text())["episodes"][0]
-    assert episode["flat_area_final"] is episode["contact_true_final"] is None
+    assert episode["flat_area_final"] is episode["contact_final_true"] is None
     done("stats", "real.h5", "--json", "stats.json")
     stats = json.loads(Path("stats.json").read_text())
     assert stats["flat_area_final"] == [None, None]

@@ -70,12 +70,10 @@ def episodes(draw):
     nodes, three = draw(st.integers(0, 4)), arrays(np.float64, 3, elements=finite)
     shape = st.none() | st.tuples(st.integers(0, 3), st.integers(0, 3))
     observation = observations(draw(shape), draw(shape))
-    ground_truth = st.builds(
-        GroundTruth,
-        nodes=arrays(np.float64, (nodes, 3), elements=finite),
-        contact_portion_true=finite,
-        flat_area=finite,
-    )
+    ground_truth = st.none()
+    if draw(st.booleans()):
+        position = arrays(np.float64, (nodes, 3), elements=finite)
+        ground_truth = st.builds(GroundTruth, nodes=position, contact_portion_true=finite, flat_area=finite)
     size = len(robot.action_names)
     step = st.builds(
         Step,

@@ -93,7 +93,7 @@ def test_infos_say_what_the_episodes_hold(path):
             episode = session.episode(name)
             assert (info.n_steps, info.seed, info.source) == (len(episode.steps), episode.seed, episode.source)
             assert (info.contact_start, info.contact_final) == tuple(episode.contact()[[0, -1]])
-            assert info.contact_true_final == episode.final_ground_truth.contact_portion_true
+            assert info.contact_final_true == episode.final_ground_truth.contact_portion_true
             assert info.flat_area_final == episode.final_ground_truth.flat_area
             assert info.images == (episode.steps[0].observation.rgb is not None)
             assert info.created_utc == episode.provenance.created_utc
