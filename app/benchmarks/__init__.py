@@ -1,0 +1,1 @@
+"""`layflat bench`, and the study of WORD."""

@@ -1,7 +1,7 @@
-"""What `layflat bench` measures; each function once in a fresh process, on one core.
+"""Speed of the simulation and of the models; each function runs once in a fresh process, on one core.
 
-Wall time is that of blocks of whole steps; of several blocks the median counts, so that what else the machine does
-now and then does not. Blocks that are compared with each other alternate.
+Wall time is that of blocks of whole steps, of which the median counts: other work of the machine, now and then, does
+not matter. Blocks that are compared with each other alternate.
 """
 
 from __future__ import annotations
@@ -35,85 +35,85 @@ from layflat.sim.simulation import ClothSimulation
 SEED = 0
 BLOCK_STEPS = 5
 SETTLE_STEPS = 1
-"""At the beginning of each block, not measured."""
-BLOCKS, FEWER_BLOCKS, DRAG_BLOCKS = 8, 4, 4
+"""Steps at the beginning of each block that are not measured."""
+BLOCKS, DRAG_BLOCKS = 8, 4
 DRAG_STEP_M = 0.003
 LAY_STEP_M = (0.014, 0.010)
-"""Forward and down in a step while the cloth is laid down."""
+"""Displacement forward and down in a step while the cloth is laid down."""
 SEEING_STEPS = 12
 SEEING_BLOCKS = 3
 FRAMES = 30
 GP_POINTS = 400
-"""About what five demonstrations leave."""
+"""About as many as five demonstrations leave."""
 EPISODE_STEPS = 100
-"""Of the episode whose keeping is timed: about what a demonstration has."""
+"""Steps of the episode whose saving is timed: about as many as a demonstration has."""
 
 
 def physics(robot: str, cloth: str, blocks: int = BLOCKS, n_steps: int = BLOCK_STEPS) -> dict[str, FloatArray]:
-    """Without a camera. Wall s per step: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
-    bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))
+    """Measure without a camera. Wall s per step: ``air``, ``air bare``, ``drag``, ``flat``, ``flat bare``."""
+    env = ClothSimulation(SimConfig(robot=robot, cloth=cloth, camera=False))
     try:
-        bench.reset(SEED)
-        samples = _side_by_side(bench, "air", blocks, n_steps)
-        lay_down(bench)
+        env.reset(SEED)
+        samples = _side_by_side(env, "air", blocks, n_steps)
+        lay_down(env)
         drag = _moves(robot, DRAG_STEP_M, 0.0)
-        samples["drag"] = np.array([_ours(bench, drag, n_steps) for _ in range(DRAG_BLOCKS)])
-        samples |= _side_by_side(bench, "flat", blocks, n_steps)
+        samples["drag"] = np.array([_ours(env, drag, n_steps) for _ in range(DRAG_BLOCKS)])
+        samples |= _side_by_side(env, "flat", blocks, n_steps)
         return samples
     finally:
-        bench.close()
+        env.close()
 
 
 def seeing(robot: str, cloth: str, folder: Path | None = None, n_steps: int = SEEING_STEPS) -> dict[str, FloatArray]:
-    """With camera, perception and recording, on the table.
+    """Measure with camera, perception and recording, on the table.
 
-    Wall s per step of a runner, with the share of a step in keeping the episode: ``flat``, ``drag``. Wall s each
+    Wall s per step of a runner, with the share of a step in saving the episode: ``flat``, ``drag``. Wall s each
     of ``capture``, ``perceive`` (one frame) and ``keep`` (one episode of EPISODE_STEPS, durable in ``folder``).
     """
-    bench = ClothSimulation(SimConfig(robot=robot, cloth=cloth))
+    env = ClothSimulation(SimConfig(robot=robot, cloth=cloth))
     try:
-        bench.reset(SEED)
-        lay_down(bench)
+        env.reset(SEED)
+        lay_down(env)
         with tempfile.TemporaryDirectory(prefix=".layflat-bench-", dir=folder) as place:
             path = Path(place) / "session.h5"
             with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth) as recorder:
-                return _seeing(bench, recorder, n_steps)
+                return _seeing(env, recorder, n_steps)
     finally:
-        bench.close()
+        env.close()
 
 
-def _run(bench: ClothSimulation, policy: Policy, n_steps: int) -> Episode:
+def _run(env: ClothSimulation, policy: Policy, n_steps: int) -> Episode:
     """Run a policy from where the simulation is now."""
-    run = EpisodeRunner(bench, policy, seed=SEED)
+    run = EpisodeRunner(env, policy, seed=SEED)
     return run.build_episode(run_until_stop(run, max_steps=n_steps))
 
 
-def _seeing(bench: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
-    robot = bench.config.robot
+def _seeing(env: ClothSimulation, recorder: SessionRecorder, n_steps: int) -> dict[str, FloatArray]:
+    robot = env.config.robot
     policies: dict[str, Policy] = {
         "drag": DragPolicy(robot_spec(robot), name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M),
         "flat": ZeroPolicy(robot_spec(robot)),
     }
     walls: dict[str, list[float]] = {}
-    episode = _run(bench, ZeroPolicy(robot_spec(robot)), 2)
+    episode = _run(env, ZeroPolicy(robot_spec(robot)), 2)
     for name, policy in policies.items():
         for _ in range(SEEING_BLOCKS):
             began = time.perf_counter()
-            episode = _run(bench, policy, n_steps)
+            episode = _run(env, policy, n_steps)
             walls.setdefault(name, []).append((time.perf_counter() - began) / n_steps)
     kept = lengthened(episode)
     keep = _repeat(lambda: recorder.save(kept), 5)
-    frames = [bench.camera.capture() for _ in range(3)]
-    perceiver = PerceptionPipeline(bench.camera.pinhole, flat_pixels=1000)
+    frames = [env.camera.capture() for _ in range(3)]
+    perceiver = PerceptionPipeline(env.camera.pinhole, flat_pixels=1000)
     return {name: np.array(wall) + np.median(keep) / len(kept.steps) for name, wall in walls.items()} | {
         "keep": keep,
-        "capture": _repeat(bench.camera.capture, FRAMES),
+        "capture": _repeat(env.camera.capture, FRAMES),
         "perceive": _repeat(lambda: perceiver.perceive(*frames[0]), FRAMES),
     }
 
 
-def predicting(robot: str) -> dict[str, FloatArray]:
-    """Wall s of one ``predict`` of mean and deviation by a model of GP_POINTS points, all inputs: ours and GPy's."""
+def prediction(robot: str) -> dict[str, FloatArray]:
+    """Measure one ``predict`` of mean and deviation, ours and GPy's, of GP_POINTS points and all inputs; wall s."""
     model = random_model(robot)
     here, there = np.zeros((1, model.layout.size)), np.zeros((1, model.layout.size))
     theirs = as_gpy(model)
@@ -123,7 +123,7 @@ def predicting(robot: str) -> dict[str, FloatArray]:
 
 
 def as_gpy(model: GpModel) -> list[Any]:
-    """The same processes, one for each output, as GPy has them."""
+    """Return the same processes, one for each output, as GPy has them."""
     gpy, scaled = import_gpy(), model.inputs / model.input_scale
     processes = []
     for a, alpha in enumerate(model.alpha):
@@ -137,7 +137,7 @@ def as_gpy(model: GpModel) -> list[Any]:
 
 
 def random_model(robot: str, points: int = GP_POINTS) -> GpModel:
-    """As large as a trained one, and as good as chance."""
+    """Return a model as large as a trained one, and as good as chance."""
     layout, outputs = input_set(robot_spec(robot), "all"), robot_spec(robot).size
     rng = np.random.default_rng(SEED)
     return GpModel(
@@ -157,45 +157,45 @@ def random_model(robot: str, points: int = GP_POINTS) -> GpModel:
     )
 
 
-def lay_down(bench: ClothSimulation, most_steps: int = 100) -> None:
-    """Down until the free edge touches, then forward and down until the held edge is at rest height."""
-    robot, spec = bench.config.robot, bench.config.cloth_spec
+def lay_down(env: ClothSimulation, most_steps: int = 100) -> None:
+    """Move down until the free edge touches, then forward and down until the held edge is at rest height."""
+    robot, spec = env.config.robot, env.config.cloth_spec
     forward, down = LAY_STEP_M
     for _ in range(most_steps):
-        height = float(bench.robot.position()[2])
+        height = float(env.robot.position()[2])
         if height < spec.margin_m + 0.002:
             break
-        touches = bool(bench.ground_truth().nodes[: spec.columns, 2].min() < 2 * spec.margin_m)
-        # Where the arm yields, its hanger stays a little above its set point: the steps never end before it is down.
+        touches = bool(env.ground_truth().nodes[: spec.columns, 2].min() < 2 * spec.margin_m)
+        # Where the arm yields, its hanger stays a little above its set point: steps of at least 0.5 mm bring it down.
         step = max(min(down, 0.3 * height), 0.0005)
         dx = forward * min(1.0, 0.3 + height / 0.05) if touches else 0.0
-        bench.step(_moves(robot, dx, -step if touches else -down))
+        env.step(_moves(robot, dx, -step if touches else -down))
     for _ in range(3):
-        bench.step(_moves(robot, 0.0, 0.0))
+        env.step(_moves(robot, 0.0, 0.0))
 
 
-def _side_by_side(bench: ClothSimulation, name: str, blocks: int, n_steps: int) -> dict[str, FloatArray]:
-    """Steps without motion by our loop, and as many substeps of the same world by ``world.step`` alone, in turns."""
-    zeros = _moves(bench.config.robot, 0.0, 0.0)
-    walls = [(_bare(bench, n_steps), _ours(bench, zeros, n_steps)) for _ in range(blocks)]
+def _side_by_side(env: ClothSimulation, name: str, blocks: int, n_steps: int) -> dict[str, FloatArray]:
+    """Measure steps without motion, and as many substeps of the same world by ``world.step`` alone, in turns."""
+    zeros = _moves(env.config.robot, 0.0, 0.0)
+    walls = [(_bare(env, n_steps), _ours(env, zeros, n_steps)) for _ in range(blocks)]
     bare, ours = np.array(walls).T
     return {name: ours, f"{name} bare": bare}
 
 
-def _ours(bench: ClothSimulation, action: FloatArray, n_steps: int) -> float:
-    """Wall s per step."""
+def _ours(env: ClothSimulation, action: FloatArray, n_steps: int) -> float:
+    """Step and return wall s per step."""
     for _ in range(SETTLE_STEPS):
-        bench.step(action)
+        env.step(action)
     began = time.perf_counter()
     for _ in range(n_steps):
-        bench.step(action)
+        env.step(action)
     return (time.perf_counter() - began) / n_steps
 
 
-def _bare(bench: ClothSimulation, n_steps: int) -> float:
-    """Wall s per step of stepping alone."""
-    world, substeps = bench.cloth.world, bench.config.substeps
-    bench.robot.hold()
+def _bare(env: ClothSimulation, n_steps: int) -> float:
+    """Step the world alone and return wall s per step."""
+    world, substeps = env.cloth.world, env.config.substeps
+    env.robot.hold()
     for _ in range(SETTLE_STEPS * substeps):
         world.step()
     began = time.perf_counter()
@@ -205,18 +205,12 @@ def _bare(bench: ClothSimulation, n_steps: int) -> float:
 
 
 def _repeat(work: Callable[[], object], times: int) -> FloatArray:
-    """(times,) s, after one call that is not counted."""
-    work()
-    walls = []
-    for _ in range(times):
-        began = time.perf_counter()
-        work()
-        walls.append(time.perf_counter() - began)
-    return np.array(walls)
+    """Return wall s of each call, (times,), after one call that is not counted."""
+    return alternating({"work": work}, times)["work"]
 
 
 def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[str, FloatArray]:
-    """(times,) s of each, in turns, after one call each that is not counted."""
+    """Return wall s of each call, (times,), in turns, after one call each that is not counted."""
     walls: dict[str, list[float]] = {name: [] for name in works}
     for work in works.values():
         work()
@@ -229,11 +223,11 @@ def alternating(works: Mapping[str, Callable[[], object]], times: int) -> dict[s
 
 
 def _moves(robot: str, dx: float, dz: float) -> FloatArray:
-    """(A,) m: the whole holder moves."""
+    """Return the action that moves the whole robot, (A,) m."""
     return robot_spec(robot).pack([dx, 0.0, dz])
 
 
 def lengthened(episode: Episode) -> Episode:
-    """With its steps repeated up to EPISODE_STEPS."""
+    """Return the episode with its steps repeated up to EPISODE_STEPS."""
     times = -(-EPISODE_STEPS // len(episode.steps))
     return replace(episode, steps=(episode.steps * times)[:EPISODE_STEPS])

@@ -1,4 +1,4 @@
-"""What `layflat bench` measures of keeping and opening data; each function once in a fresh process.
+"""Speed of recording and reading sessions; each function runs once in a fresh process.
 
 Sizes count the bytes of an episode's arrays as they are in memory; MB are 10^6 bytes.
 """
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.benchmarks.measure import DRAG_STEP_M, SEED, lay_down, lengthened
+from layflat.app.benchmarks.rows import BenchmarkRow, Samples
 from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import fsync_path
 from layflat.data.format.encode import LIBVER, arrays_of, attributes_of
@@ -32,37 +33,34 @@ from layflat.policy.rollout import run_until_stop
 from layflat.policy.runner import EpisodeRunner
 from layflat.policy.scripted.baselines import DragPolicy
 from layflat.policy.stopping import AnyOf
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import robot_spec
 from layflat.sim.simulation import ClothSimulation
 
-ROBOT: str = "pickers"
-CLOTH = "towel"
+ROBOT = "pickers"
+CLOTH = DEFAULT_CLOTH
 STEPS = 24
 REPEATS = 5
 EPISODES = 1000
-"""In the session whose opening is timed."""
+"""Number of episodes in the session whose opening is timed."""
 READ = 100
-"""Episodes of it that are read."""
+"""Number of its episodes that are read."""
 SHARE_GOAL = 2.0
-"""Percent of a step that recording may cost on the thread that controls."""
+"""Share of a step, in percent, that recording may cost on the thread that controls."""
 OPEN_GOAL_S = 2.0
-"""For 10,000 episodes."""
-SECONDS = {"recording": 20.0, "opening": 30.0}
-"""Expected wall time of each kind of measurement."""
-PACKINGS: Mapping[str, Mapping[str, object]] = {
+"""Wall time of opening 10,000 episodes."""
+COMPRESSIONS: Mapping[str, Mapping[str, object]] = {
     "none": {},
     "lzf": {"compression": "lzf"},
     "gzip 1": {"compression": "gzip", "compression_opts": 1},
     "gzip 4": {"compression": "gzip", "compression_opts": 4},
 }
-Line = tuple[str, float, str, float | None, int]
-"""Name, value, unit, baseline, how many samples."""
 
 
 @dataclass
 class _Timed:
-    """A running recording with a clock around what the loop waits for."""
+    """A callback that times another one."""
 
     running: EpisodeWriter
     walls_s: list[float] = field(default_factory=list)
@@ -74,7 +72,7 @@ class _Timed:
 
 
 def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, FloatArray]:
-    """An episode of 320x240 RGB-D, recorded while the cloth is dragged.
+    """Measure an episode of 320x240 RGB-D that is recorded while the cloth is dragged.
 
     Wall s per step: ``step`` (all of it), ``hand over`` (recording, on the loop's thread), ``journal`` (processor time
     of both threads). MB/s: ``keep`` (durable) and ``raw`` (h5py, one file, no packing, flushed to the disk). MB:
@@ -92,13 +90,13 @@ def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, Flo
                 keep.append(megabytes / _wall(lambda: recorder.save(episode)))
                 raw.append(megabytes / _wall(lambda: _raw(place / "raw.h5", arrays)))
         images = {key: rows for key, rows in arrays.items() if rows.ndim == 4}
-        for name, packing in PACKINGS.items():
+        for name, packing in COMPRESSIONS.items():
             samples |= _packed(place / "packed.h5", images, name, packing)
         return samples | {"keep": np.array(keep), "raw": np.array(raw), "size": np.array([megabytes])}
 
 
 def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, FloatArray]:
-    """A session of made-up episodes without images, of 84 steps and 285 nodes.
+    """Measure a session of made-up episodes without images, of 84 steps and 285 nodes.
 
     Wall s: ``open`` (all that info needs), ``read`` (one episode), ``arrays`` (two data sets of one episode). MB:
     ``growth`` of the process while READ episodes are read one after another.
@@ -125,7 +123,7 @@ def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, F
 
 
 def write_copies(path: Path, episode: Episode, count: int) -> None:
-    """A session of one episode again and again, each with a uid of its own."""
+    """Write a session of copies of one episode, each with a uid of its own."""
     arrays = arrays_of(episode, save_images=True)
     with h5py.File(path, "x", libver=LIBVER) as file:
         session = SessionFile(file)
@@ -135,38 +133,44 @@ def write_copies(path: Path, episode: Episode, count: int) -> None:
 
 
 def resident_mb() -> float:
-    """Memory of this process."""
+    """Return the resident memory of this process, MB."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def lines_of(kind: str, samples: dict[str, FloatArray]) -> list[Line]:
-    """Lines of the table."""
+def recording_rows(samples: Samples, before: Mapping[str, float]) -> list[BenchmarkRow]:
+    """Return the cost of recording, its speed, and how small and how fast each compression packs images."""
     middle = {key: float(np.median(values)) for key, values in samples.items()}
-    if kind == "opening":
-        count = middle["episodes"]
-        return [
-            (f"open {count:.0f} episodes", 1e3 * middle["open"], "ms", OPEN_GOAL_S * 1e3 * count / 1e4, REPEATS),
-            ("read an episode without images", 1e3 * middle["read"], "ms", None, READ),
-            ("memory while reading", middle["growth"], "MB", None, 1),
-        ]
     share, cpu = (100 * middle[key] / middle["step"] for key in ("hand over", "journal"))
-    lines: list[Line] = [
-        ("recording, loop's thread", share, "% of a step", SHARE_GOAL, len(samples["hand over"])),
-        ("recording, both threads", cpu, "% of a step", None, REPEATS),
-        ("keep, images, durable", middle["keep"], "MB / s", middle["raw"], REPEATS),
+    rows = [
+        _row("recording, loop's thread", share, "% of a step", SHARE_GOAL, len(samples["hand over"])),
+        _row("recording, both threads", cpu, "% of a step", None, REPEATS),
+        _row("keep, images, durable", middle["keep"], "MB / s", middle["raw"], REPEATS),
     ]
-    for packing in list(PACKINGS)[1:]:
-        packed, plain = middle[f"size {packing}"], middle["size none"]
-        lines.append((f"images packed by {packing}", packed, "MB", plain, 1))
-        lines.append(
-            (f"time to pack by {packing}", 1e3 * middle[f"pack {packing}"], "ms", 1e3 * middle["pack none"], 1)
-        )
-    return lines
+    for name in list(COMPRESSIONS)[1:]:
+        times = [1e3 * middle[f"pack {key}"] for key in (name, "none")]
+        rows.append(_row(f"images packed by {name}", middle[f"size {name}"], "MB", middle["size none"]))
+        rows.append(_row(f"time to pack by {name}", times[0], "ms", times[1]))
+    return rows
+
+
+def opening_rows(samples: Samples, before: Mapping[str, float]) -> list[BenchmarkRow]:
+    """Return the time of opening and reading a large session, and the growth of memory."""
+    middle = {key: float(np.median(values)) for key, values in samples.items()}
+    count = middle["episodes"]
+    return [
+        _row(f"open {count:.0f} episodes", 1e3 * middle["open"], "ms", OPEN_GOAL_S * 1e3 * count / 1e4, REPEATS),
+        _row("read an episode without images", 1e3 * middle["read"], "ms", None, READ),
+        _row("memory while reading", middle["growth"], "MB", None),
+    ]
+
+
+def _row(name: str, value: float, unit: str, baseline: float | None, samples: int = 1) -> BenchmarkRow:
+    return BenchmarkRow(name=name, value=value, unit=unit, baseline=baseline, samples=samples)
 
 
 def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArray], Episode]:
-    bench = ClothSimulation(SimConfig(robot=ROBOT, cloth=CLOTH))
+    env = ClothSimulation(SimConfig(robot=ROBOT, cloth=CLOTH))
     timed: list[_Timed] = []
 
     def begin(beginning: Episode) -> _Timed:
@@ -174,21 +178,21 @@ def _record(recorder: SessionRecorder, n_steps: int) -> tuple[dict[str, FloatArr
         return timed[0]
 
     try:
-        bench.reset(SEED)
-        lay_down(bench)
+        env.reset(SEED)
+        lay_down(env)
         policy = DragPolicy(robot_spec(ROBOT), name="drag", stop=AnyOf(), speed_m=DRAG_STEP_M)
         began = time.perf_counter()
-        run = EpisodeRunner(bench, policy, seed=SEED, keep_images=True, on_start=begin)
+        run = EpisodeRunner(env, policy, seed=SEED, keep_images=True, on_start=begin)
         episode = run.build_episode(run_until_stop(run, max_steps=n_steps))
         wall_s = time.perf_counter() - began
     finally:
-        bench.close()
+        env.close()
     timed[0].running.discard()
     return {"step": np.array([wall_s / n_steps]), "hand over": np.array(timed[0].walls_s)}, episode
 
 
 def _journal_alone(recorder: SessionRecorder, episode: Episode) -> float:
-    """Processor time per step of handing over, packing, writing and flushing."""
+    """Return the processor time per step of handing over, packing, writing and flushing, s."""
     running = recorder.start(episode)
     began = time.process_time()
     for step in episode.steps:
@@ -218,7 +222,7 @@ def _packed(
 
 
 def _made_up(*, n_steps: int, nodes: int) -> Episode:
-    """Of the shape of a real one, without physics."""
+    """Return an episode with the shapes of a real one, without physics."""
     rng = np.random.default_rng(SEED)
 
     def observation(step_index: int) -> Observation:

@@ -1,6 +1,6 @@
-"""What `layflat bench` measures of perception: a whole percept, the plain way to the same numbers, and HOW.
+"""Speed of the perception beside a reference implementation of the same numbers, and of HOW as it is published.
 
-Frames are drawn, so that no simulation is needed; each function once in a fresh process, on one core.
+Frames are drawn, so that no simulation is needed; each function runs once in a fresh process, on one core.
 """
 
 from __future__ import annotations
@@ -39,9 +39,11 @@ from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 FRAMES = 40
 
 
-def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
-    """Wall s of one frame of 320x240, the ways in turns: ``percept``, ``plain``, ``plain how``, and with other
-    descriptors ``how``, ``word``, ``hog``."""
+def perception(frames: int = FRAMES) -> dict[str, FloatArray]:
+    """Measure wall s of one frame of 320x240, in turns.
+
+    ``percept``, ``reference``, ``reference how``, and with other descriptors ``how``, ``word``, ``hog``.
+    """
     camera = default_pinhole()
     frame = wrinkled_frame()
     perceivers = {
@@ -51,37 +53,39 @@ def sight(frames: int = FRAMES) -> dict[str, FloatArray]:
     works: dict[str, Callable[[], object]] = {
         name: partial(by.perceive, frame.rgb, frame.depth) for name, by in perceivers.items()
     }
-    works["plain"] = partial(plain_percept, perceivers["percept"], frame, AXIAL_CONFIG)
-    works["plain how"] = partial(plain_how, perceivers["percept"], frame)
+    works["reference"] = partial(reference_percept, perceivers["percept"], frame, AXIAL_CONFIG)
+    works["reference how"] = partial(reference_how, perceivers["percept"], frame)
     return alternating(works, frames)
 
 
 def wrinkled_frame(seed: int = 0) -> RgbdFrame:
-    """The bench's camera over a towel with wrinkles, sensor noise on."""
+    """Return a frame of the simulation's camera over a towel with wrinkles, with sensor noise."""
     drawn = render_sheet(
         default_pinhole(), SyntheticSheet(waves=(Wave(normal=0.5),)), RenderConfig(rgb_noise=3.0, seed=seed)
     )
     return RgbdFrame(drawn.rgb, DepthSensor(DepthNoise(), seed=seed).measure(drawn.depth))
 
 
-def plain_percept(
+def reference_percept(
     perceiver: PerceptionPipeline, frame: RgbdFrame, config: WordConfig
 ) -> tuple[int, NDArray[np.float64]]:
-    """Contact pixels and L of Algorithm 1, (n,), as one would write it down: each step on the whole image.
+    """Return contact pixels and L of Algorithm 1, (n,), step by step on the whole image.
 
-    What ``PerceptionPipeline.perceive`` computes of a part of the image and by transforms; the numbers are the same.
+    ``PerceptionPipeline.perceive`` computes the same numbers on a part of the image and by transforms.
     """
-    view = plain_view(perceiver, frame)
-    return int(np.count_nonzero(view.contact)), plain_sums(view, config)
+    view = reference_view(perceiver, frame)
+    return int(np.count_nonzero(view.contact)), reference_sums(view, config)
 
 
-def plain_how(perceiver: PerceptionPipeline, frame: RgbdFrame) -> NDArray[np.float64]:
-    """HOW as it is published: every filter over the whole image at its full resolution."""
-    return HowDescriptor(HowConfig(preprocess=PreprocessConfig(decimation=1))).describe(plain_view(perceiver, frame))
+def reference_how(perceiver: PerceptionPipeline, frame: RgbdFrame) -> NDArray[np.float64]:
+    """Return HOW as it is published: every filter over the whole image at its full resolution."""
+    return HowDescriptor(HowConfig(preprocess=PreprocessConfig(decimation=1))).describe(
+        reference_view(perceiver, frame)
+    )
 
 
-def plain_view(perceiver: PerceptionPipeline, frame: RgbdFrame) -> ClothView:
-    """The whole table view."""
+def reference_view(perceiver: PerceptionPipeline, frame: RgbdFrame) -> ClothView:
+    """Return the rectified view of the whole table."""
     settings, camera = perceiver.config, perceiver.camera
     cloth_seen = segment(frame.rgb, settings.color, settings.min_area_px)
     height_seen = smooth_height(camera.height_above_table(frame.depth), cloth_seen, settings.smoothing_px)
@@ -96,18 +100,18 @@ def plain_view(perceiver: PerceptionPipeline, frame: RgbdFrame) -> ClothView:
     )
 
 
-def plain_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:
-    """L of Algorithm 1, (n,), with one ``filter2D`` of the whole view for each orientation."""
+def reference_sums(view: ClothView, config: WordConfig) -> NDArray[np.float64]:
+    """Return L of Algorithm 1, (n,), with one ``filter2D`` of the whole view for each orientation."""
     masks = response_masks(view, config)
     if masks is None:
         return np.zeros(config.orientations)
-    sums = _plain_channel(brightness_image(view, config), masks[0], view, config)
+    sums = _reference_channel(brightness_image(view, config), masks[0], view, config)
     if config.relief:
-        sums = sums + _plain_channel(height_image(view, config), masks[0], view, config)
+        sums = sums + _reference_channel(height_image(view, config), masks[0], view, config)
     return sums
 
 
-def _plain_channel(
+def _reference_channel(
     image: NDArray[np.float32], counted: NDArray[np.bool_], view: ClothView, config: WordConfig
 ) -> NDArray[np.float64]:
     means = []
@@ -119,14 +123,14 @@ def _plain_channel(
     return subtract_noise(np.array(means), config) if config.fill else np.array(means)
 
 
-def same_numbers(config: WordConfig = AXIAL_CONFIG) -> float:
-    """Largest relative difference of L between the fast and the plain way, over frames."""
+def reference_error(config: WordConfig = AXIAL_CONFIG) -> float:
+    """Return the largest relative difference of L between the pipeline and the reference, over frames."""
     perceiver = PerceptionPipeline(default_pinhole())
     worst = 0.0
     for seed in range(4):
         frame = wrinkled_frame(seed)
         view = perceiver.cloth_view(frame.rgb, frame.depth)
         assert view is not None
-        fast, plain = orientation_responses(view, config)[0], plain_percept(perceiver, frame, config)[1]
-        worst = max(worst, float(np.abs(fast - plain).max() / plain.max()))
+        fast, reference = orientation_responses(view, config)[0], reference_percept(perceiver, frame, config)[1]
+        worst = max(worst, float(np.abs(fast - reference).max() / reference.max()))
     return worst

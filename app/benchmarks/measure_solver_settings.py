@@ -8,26 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 
+from layflat.app.benchmarks.rows import BenchmarkRow, Samples, speed_row
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS, LayflatCloth, ReferenceCloth
 
 OURS = "ours"
-ACROSS = (10, 13)
+NODES = (10, 13)
 """Nodes along an edge: as DeformableRavens has, and as our default cloth has."""
 SETTLE_S, BLOCK_S, BLOCKS = 0.5, 0.1, 6
 """Simulated time before the measurement and of a block, and the number of blocks."""
-Line = tuple[str, FloatArray, FloatArray]
-"""Name, ours and theirs, wall s per simulated s."""
 
 
-def recipes(across: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = BLOCKS) -> dict[str, FloatArray]:
+def published_cloths(nodes: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = BLOCKS) -> dict[str, FloatArray]:
     """Return wall s per simulated s of stepping alone, by "situation name"."""
-    spec = replace(cloth_spec(cloth), rows=across, columns=across)
+    spec = replace(cloth_spec(cloth), rows=nodes, columns=nodes)
     samples: dict[str, FloatArray] = {}
     for situation in SITUATIONS:
         worlds: dict[str, LayflatCloth | ReferenceCloth] = {OURS: LayflatCloth(spec, situation)}
-        worlds |= {name: ReferenceCloth(settings, across, situation) for name, settings in SOLVER_SETTINGS.items()}
+        worlds |= {name: ReferenceCloth(settings, nodes, situation) for name, settings in SOLVER_SETTINGS.items()}
         try:
             for world in worlds.values():
                 _measure(world, settle_s)
@@ -42,11 +41,11 @@ def recipes(across: int, cloth: str, settle_s: float = SETTLE_S, blocks: int = B
     return samples
 
 
-def lines_of(across: int, samples: Mapping[str, FloatArray]) -> list[Line]:
+def rows(nodes: int, samples: Samples, before: Mapping[str, float]) -> list[BenchmarkRow]:
     """Return ours beside each published cloth, in each situation."""
     return [
-        (
-            f"bare cloth {across} x {across} {situation} / {name}",
+        speed_row(
+            f"bare cloth {nodes} x {nodes} {situation} / {name}",
             samples[f"{situation} {OURS}"],
             samples[f"{situation} {name}"],
         )

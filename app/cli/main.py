@@ -96,7 +96,7 @@ def word(
 def doctor(debug: Debug = False) -> None:
     """Check this machine, and say what to do.
 
-    Interpreter, packages, films, memory, display, pad and cores.
+    Interpreter, packages, videos, memory, display, gamepad and cores.
     """
     from layflat.app.commands.doctor import doctor as run
 

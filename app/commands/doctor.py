@@ -1,7 +1,7 @@
-"""`layflat doctor`: what this machine has, what is missing, what to do about it.
+"""`layflat doctor`: what this machine has, what is missing, and what to do about it.
 
-Standard library only, so that it speaks where nothing is installed: ``python3 -m layflat.app.commands.doctor`` in the
-source folder.
+It needs only the standard library, and runs where nothing is installed: ``python3 -m layflat.app.commands.doctor`` in
+the folder that holds ``layflat``.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ REQUIRED = {
     "pebble": "pebble",
     "platformdirs": "platformdirs",
 }
-"""Package name on its registry -> what is imported."""
+"""Name of the distribution -> module that is imported."""
 
 INSTALL = "run `make demo`, or `pip install -c constraints.txt -e .` in a Python 3.11 environment"
-LEAST_MEMORY_GB = 2.0
-LEAST_DISK_GB = 1.0
+MIN_MEMORY_GB = 2.0
+MIN_DISK_GB = 1.0
 
 
 @dataclass(frozen=True)
 class Check:
-    """One line: what was looked at, how it stands, what was found, what to do."""
+    """One line: what was checked, its state, what was found, and what to do."""
 
     name: str
     state: State
@@ -60,7 +60,7 @@ class Check:
 
 
 def doctor() -> None:
-    """Print every check on stdout; LayflatError (status 1) where one is a problem."""
+    """Print every check; LayflatError where one is a problem."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     checks = [check for examine in EXAMINATIONS for check in examine()]
     width = max(len(check.name) for check in checks)
@@ -75,6 +75,7 @@ def doctor() -> None:
 
 
 def interpreter() -> list[Check]:
+    """Check the version of Python."""
     found = f"{platform.python_implementation()} {platform.python_version()}, {sys.executable}"
     if sys.version_info[:2] in SUPPORTED_PYTHONS and platform.python_implementation() == "CPython":
         return [Check("interpreter", "ok", found)]
@@ -85,6 +86,7 @@ def interpreter() -> list[Check]:
 
 
 def system() -> list[Check]:
+    """Check the operating system."""
     found = f"{platform.system()} {platform.machine()}"
     if (platform.system(), platform.machine()) == ("Linux", "x86_64"):
         return [Check("system", "ok", found)]
@@ -95,11 +97,12 @@ def system() -> list[Check]:
 
 
 def packages() -> list[Check]:
+    """Check that every package that is needed can be imported."""
     return [_package(name, module) for name, module in REQUIRED.items()]
 
 
 def _package(name: str, module: str) -> Check:
-    """Whether a package is installed and loads; its own words where it does not."""
+    """Check that a package is installed and can be imported."""
     try:
         found = version(name)
     except PackageNotFoundError:
@@ -112,38 +115,38 @@ def _package(name: str, module: str) -> Check:
     return Check(name, "ok", found)
 
 
-def films() -> list[Check]:
-    """Whether .webm films can be written, by writing one."""
+def videos() -> list[Check]:
+    """Check that .webm videos can be written, by writing one."""
     try:
         import numpy as np
 
         from layflat.app.media.video import write_video
 
         with tempfile.TemporaryDirectory() as folder:
-            write_video(Path(folder) / "film.webm", [np.zeros((48, 64, 3), np.uint8)] * 3)
+            write_video(Path(folder) / "video.webm", [np.zeros((48, 64, 3), np.uint8)] * 3)
     except Exception as error:
-        return [Check("films (.webm)", "problem", " ".join(str(error).split()), f"reinstall OpenCV: {INSTALL}")]
-    return [Check("films (.webm)", "ok", "written and read back")]
+        return [Check("videos (.webm)", "problem", " ".join(str(error).split()), f"reinstall OpenCV: {INSTALL}")]
+    return [Check("videos (.webm)", "ok", "written and read back")]
 
 
 def resources() -> list[Check]:
+    """Check cores, disk and memory."""
     cores = available_cores()
     advice = "one core works; a demo then takes about twice as long" if cores < 2 else ""
     lines = [Check("cores", "note" if advice else "ok", f"{cores} of {os.cpu_count()}", advice)]
     free_gb = shutil.disk_usage(Path.cwd()).free / 1e9
-    advice = (
-        f"free some: recordings with images need it, at least {LEAST_DISK_GB:g} GB" if free_gb < LEAST_DISK_GB else ""
-    )
+    advice = f"free some: recordings with images need it, at least {MIN_DISK_GB:g} GB" if free_gb < MIN_DISK_GB else ""
     lines.append(Check("free disk", "note" if advice else "ok", f"{free_gb:.1f} GB in {Path.cwd()}", advice))
     try:
         memory_gb = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     except (AttributeError, OSError, ValueError):
         return lines
-    advice = "use --workers 1 and --no-images" if memory_gb < LEAST_MEMORY_GB else ""
+    advice = "use --workers 1 and --no-images" if memory_gb < MIN_MEMORY_GB else ""
     return [*lines, Check("memory", "note" if advice else "ok", f"{memory_gb:.1f} GB", advice)]
 
 
 def display() -> list[Check]:
+    """Check for a display."""
     found = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
     if found or platform.system() == "Darwin":
         return [Check("display", "ok", found or "built in")]
@@ -157,8 +160,8 @@ def display() -> list[Check]:
     ]
 
 
-def pad() -> list[Check]:
-    """Gamepads as recording would find them."""
+def gamepads() -> list[Check]:
+    """Find gamepads as recording does."""
     try:
         devices = importlib.import_module("layflat.app.workstation.teleop.devices")
         pads = devices.GamepadRegistry(*importlib.import_module("layflat.app.workstation.teleop.sdl").start())
@@ -173,7 +176,15 @@ def pad() -> list[Check]:
     return lines or [Check("gamepad", "note", "none", "not needed: --source keyboard and scripted work without one")]
 
 
-EXAMINATIONS: tuple[Callable[[], list[Check]], ...] = (interpreter, system, packages, films, resources, display, pad)
+EXAMINATIONS: tuple[Callable[[], list[Check]], ...] = (
+    interpreter,
+    system,
+    packages,
+    videos,
+    resources,
+    display,
+    gamepads,
+)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""config.json: what was asked of an evaluation's folder, so that a later run asks for the same.
+"""config.json: what an evaluation's folder contains, so that a later run continues the same evaluation.
 
 Policies, cloths, seeds and disturbances may be added; none may become another under the same name.
 """
@@ -27,7 +27,7 @@ NOT_COMPARED = frozenset({"provenance"})
 
 
 def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
-    """What ``path`` says, if there is such a file, together with ``plan``; UsageError where they contradict each other.
+    """Return what ``path`` says, if there is such a file, merged with ``plan``; UsageError where they contradict.
 
     ``invocations`` has an entry for each command that worked on the folder.
     """
@@ -44,17 +44,18 @@ def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
     return new
 
 
-def save_config(path: Path, asked: Mapping[str, Any]) -> None:
-    write_text(path, json.dumps(asked, indent=1) + "\n")
+def save_config(path: Path, config: Mapping[str, Any]) -> None:
+    """Write what `merge_config` returned."""
+    write_text(path, json.dumps(config, indent=1) + "\n")
 
 
-def sort_key(asked: Mapping[str, Any]) -> Any:
+def sort_key(config: Mapping[str, Any]) -> Any:
     """Return the key of the order of finished rows: that of `EvaluationPlan.items`."""
     names = {
-        "robot": list(asked["robots"]),
-        "cloth": list(asked["cloths"]),
-        "policy": [name.split(" ", 1)[1] for name in asked["policies"]],
-        "disturbance": list(asked["disturbances"]),
+        "robot": list(config["robots"]),
+        "cloth": list(config["cloths"]),
+        "policy": [name.split(" ", 1)[1] for name in config["policies"]],
+        "disturbance": list(config["disturbances"]),
     }
     places = {column: {name: place for place, name in reversed(list(enumerate(n)))} for column, n in names.items()}
 
@@ -112,7 +113,7 @@ def _described_case(case: DisturbanceCase) -> list[dict[str, Any]]:
 
 
 def fingerprint(value: object) -> str:
-    """SHA-256 of a frozen value: its fields' names, numbers and arrays, apart from NOT_COMPARED."""
+    """Return the SHA-256 of a frozen value: its fields' names, numbers and arrays, apart from NOT_COMPARED."""
     digest = hashlib.sha256()
     _feed(digest, value)
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""What a batch leaves in its folder, read back."""
+"""EvaluationResults: the folder of an evaluation, read back."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from layflat.data.errors import DataError
 from layflat.data.types import Episode
 
 CONFIG, EPISODES, SUMMARY, RUNS = "config.json", "episodes.csv", "summary.json", "runs"
-_WORDS = ("policy", "robot", "task", "cloth", "physics", "disturbance", "stopped_by", "run", "start", "reason")
-_TRUTHS = ("unstable", "crashed")
+_TEXTS = ("policy", "robot", "task", "cloth", "physics", "disturbance", "stopped_by", "run", "start", "reason")
+_FLAGS = ("unstable", "crashed")
 _COUNTS = ("seed", "steps", "attempts")
-_NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_WORDS, *_TRUTHS, *_COUNTS))
+_NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_TEXTS, *_FLAGS, *_COUNTS))
 
 
 @dataclass(frozen=True)
 class EvaluationResults:
-    """A batch's folder: ``rows`` of all episodes, the ``summary``, and each episode by its run's name."""
+    """The folder of an evaluation: rows of all episodes, the summary, and each episode by the name of its run."""
 
     folder: Path
     rows: pd.DataFrame
-    """The contract's columns, then ``run`` (the episode's name), ``start``, ``attempts``, ``reason`` (of a crash)."""
+    """The shared columns, then ``run`` (the episode's name), ``start``, ``attempts``, ``reason`` (of a crash)."""
     summary: dict[str, Any]
-    """As in summary.json; empty while the first batch in the folder runs."""
+    """As in summary.json; empty while the first evaluation in the folder runs."""
     config: dict[str, Any]
     """As in config.json: what was asked for."""
 
     @staticmethod
     def open(folder: str | Path) -> EvaluationResults:
-        """What is there of a batch that runs, was interrupted, or is finished; DataError where there is none."""
+        """Read the results of an evaluation, also while it runs or was interrupted; DataError where there are none."""
         folder = Path(folder)
         try:
             rows = read_rows(folder / EPISODES)
@@ -49,20 +49,20 @@ class EvaluationResults:
         return EvaluationResults(folder, rows, summary, config)
 
     def episode(self, run: str) -> Episode:
-        """The episode of a row, without images; DataError where it crashed and there is none."""
+        """Return the episode of a row, without images; DataError where it crashed."""
         return read_run(self.folder / RUNS, run)
 
 
 def read_rows(path: Path) -> pd.DataFrame:
-    """episodes.csv with the types of its columns; empty numbers are NaN."""
+    """Read episodes.csv with the types of its columns; empty numbers are NaN."""
     rows = pd.read_csv(path, dtype=str, keep_default_na=False)
     # Numbers are read by Python: pandas' own way, before its version 3, may lose the last bit.
     numbers = {name: [float(cell) if cell else np.nan for cell in rows[name]] for name in _NUMBERS}
-    ground_truths = {name: rows[name] == "True" for name in _TRUTHS}
-    return rows.assign(**numbers, **ground_truths, **{name: rows[name].astype(int) for name in _COUNTS})
+    flags = {name: rows[name] == "True" for name in _FLAGS}
+    return rows.assign(**numbers, **flags, **{name: rows[name].astype(int) for name in _COUNTS})
 
 
 def as_rows(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """The contract's columns as JSON values, None for what an episode has not."""
+    """Return the shared columns as JSON values, None where an episode has no value."""
     plain = rows[list(COLUMNS)].astype(object)
     return list(plain.where(plain.notna(), None).to_dict(orient="records"))

@@ -1,7 +1,7 @@
-"""episodes.csv: one row for each episode, durable the moment it is added, none twice.
+"""ResultsCsv: episodes.csv, one row for each episode, durable the moment it is added, none twice.
 
-A batch that was killed leaves at worst a torn last line, which is taken away when the file is opened again; its
-episode is still there as a run.
+An evaluation that was killed leaves at worst a torn last line, which is removed when the file is opened again; the
+episode of that line is still there as a run.
 """
 
 from __future__ import annotations
@@ -19,24 +19,23 @@ from layflat.app.support.metrics import COLUMNS
 from layflat.data.atomic_files import write_text
 
 EXTRA = ("run", "start", "attempts", "reason")
-"""The episode's name and file, how it began, how often it was tried, and why it crashed if it did."""
+"""The episode's name, its start, how often it was tried, and why it crashed if it did."""
 ALL_COLUMNS = (*COLUMNS, *EXTRA)
 _RUN = ALL_COLUMNS.index("run")
 
 
 class ResultsCsv:
-    """The rows of a batch, on disk: in memory are only the names of their runs."""
+    """The rows of an evaluation on disk; in memory are only the names of their runs."""
 
     def __init__(self, path: Path) -> None:
-        """Opens, and heals, what is there; UsageError where it is not a batch's."""
+        """Open and heal the file; UsageError where it is not one of an evaluation."""
         self.path = path
-        self.runs: set[str] = set()
-        kept = _whole_lines(path)
-        rows = [line for line in kept if line[_RUN] not in self.runs and not self.runs.add(line[_RUN])]  # type: ignore[func-returns-value]
-        write_text(path, _text([list(ALL_COLUMNS), *rows]))
+        rows = {line[_RUN]: line for line in reversed(_whole_lines(path))}
+        self.runs = set(rows)
+        write_text(path, _text([ALL_COLUMNS, *reversed(rows.values())]))
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Returns when a power cut could no longer lose them; after an OSError, of a full disk, none is there."""
+        """Add rows, durable on return; after an OSError, of a full disk, none of them is there."""
         new = [row for row in rows if row["run"] not in self.runs]
         text = _text([[_cell(row[name]) for name in ALL_COLUMNS] for row in new])
         descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
@@ -47,10 +46,10 @@ class ResultsCsv:
         self.runs.update(row["run"] for row in new)
 
     def sort(self, key: Callable[[Mapping[str, str]], Any]) -> None:
-        """Anew in an order that does not depend on which episode was finished first."""
-        rows = [dict(zip(ALL_COLUMNS, line, strict=True)) for line in _whole_lines(self.path)]
-        rows.sort(key=key)
-        write_text(self.path, _text([list(ALL_COLUMNS), *([row[name] for name in ALL_COLUMNS] for row in rows)]))
+        """Sort the rows by ``key``, so that their order does not depend on which episode was finished first."""
+        lines = _whole_lines(self.path)
+        lines.sort(key=lambda line: key(dict(zip(ALL_COLUMNS, line, strict=True))))
+        write_text(self.path, _text([ALL_COLUMNS, *lines]))
 
 
 def _append(descriptor: int, data: bytes) -> None:
@@ -66,7 +65,7 @@ def _append(descriptor: int, data: bytes) -> None:
 
 
 def _whole_lines(path: Path) -> list[list[str]]:
-    """The rows without header, and without what a crash has torn; none where there is no file."""
+    """Return the rows without the header and without what a crash has torn; none where there is no file."""
     try:
         text = path.read_bytes().decode("utf-8", "replace")
     except FileNotFoundError:
@@ -84,7 +83,7 @@ def _text(lines: Iterable[Iterable[str]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    """As pandas reads it back: floats to the last bit, nothing for None."""
+    """Return the text that pandas reads back: floats to the last bit, nothing for None."""
     if value is None:
         return ""
     return repr(value) if isinstance(value, float) else " ".join(str(value).split())

@@ -49,7 +49,7 @@ def run_evaluation(
     progress: Progress | None = None,
     make: EpisodeFactory = SimulatedEpisode,
 ) -> EvaluationResults:
-    """Run what ``out`` does not contain yet of ``plan``; episodes that crash are rows, not errors.
+    """Run the part of a plan that ``out`` does not contain yet; episodes that crash are rows, not errors.
 
     ``engine`` is this machine's by default. ``progress`` is in a phase whose items are the plan's episodes.
     KeyboardInterrupt is raised after everything that is finished has been saved. UsageError where ``out`` contains

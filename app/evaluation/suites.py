@@ -1,4 +1,4 @@
-"""Disturbance suites: TOML files that say what befalls the cloth, where, when, how strongly and how often.
+"""Disturbance suites: TOML files with the disturbances of an episode, where, when, how strong and how often.
 
 A suite is a list of cases, each of which is an episode of its own beside the undisturbed one::
 
@@ -6,13 +6,13 @@ A suite is a list of cases, each of which is an episode of its own beside the un
     about = "One sentence for a person."
 
     [[case]]
-    name = "early"                  # with a single case the suite's own name will do
+    name = "early"                  # a single case may take the suite's name
 
     [[case.disturbance]]
-    like = "push"                   # one of layflat.sim.disturbances.presets, of which the lines below change
-                                    # something; or kind = ...
+    like = "push"                   # a preset of layflat.sim.disturbances.presets, changed by the lines below;
+                                    # or kind = ...
     scale = [0.5, 1.5]              # ranges are drawn by the episode's seed: the same for every policy
-    when = { contact = 0.5 }        # or { step = 30 }, or "stopped", which is what it is without a line
+    when = { contact = 0.5 }        # or { step = 30 }, or "stopped", the default
     repeats = 2
 """
 
@@ -46,29 +46,30 @@ _SCHEDULE_KEYS = ("when", "repeats")
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the suites that Layflat brings."""
-    folder = resources.files("layflat.app.evaluation") / "suite_files"
-    return tuple(sorted(file.name.removesuffix(SUFFIX) for file in folder.iterdir() if file.name.endswith(SUFFIX)))
+    """Return the names of the suites that Layflat brings."""
+    names = (file.name for file in _folder().iterdir())
+    return tuple(sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)))
 
 
-def cases_of(what: str) -> tuple[DisturbanceCase, ...]:
-    """The cases of a suite's name, of a single disturbance's name, or of somebody's own FILE.toml; else UsageError."""
-    if what in shipped():
-        text = (resources.files("layflat.app.evaluation") / "suite_files" / f"{what}{SUFFIX}").read_text(
-            encoding="utf-8"
-        )
-        return parse(text, what, f"suite {what}")
-    if what in DISTURBANCES and what != "none":
-        return (DisturbanceCase(name=what, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[what]),)),)
-    path = Path(what)
+def _folder() -> Any:
+    return resources.files("layflat.app.evaluation") / "suite_files"
+
+
+def cases_of(name: str) -> tuple[DisturbanceCase, ...]:
+    """Return the cases of a suite, of a single disturbance, or of FILE.toml; UsageError where there are none."""
+    if name in shipped():
+        return parse((_folder() / f"{name}{SUFFIX}").read_text(encoding="utf-8"), name, f"suite {name}")
+    if name in DISTURBANCES and name != "none":
+        return (DisturbanceCase(name=name, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[name]),)),)
+    path = Path(name)
     if path.suffix == SUFFIX:
         return parse(_text_of(path), path.stem.lower(), str(path))
-    known = ", ".join(dict.fromkeys([*shipped(), *(name for name in DISTURBANCES if name != "none")]))
-    raise UsageError(f"disturbance {what!r} is unknown; give one of {known}, or a suite of your own as FILE.toml")
+    known = ", ".join(dict.fromkeys([*shipped(), *(known for known in DISTURBANCES if known != "none")]))
+    raise UsageError(f"disturbance {name!r} is unknown; give one of {known}, or a suite of your own as FILE.toml")
 
 
 def parse(text: str, name: str, where: str) -> tuple[DisturbanceCase, ...]:
-    """Cases of a suite's text; UsageError, naming ``where`` it is from, says the first thing that is wrong."""
+    """Read the cases of a suite's text; UsageError, with ``where`` it is from, for the first thing that is wrong."""
     try:
         suite = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -122,9 +123,9 @@ def _trigger(value: object, where: str) -> Trigger:
 
 
 def _spec(table: Mapping[str, Any], name: str, where: str) -> DisturbanceSpec:
-    said = {key: value for key, value in table.items() if key not in _SCHEDULE_KEYS}
+    settings = {key: value for key, value in table.items() if key not in _SCHEDULE_KEYS}
     try:
-        return DisturbanceSpec.from_mapping({**said, "name": name})
+        return DisturbanceSpec.from_mapping({**settings, "name": name})
     except SimError as error:
         raise UsageError(f"{where}: {error}") from None
 

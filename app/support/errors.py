@@ -1,4 +1,4 @@
-"""What a command that fails says and how it exits: one sentence on stderr, never a traceback unless ``--debug``.
+"""Errors of the app, and how a command ends with one: one sentence on stderr, no traceback without ``--debug``.
 
 Exit status: 0 done; 1 the work failed; 2 the call or the input is wrong; 130 interrupted.
 """
@@ -25,7 +25,7 @@ PACKAGE_ERRORS = (
 
 
 class LayflatError(Exception):
-    """Base of what the app raises: one sentence for a person, and the exit status."""
+    """Base of the app's errors: one sentence for a person, and the exit status."""
 
     def __init__(self, message: str, exit_status: int = WORK_FAILED) -> None:
         super().__init__(message)
@@ -40,9 +40,9 @@ class UsageError(LayflatError):
 
 
 def run_command(work: Callable[[], int | None], *, debug: bool = False) -> int:
-    """Do ``work`` and return its exit status (None is 0); what it raises becomes a sentence on stderr and a status.
+    """Run ``work`` and return its exit status (None is 0); an error becomes a sentence on stderr and a status.
 
-    With ``debug`` the traceback comes first. A reader that closes stdout early (``layflat doctor | head``) is no fault.
+    With ``debug`` the traceback comes first. A reader may close stdout early, as in ``layflat doctor | head``.
     """
     try:
         status = work() or 0
@@ -72,7 +72,7 @@ def _report(error: BaseException) -> int:
 
 
 def format_error(error: BaseException) -> tuple[str, int]:
-    """The sentence for a person and the exit status of an exception."""
+    """Return the sentence for a person and the exit status of an exception."""
     if isinstance(error, KeyboardInterrupt):
         return _INTERRUPTED_SENTENCE, INTERRUPTED
     if isinstance(error, LayflatError):
@@ -91,10 +91,10 @@ def format_error(error: BaseException) -> tuple[str, int]:
 
 
 def _package_status(error: BaseException) -> int | None:
-    """Exit status of a package's own exception, None for any other.
+    """Return the exit status of a package's own exception, None for any other.
 
-    The classes are looked up among the modules that are loaded already: an error cannot come from one that is not,
-    and ``layflat --help`` stays free of heavy imports.
+    The classes are looked up among the loaded modules: an error cannot come from another one, and ``layflat --help``
+    stays free of heavy imports.
     """
     for module, name, status in PACKAGE_ERRORS:
         base = getattr(sys.modules.get(module), name, None)
@@ -104,7 +104,7 @@ def _package_status(error: BaseException) -> int | None:
 
 
 def _describe_os_error(error: OSError) -> tuple[str, int]:
-    """Full discs and the like are failed work (1), a path that cannot be used is a wrong call (2)."""
+    """Return the sentence and status: a full disk is failed work (1), a path that cannot be used is a wrong call (2)."""
     where = f" {error.filename}" if error.filename else ""
     what = error.strerror or _one_line(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT):

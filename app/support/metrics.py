@@ -1,4 +1,4 @@
-"""Episodes as rows, and JSON files of them."""
+"""Metrics of an episode, one row each, and JSON files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ COLUMNS = (
 
 
 def episode_metrics(episode: Episode) -> dict[str, Any]:
-    """One row in the order of COLUMNS; contact portions in 0..1 (noise above 1 is cut off), None for no moment."""
+    """Return the row of an episode; contact portions in 0..1 (noise above 1 is cut off), None where there is none."""
     contact = np.clip(episode.contact(), 0.0, 1.0)
     ground_truth = episode.final_ground_truth
 
@@ -91,4 +91,4 @@ def _plain(value: object) -> Any:
         return value.tolist()
     if isinstance(value, Path):
         return str(value)
-    raise TypeError(f"{type(value).__name__} has no place in a JSON file")
+    raise TypeError(f"a {type(value).__name__} cannot be written to a JSON file")

@@ -1,4 +1,4 @@
-"""Progress on stderr: what is being done now and how long the rest will take, across the phases of a command.
+"""Progress on stderr: the current phase and item of a command, and the expected time left.
 
 On a terminal a bar, elsewhere plain lines: one at each phase and each finished item, and at most one every few seconds
 in between.
@@ -39,7 +39,7 @@ class Progress:
         clock: Callable[[], float] = time.monotonic,
         interval_s: float = PLAIN_INTERVAL_S,
     ) -> None:
-        """Weights in seconds, each above 0; ``stream`` is stderr unless a test gives another."""
+        """``phases``: weights in seconds, each above 0; ``stream``: stderr by default."""
         if not phases or min(phases.values()) <= 0:
             raise ValueError(f"phases are {dict(phases)}; at least one is needed, each with a weight above 0")
         self._weights = dict(phases)
@@ -72,7 +72,7 @@ class Progress:
             self._bar.stop()
 
     def phase(self, name: str, items: int = 1) -> None:
-        """Begin the phase ``name`` of ``items`` items; the one before it is thereby finished."""
+        """Begin the phase ``name`` of ``items`` items, and end the one before."""
         if name not in self._weights:
             raise ValueError(f"phase {name!r} is unknown; known ones are {', '.join(self._weights)}")
         self._close_phase()
@@ -80,19 +80,19 @@ class Progress:
         self._show(speak=True)
 
     def advance(self, amount: float = 1.0, status: str = "") -> None:
-        """``amount`` items more are done; crossing a whole item is worth a line."""
+        """Count ``amount`` more items as done; a whole item gives a line."""
         before = int(self._done + 1e-9)
         self._done = min(self._done + amount, float(self._items))
         self._status = status
         self._show(speak=int(self._done + 1e-9) > before)
 
     def status(self, text: str) -> None:
-        """What is happening inside the current item."""
+        """Show what happens inside the current item."""
         self._status = text
         self._show(speak=False)
 
     def note(self, text: str) -> None:
-        """A line that stays."""
+        """Print a line that stays."""
         if self._bar:
             self._bar.console.print(text, markup=False, highlight=False)
         else:
@@ -105,7 +105,7 @@ class Progress:
         return min((sum(self._finished.values()) + current) / sum(self._weights.values()), 1.0)
 
     def remaining_s(self) -> float:
-        """Expected remaining time: by the weights at first, by the measured speed as soon as there is one."""
+        """Return the expected remaining time: at first by the weights, then by the measured speed."""
         if self.share < TRUST_AFTER_SHARE:
             return max(sum(self._weights.values()) - (self._clock() - self._began_s), 0.0)
         return (self._clock() - self._began_s) * (1.0 - self.share) / self.share
@@ -122,7 +122,7 @@ class Progress:
         return f"{self._phase}{count}" + (f": {self._status}" if self._status else "")
 
     def _show(self, *, speak: bool) -> None:
-        """Redraw the bar, or print a line if there is reason to or it is time for one."""
+        """Redraw the bar, or print a line if ``speak`` or the last one is old."""
         left = f"about {duration(self.remaining_s())} left" if self._phase else ""
         if self._bar and self._bar_task is not None:
             self._bar.update(
@@ -139,7 +139,7 @@ class Progress:
 
 
 def duration(seconds: float) -> str:
-    """A time span for a person: "40 s", "3 min", "1 h 05 min"."""
+    """Format a time span: "40 s", "3 min", "1 h 05 min"."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60)

@@ -1,4 +1,4 @@
-"""What is checked before work begins: counts, names, paths, the interpreter."""
+"""Checks of a call before its work begins: numbers, names, paths, the interpreter."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SUPPORTED_PYTHONS = ((3, 10), (3, 11))
 
 
 def require_simulator() -> None:
-    """Stop in one sentence where this interpreter cannot run the bench; ``layflat doctor`` says all of it."""
+    """Raise LayflatError where this interpreter cannot run the simulation."""
     if sys.version_info[:2] not in SUPPORTED_PYTHONS:
         raise LayflatError(
             f"Layflat needs Python 3.11 or 3.10, the ones PyBullet has wheels for, and this is "
@@ -25,28 +25,28 @@ def require_simulator() -> None:
 
 
 def positive(name: str, value: int) -> int:
-    """A count as it was given, or UsageError."""
+    """Return the number if it is at least 1, else raise UsageError."""
     if value < 1:
         raise UsageError(f"{name} is {value}; at least 1 is needed")
     return value
 
 
 def seed_in_range(value: int) -> int:
-    """A seed that numpy takes, or UsageError."""
+    """Return the seed if numpy takes it, else raise UsageError."""
     if not 0 <= value < 2**32:
         raise UsageError(f"--seed is {value}; it must be between 0 and {2**32 - 1}")
     return value
 
 
 def episode_number(value: int) -> int:
-    """The number of a demo as it was given, or UsageError."""
+    """Return the number of a demo if it can be one, else raise UsageError."""
     if not 0 <= value < 10**9:
         raise UsageError(f"--episode is {value}; it must be the number of a demo, such as 3 for demo_3")
     return value
 
 
 def one_of(kind: str, name: str, known: Iterable[str]) -> str:
-    """``name`` if it is among ``known``, else UsageError that lists them: "cloth 'silk' is unknown; ..."."""
+    """Return ``name`` if it is among ``known``, else raise UsageError: "cloth 'silk' is unknown; known ones are ..."."""
     names = sorted(known)
     if name not in names:
         raise UsageError(f"{kind} {name!r} is unknown; known ones are {', '.join(names)}")
@@ -54,7 +54,7 @@ def one_of(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def readable_file(path: Path, what: str) -> Path:
-    """``path`` if it is a file that can be read, else UsageError; ``what`` says what it should have been."""
+    """Return ``path`` if it is a file that can be read, else raise UsageError; ``what`` says what it should be."""
     if not path.exists():
         raise UsageError(f"{path} does not exist; give {what}")
     if not path.is_file():
@@ -82,7 +82,7 @@ def writable_file(path: Path, *, force: bool, append: bool = False, suffix: str 
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder where it is missing and make sure by a probe that a file can be made in it, else UsageError."""
+    """Make a folder where it is missing and check that a file can be written into it, else raise UsageError."""
     probe = path / f".layflat-probe-{os.getpid()}"
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,7 @@ def writable_folder(path: Path) -> Path:
 
 
 def available_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -1,0 +1,1 @@
+"""Running an episode in a process of its own."""

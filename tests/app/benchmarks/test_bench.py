@@ -17,38 +17,38 @@ from layflat.app.benchmarks import (
     measure_perception,
     measure_solver_settings,
 )
+from layflat.app.benchmarks.rows import RTF, BenchmarkRow
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG
 from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS
 from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.app.fake_episodes import FakeEpisodes
 
-PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.PACKINGS]
+PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.COMPRESSIONS]
 KEYS = ["name", "value", "unit", "baseline", "ratio"]
+NAMES = {
+    "physics": ("air", "air bare", "drag", "flat", "flat bare"),
+    "seeing": ("flat", "drag", "capture", "perceive", "keep"),
+    "perception": ("percept", "reference", "reference how", "how", "word", "hog"),
+    "prediction": ("predict", "GPy"),
+    "published cloths": tuple(
+        f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *SOLVER_SETTINGS)
+    ),
+    "evaluation": tuple(str(workers) for workers in measure_batch.WORKERS),
+    "recording": ("step", "hand over", "journal", "keep", "raw", "size", *PACKED),
+    "opening": ("open", "read", "arrays", "growth", "episodes"),
+}
+"""Samples of each measurement."""
 
 
-def _samples(kind: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
-    names = {
-        "physics": ("air", "air bare", "drag", "flat", "flat bare"),
-        "fine physics": ("air", "air bare", "drag", "flat", "flat bare"),
-        "seeing": ("flat", "drag", "capture", "perceive", "keep"),
-        "fine seeing": ("flat", "drag", "capture", "perceive", "keep"),
-        "sight": ("percept", "plain", "plain how", "how", "word", "hog"),
-        "predicting": ("predict", "GPy"),
-        "recipes": tuple(
-            f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *SOLVER_SETTINGS)
-        ),
-        "batch": tuple(str(workers) for workers in measure_batch.WORKERS),
-        "recording": ("step", "hand over", "journal", "keep", "raw", "size", *PACKED),
-        "opening": ("open", "read", "arrays", "growth", "episodes"),
-    }[kind]
-    return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in names}
+def _samples(title: str, wall_s: float = 0.05) -> dict[str, np.ndarray]:
+    return {name: np.array([wall_s, 2 * wall_s, 0.9 * wall_s]) for name in NAMES[title.partition(",")[0]]}
 
 
-def _all_rows() -> list[bench.BenchmarkRow]:
-    rows: list[bench.BenchmarkRow] = []
+def _all_rows() -> list[BenchmarkRow]:
+    rows: list[BenchmarkRow] = []
     for item in bench.measurements(None):
-        rows += bench.rows_of(item, _samples(item.kind), rows)
+        rows += item.rows(_samples(item.title), {row.name: row.value for row in rows})
     return rows
 
 
@@ -84,20 +84,20 @@ def test_overhead_compares_neighbouring_blocks():
     item = next(iter(bench.measurements(None)))
     busy = np.array([1.0, 3.0, 1.0, 5.0, 2.0])  # what others do slows neighbours alike
     samples = _samples("physics") | {"air bare": 0.02 * busy, "air": 0.021 * busy}
-    row = next(row for row in bench.rows_of(item, samples, []) if "bare, in the air" in row.name)
+    row = next(row for row in item.rows(samples, {}) if "bare, in the air" in row.name)
     assert row.ratio == pytest.approx(1.05)
 
 
 def test_the_table_shows_every_row(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "110")
     rows = _all_rows()
-    bench.show(rows)
+    bench.print_results(rows)
     out = capsys.readouterr().out
     assert all(row.name in out for row in rows)
 
 
 def test_predicting_really_predicts():
-    walls = measure.predicting("hanger")
+    walls = measure.prediction("hanger")
     assert {len(wall) for wall in walls.values()} == {200}
     assert 0 < np.median(walls["predict"]) < 0.1
     assert np.median(walls["predict"] / walls["GPy"]) < 0.7
@@ -117,7 +117,7 @@ def test_what_is_timed_beside_gpy_gives_gpys_numbers(robot):
 
 @pytest.mark.parametrize("config", [AXIAL_CONFIG, THESIS_CONFIG], ids=["word-axial", "word"])
 def test_the_fast_way_gives_the_plain_ways_numbers(config):
-    assert measure_perception.same_numbers(config) < 1e-5
+    assert measure_perception.reference_error(config) < 1e-5
 
 
 @pytest.mark.slow
@@ -134,10 +134,10 @@ def test_a_short_real_run(robot, tmp_path):
 
 def test_recipes_are_compared_with_ours_of_as_many_nodes():
     rows = {row.name: row for row in _all_rows()}
-    for across in measure_solver_settings.ACROSS:
+    for nodes in measure_solver_settings.NODES:
         for name in SOLVER_SETTINGS:
-            row = rows[f"bare cloth {across} x {across} flat / {name}"]
-            assert row.unit == bench.RTF
+            row = rows[f"bare cloth {nodes} x {nodes} flat / {name}"]
+            assert row.unit == RTF
             assert row.ratio == pytest.approx(1.0)
 
 
@@ -153,9 +153,9 @@ def test_a_batch_is_really_shared_by_workers(tmp_path):
 @pytest.mark.slow
 def test_recipes_really_run():
     with bench.process_pool(1) as pool:
-        samples = pool.schedule(measure_solver_settings.recipes, args=(10, "towel", 0.1, 2)).result()
+        samples = pool.schedule(measure_solver_settings.published_cloths, args=(10, "towel", 0.1, 2)).result()
     assert all((walls > 0).all() and len(walls) == 2 for walls in samples.values())
-    assert len(measure_solver_settings.lines_of(10, samples)) == 4
+    assert len(measure_solver_settings.rows(10, samples, {})) == 4
 
 
 @pytest.mark.slow
