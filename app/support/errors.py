@@ -104,7 +104,7 @@ def _package_status(error: BaseException) -> int | None:
 
 
 def _describe_os_error(error: OSError) -> tuple[str, int]:
-    """Return the sentence and status: a full disk is failed work (1), a path that cannot be used is a wrong call (2)."""
+    """Return sentence and status: a full disk is failed work (1), a path that cannot be used is a wrong call (2)."""
     where = f" {error.filename}" if error.filename else ""
     what = error.strerror or _one_line(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT):

@@ -46,7 +46,7 @@ def episode_number(value: int) -> int:
 
 
 def one_of(kind: str, name: str, known: Iterable[str]) -> str:
-    """Return ``name`` if it is among ``known``, else raise UsageError: "cloth 'silk' is unknown; known ones are ..."."""
+    """Return ``name`` if it is among ``known``, else raise UsageError, which lists them."""
     names = sorted(known)
     if name not in names:
         raise UsageError(f"{kind} {name!r} is unknown; known ones are {', '.join(names)}")
