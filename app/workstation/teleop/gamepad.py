@@ -158,13 +158,13 @@ def speed(state: GamepadState) -> float:
     return min(max(SPEED + (1.0 - SPEED) * state.r2 - (SPEED - FINE_SPEED) * state.l2, FINE_SPEED), 1.0)
 
 
-_TRIGGERS = (Button("R2", "faster"), Button("L2", "finer"))
+_TRIGGERS = (Button("R2, L2", "faster, finer"),)
 _MOTION_HELP: dict[int, tuple[Button, ...]] = {
-    1: (Button("left stick", "hanger forward, back, up, down"), *_TRIGGERS),
+    1: (Button("left stick", "hanger: forward, back, up, down"), *_TRIGGERS),
     2: (
-        Button("left, right stick", "left, right picker forward, back, up, down"),
-        Button("L1 held", "sticks move to the side"),
-        Button("R1 held", "left stick: both; right stick: both to the side"),
+        Button("left, right stick", "left, right picker: forward, back, up, down"),
+        Button("L1 held", "to the side"),
+        Button("R1 held", "left stick: both; right: both to the side"),
         *_TRIGGERS,
     ),
 }
