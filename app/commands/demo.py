@@ -10,6 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
+
 from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
 from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import clear, run_evaluation
@@ -86,7 +88,9 @@ def run_demo(config: DemoConfig, *, workers: int, force: bool) -> Path:
         results = run_evaluation(plan, out, workers=workers, progress=progress)
         progress.phase("report")
         _write_frames(out / "frames.png", results, robots[0])
-        options = PageOptions(title=TITLE, thesis_tables=True, sections=(_field_section(store, robots, cloth),))
+        options = PageOptions(
+            title=TITLE, thesis_tables=True, has_video=_has_video, sections=(_field_section(store, robots, cloth),)
+        )
         write_evaluation(results, options, on_progress=progress.status)
     print(f"report: {report}")
     return report
@@ -141,6 +145,11 @@ def _field_section(store: ArtifactStore, robots: Sequence[str], cloth: str) -> S
             yield field_figure(models, learned)
 
     return Section(id="field", title="Learned attractor fields", short="Fields", blocks=tuple(blocks()))
+
+
+def _has_video(example: str, row: pd.Series) -> bool:
+    """Show how the policy that goes past the thesis's repairs."""
+    return example == "median" and row["policy"] == FINISHER and row["disturbance"] == DISTURBANCE
 
 
 def _write_frames(path: Path, results: EvaluationResults, robot: str) -> None:

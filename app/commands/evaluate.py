@@ -15,7 +15,7 @@ from layflat.app.evaluation.results import EvaluationResults
 from layflat.app.evaluation.run import run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.report.comparison_sentences import paired_table
-from layflat.app.report.evaluation_page import EXAMPLES, PageOptions, write_evaluation
+from layflat.app.report.evaluation_page import PageOptions, write_evaluation
 from layflat.app.report.policies import policies_of
 from layflat.app.report.result_tables import group_table
 from layflat.app.support import validators
@@ -80,7 +80,7 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         progress.phase("episodes", items=plan.n_episodes)
         results = run_evaluation(plan, config.out, engine=engine, force=force, progress=progress)
         progress.phase("report")
-        options = PageOptions(videos=EXAMPLES if config.videos else ())
+        options = PageOptions(has_video=lambda example, row: config.videos)
         page = write_evaluation(results, options, on_progress=progress.status)
     print_results(results.rows)
     print(f"results: {config.out}")

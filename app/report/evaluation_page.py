@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -80,8 +80,8 @@ class PageOptions:
 
     title: str = ""
     """By default from the folder's name."""
-    videos: Collection[str] = ()
-    """EXAMPLES of each policy that get a video."""
+    has_video: Callable[[str, pd.Series], bool] = lambda example, row: False
+    """Whether one of EXAMPLES of a policy, whose row is given, gets a video."""
     thesis_tables: bool = False
     """Whether the thesis's Tables 4-1 and 4-2 stand above ours."""
     sections: tuple[Section, ...] = ()
@@ -156,7 +156,7 @@ def contact_curves(rows: pd.DataFrame, curve: Callable[[str], charts.Curve]) -> 
 
 
 def example_strips(
-    results: ResultsLike, renderer: EpisodeRenderer, rows: pd.DataFrame, videos: Collection[str]
+    results: ResultsLike, renderer: EpisodeRenderer, rows: pd.DataFrame, options: PageOptions
 ) -> Iterator[Block]:
     """Yield frames (and videos) of the best, the median and the worst episode of each policy."""
     for policy in policies_of(rows):
@@ -169,7 +169,7 @@ def example_strips(
             if is_drawable(episode):
                 frames = renderer.frame_strip(episode, key_steps(episode, STRIP_FRAMES), STRIP_WIDTH)
                 yield FrameStrip(frames=frames, policy=policy, caption=caption)
-                if name in videos:
+                if options.has_video(name, row):
                     video = partial(renderer.camera_frames, episode, VIDEO_WIDTH)
                     yield VideoBlock(frames=video, fps=1.0 / episode.step_s, policy=policy, caption=caption)
 
@@ -190,7 +190,7 @@ def _section(
         blocks.append(_thesis_table(results, rows, disturbance))
     blocks += _comparisons(rows, "contact_final" if disturbance == UNDISTURBED else "gain")
     blocks += [moment_boxes(rows), contact_curves(rows, lambda run: charts.curve_of(results.episode(run)))]
-    blocks += example_strips(results, renderer, rows, options.videos)
+    blocks += example_strips(results, renderer, rows, options)
     return Section(
         id=re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-"),
         title=title[0].upper() + title[1:],

@@ -141,7 +141,9 @@ def test_a_video_is_made_of_each_example_that_is_asked_for(pickers, videos, tmp_
         episode = staticmethod(pickers.episode)
 
     with EpisodeRenderer() as renderer:
-        page = evaluation_page(OnePolicy(), renderer, PageOptions(videos=videos), title="t")
+        page = evaluation_page(
+            OnePolicy(), renderer, PageOptions(has_video=lambda example, row: example in videos), title="t"
+        )
         found = [block for block in page.sections[0].blocks if isinstance(block, VideoBlock)]
         assert [block.caption.split(":")[0] for block in found] == list(videos)
         if len(found) == 1:
