@@ -38,8 +38,7 @@ def draw_cloth_state(
 ) -> RgbArray:
     """Return the image (H, W, 3), enlarged ``scale`` times, with contact tinted, the cloth outlined, WORD as an arrow.
 
-    The arrow lies on the table and starts at the contact's centroid; ``label`` names it. The contact portion is written
-    in the corner.
+    ``label`` names the arrow. The contact portion is written in the corner.
     """
     if rgb.shape != (camera.height, camera.width, 3):
         raise PerceptionError(f"rgb has shape {rgb.shape}; this camera gives {(camera.height, camera.width, 3)}")

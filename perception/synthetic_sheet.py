@@ -43,9 +43,8 @@ class Wave:
         if not (self.wavelength_m > 0 and self.amplitude_m >= 0):
             raise PerceptionError(f"{self}: the wavelength must be positive and the amplitude not negative")
         if self.slope > MAX_SLOPE:
-            raise PerceptionError(
-                f"{self} is as steep as {self.slope:.2f}; at most {MAX_SLOPE} can be drawn: use a longer wavelength"
-            )
+            steep = f"is as steep as {self.slope:.2f}; at most {MAX_SLOPE} can be drawn"
+            raise PerceptionError(f"{self} {steep}: use a longer wavelength")
 
     @property
     def slope(self) -> float:
@@ -90,10 +89,9 @@ class SyntheticSheet:
     def slopes(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return dh/dx and dh/dy."""
         step = SLOPE_STEP_M
-        return (
-            (self.height(x + step, y) - self.height(x - step, y)) / (2 * step),
-            (self.height(x, y + step) - self.height(x, y - step)) / (2 * step),
-        )
+        along = self.height(x + step, y) - self.height(x - step, y)
+        across = self.height(x, y + step) - self.height(x, y - step)
+        return along / (2 * step), across / (2 * step)
 
     def covers(self, x: Float64Array, y: Float64Array) -> BoolArray:
         """Return where the sheet is, seen from straight above."""

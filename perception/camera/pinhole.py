@@ -37,9 +37,8 @@ class PinholeCamera:
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5) or np.linalg.det(rotation) < 0:
             raise PerceptionError("cam_to_world's rotation is not orthonormal and right-handed")
         if self.width < 1 or self.height < 1 or not (self.fx > 0 and self.fy > 0):
-            raise PerceptionError(
-                f"camera is {self.width}x{self.height} px with fx {self.fx}, fy {self.fy}; all must be positive"
-            )
+            size = f"{self.width}x{self.height} px"
+            raise PerceptionError(f"camera is {size} with fx {self.fx}, fy {self.fy}; all must be positive")
         if pose[2, 3] <= 0:
             raise PerceptionError(f"camera is at z = {pose[2, 3]:.3f} m; it must be above the table (z > 0)")
         pose.setflags(write=False)
@@ -64,9 +63,7 @@ class PinholeCamera:
         forward = np.asarray(target, dtype=np.float64) - eye
         right = np.cross(forward, np.asarray(up, dtype=np.float64))
         if np.linalg.norm(right) < 1e-9 * max(1.0, float(np.linalg.norm(forward))):
-            raise PerceptionError(
-                f"up {up!r} is parallel to the viewing direction {forward.tolist()}; choose another up"
-            )
+            raise PerceptionError(f"up {up!r} is parallel to the view {forward.tolist()}; choose another up")
         forward /= np.linalg.norm(forward)
         right /= np.linalg.norm(right)
         pose = np.eye(4)
@@ -126,9 +123,8 @@ class PinholeCamera:
         ``depth`` (H, W) m along the optical axis is of the whole image; ``window`` limits the work to a part of it.
         """
         if depth.shape != (self.height, self.width):
-            raise PerceptionError(
-                f"depth has shape {depth.shape}; this camera's images are {(self.height, self.width)}"
-            )
+            size = (self.height, self.width)
+            raise PerceptionError(f"depth has shape {depth.shape}; this camera's images are {size}")
         part = depth[window].astype(np.float32, copy=False)
         height = part * self.rise_per_depth[window] + np.float32(self.position[2])
         height[~((part > 0) & (part < np.inf))] = np.nan

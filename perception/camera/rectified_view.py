@@ -1,14 +1,14 @@
 """Rectified (bird's-eye) view: the camera's image resampled into a table grid, +x to the right and +y up.
 
-A pixel then means the same area of table wherever the cloth lies in a tilted camera's image, so that the two pixel
-counts of Eq. 4-7 can be compared, directions are in table coordinates, and the Gabor wavelength is a length on the
-cloth. What lies above the table is displaced away from the camera (parallax); only what is near it counts.
+A pixel then means the same area of table wherever the cloth lies: the pixel counts of Eq. 4-7 can be compared,
+directions are in table coordinates, and the Gabor wavelength is a length on the cloth. What lies above the table is
+displaced away from the camera (parallax).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -47,13 +47,7 @@ class ClothView:
 
     def crop(self, window: Window) -> ClothView:
         """Return a window of the view."""
-        return ClothView(
-            rgb=self.rgb[window],
-            cloth=self.cloth[window],
-            contact=self.contact[window],
-            height=self.height[window],
-            mm_per_px=self.mm_per_px,
-        )
+        return replace(self, **{name: getattr(self, name)[window] for name in ("rgb", "cloth", "contact", "height")})
 
 
 class TableRectifier:

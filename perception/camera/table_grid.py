@@ -72,8 +72,8 @@ def grid_around(
 ) -> TableGrid:
     """Return a grid that holds what the pixels of ``cloth`` (H, W) cover on the table, with a margin on each side.
 
-    Pixels that meet the table farther than ``reach_m`` from the camera's foot, or never, show lifted cloth in front of
-    what is far away; they are ignored. ``mm_per_px`` is doubled until the grid has at most MAX_FITTED_PIXELS.
+    Pixels that meet the table beyond ``reach_m`` from the camera's foot, or never, show lifted cloth and are ignored.
+    ``mm_per_px`` is doubled until the grid has at most MAX_FITTED_PIXELS.
     """
     rows, columns = np.nonzero(cloth)
     x, y, nearness = np.linalg.inv(camera.table_to_pixel) @ np.stack([columns, rows, np.ones(len(rows))])

@@ -24,14 +24,12 @@ RESIDUAL_M = 0.005
 MAX_WIDENING = 3.0
 """The final fit takes pixels as far away as this times the above, if they scatter so."""
 MIN_POINTS = 400
-"""Smallest number of depth pixels that a plane is fitted to."""
 MIN_SHARE = 0.2
-"""Smallest share of the pixels on the plane; a table without other objects in the image has more than 0.9."""
+"""Smallest share of the pixels on the plane; a table alone in the image has more than 0.9."""
 MAX_TILT_DEG = 80.0
-"""Largest angle between the optical axis and the table's normal; beyond, the table is seen edge on."""
+"""Beyond this tilt the table is seen edge on."""
 RIM_SHARE = 0.01
-"""Excluded rim around the cloth, share of the image width: depth is matched over a window, so that the cloth's edge
-lifts its neighbours."""
+"""Excluded rim around the cloth, share of the image width: its edge lifts its neighbours' depth."""
 RING_SHARE = 0.3
 """Width of the ring around the cloth, share of the cloth's side."""
 RANSAC_POINTS, FIT_POINTS = 4000, 80_000
@@ -63,11 +61,10 @@ class TablePlane:
         return math.degrees(math.acos(min(1.0, -float(self.normal[2]))))
 
     def camera(self, intrinsics: Intrinsics) -> PinholeCamera:
-        """Return the camera over this table.
+        """Return the camera over this table, with the world's origin on the table below it.
 
-        Its world has z = 0 on the table and the origin below the camera; x is the image's right, projected on the
-        table; y, at a right angle to x, points to the image's top. Directions in table coordinates are then the
-        image's, x right and y up, without the foreshortening of a tilted view.
+        x is the image's right, projected on the table; y, at a right angle to x, points to the image's top. Directions
+        in table coordinates are then the image's, without the foreshortening of a tilted view.
         """
         right = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
         right /= np.linalg.norm(right)
@@ -80,23 +77,11 @@ class TablePlane:
 def fit_table_plane(
     depth: FloatArray, intrinsics: Intrinsics, *, rng: np.random.Generator, cloth: BoolArray | None = None
 ) -> TablePlane:
-    """Fit the table's plane to a depth image: RANSAC (scikit-learn's), then least squares on the inliers.
+    """Fit the table's plane to ``depth`` (H, W): RANSAC (scikit-learn's), then least squares on the inliers.
 
-    Parameters
-    ----------
-    depth : (H, W) array
-        Metres along the optical axis; 0 or not finite where missing.
-    intrinsics : Intrinsics
-    rng : numpy Generator
-        Draws pixels and trials.
-    cloth : (H, W) bool array, optional
-        The cloth is left out and a ring around it is preferred, so that a larger floor is not taken for the table and
-        a sensor's bent field of depth matters less. Without it the whole image is used.
-
-    Raises
-    ------
-    PerceptionError
-        If there are too few depth pixels, or no plane holds MIN_SHARE of them.
+    The pixels of ``cloth`` (H, W) are left out and a ring around them is preferred, so that a larger floor is not taken
+    for the table and a sensor's bent field of depth matters less. ``rng`` draws pixels and trials. PerceptionError if
+    there are too few depth pixels, or no plane holds MIN_SHARE of them.
     """
     if depth.shape != (intrinsics.height, intrinsics.width):
         raise PerceptionError(
@@ -116,15 +101,10 @@ def fit_table_plane(
     plane, inliers = _refine(rays, inverse, plane, tolerance)
     size = float(np.linalg.norm(plane))
     height = (inverse - rays @ plane)[inliers] / inverse[inliers] / size
+    rms_m = float(np.sqrt(np.mean(height**2)))
     normal = -plane / size
     normal.setflags(write=False)
-    return TablePlane(
-        normal=normal,
-        distance_m=1 / size,
-        rms_m=float(np.sqrt(np.mean(height**2))),
-        inlier_share=share,
-        n_inliers=int(np.count_nonzero(inliers)),
-    )
+    return TablePlane(normal=normal, distance_m=1 / size, rms_m=rms_m, inlier_share=share, n_inliers=len(height))
 
 
 def _candidate_masks(depth: FloatArray, cloth: BoolArray | None) -> list[BoolArray]:

@@ -30,16 +30,13 @@ SUNKEN_M = -0.02
 """A cloth mostly below this lies on something else than the fitted plane."""
 REFERENCE_WIDTH = 320
 """Image width that PerceptionConfig's camera pixels are meant for; they are scaled to the image."""
-PIECE_SHARE = 0.02
-"""Smallest piece of the cloth's colour that belongs to the cloth, share of the main piece ..."""
-PIECE_GAP = 0.12
-"""... at a gap of at most this share of the main piece's side (something lies across the cloth)."""
-NOISY_SHARE = 0.5
-"""Warn where the depth scatters by more than this share of the contact height."""
+PIECE_SHARE, PIECE_GAP = 0.02, 0.12
+"""Smallest piece of the cloth's colour that belongs to the cloth, share of the main piece; largest gap between them
+(something lies across the cloth), share of its side."""
+NOISY_SHARE, HOLES_SHARE = 0.5, 0.3
+"""Warn where the depth scatters by more than this share of the contact height, or is missing on more of the cloth."""
 MIN_DEPTH_SHARE = 0.2
 """Share of the cloth that must have a depth."""
-HOLES_SHARE = 0.3
-"""Warn where more of the cloth than this has no depth."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,27 +69,11 @@ def analyze_frame(
     flat_pixels: int | None = None,
     rng: np.random.Generator,
 ) -> FrameResult:
-    """Estimate the state of the cloth in a frame of a camera with unknown pose.
+    """Estimate the state of the cloth in a frame of a camera with unknown pose; ``depth`` is aligned with ``rgb``.
 
-    Parameters
-    ----------
-    rgb : (H, W, 3) uint8 array
-    depth : (H, W) float array
-        Aligned with ``rgb``, metres, 0 where missing.
-    intrinsics : Intrinsics
-    color : HsvRange, optional
-        Colour of the cloth; by default learned at ``cloth_at``, else suggested.
-    cloth_at : (column, row), optional
-        A pixel on the cloth.
-    contact_height_m, flat_pixels
-        As in PerceptionConfig and PerceptionPipeline.
-    rng : numpy Generator
-        Draws the pixels and trials of the table fit.
-
-    Raises
-    ------
-    PerceptionError
-        If there is no cloth, no table, or only a part of the cloth.
+    The cloth's ``color`` is by default learned at the pixel ``cloth_at`` (column, row) of the cloth, else suggested.
+    ``rng`` draws the pixels and trials of the table fit. PerceptionError if there is no cloth, no table, or only a part
+    of the cloth.
     """
     _check_images(rgb, depth, intrinsics)
     source: ColorSource = "given" if color else "learned" if cloth_at else "suggested"
@@ -160,10 +141,8 @@ def _check_images(rgb: RgbArray, depth: FloatArray, intrinsics: Intrinsics) -> N
 def _check_on_table(plane: TablePlane, cloth: BoolArray, height: Float32Array) -> None:
     """Raise PerceptionError unless the table is in range and the cloth is on this table or above it."""
     if not TABLE_RANGE_M[0] * 0.5 < plane.distance_m < TABLE_RANGE_M[1]:
-        raise PerceptionError(
-            f"the table would be {plane.distance_m:.3g} m below the camera; "
-            "do the depth's unit and the intrinsics fit it?"
-        )
+        below = f"{plane.distance_m:.3g} m below the camera"
+        raise PerceptionError(f"the table would be {below}; do the depth's unit and the intrinsics fit it?")
     known = ~np.isnan(height[cloth])
     if known.mean() < MIN_DEPTH_SHARE:
         raise PerceptionError(

@@ -1,11 +1,12 @@
-"""Contact of the cloth with the table (thesis 3-1-2, contact detection) and the contact portion (Eq. 4-7)."""
+"""Height of the cloth over the table: contact (thesis 3-1-2), contact portion (Eq. 4-7), and the free edge."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from layflat.perception.arrays import BoolArray, Float32Array
+from layflat.perception.arrays import BoolArray, Float32Array, Float64Array, FloatArray
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.errors import PerceptionError
 
 MIN_HEIGHT_M = -0.02
@@ -18,13 +19,17 @@ MAX_STRETCH = 1.06
 """Largest area of a stretched cloth over its area at rest. The simulated cloths, laid by two corners, reach 1.03 to
 1.06; a cloth that seems larger is not the one that P_flat was counted with."""
 
+LOWEST_SHARE = 0.05
+"""Share of the cloth's pixels that count as its free edge: some hundred, so that the depth noise averages out."""
+MIN_PIXELS = 20
+
 
 def smooth_height(height: Float32Array, cloth: BoolArray, size_px: int = 5) -> Float32Array:
     """Return (h, w) the mean height, m, of the valid cloth pixels in a box of ``size_px`` around each pixel.
 
-    ``height`` (h, w) is NaN where the sensor has no value. The table around the cloth is left out, so that it does not
-    lower a lifted rim. A cloth pixel without a value in its box takes that of the nearest pixel that has one: missing
-    depth is filled, never read as "no contact". Defined on the cloth and one pixel around it, MAX_HEIGHT_M elsewhere.
+    ``height`` is NaN where the sensor has no value. The table around the cloth is left out, so that it does not lower a
+    lifted rim. A pixel without a value in its box takes the nearest: missing depth is filled, never read as "no
+    contact". Defined on the cloth and one pixel around it, MAX_HEIGHT_M elsewhere.
     """
     valid = cloth & ~np.isnan(height)
     n_valid = np.count_nonzero(valid)
@@ -77,11 +82,26 @@ def covered_pixels(cloth: BoolArray, height: Float32Array, *, contact_height_m: 
 def contact_portion(contact_pixels: int, *, covered: float, flat_pixels: int) -> float:
     """Return Eq. 4-7, C = P_contact / P_flat, with P_flat corrected for stretch.
 
-    A cloth held by two corners is stretched and covers more pixels than P_flat: by Eq. 4-7 to the letter its contact
-    reads 1 while parts of it still stand up. More visible cloth than P_flat means stretch, so then
-    C = P_contact / ``covered``, up to MAX_STRETCH. The result exceeds 1 only for another cloth than that of
-    ``flat_pixels``. All counts are of the same rectified view.
+    A cloth held by two corners is stretched: by Eq. 4-7 to the letter its contact reads 1 while parts of it still stand
+    up. Where more cloth is visible than P_flat, C = P_contact / ``covered``, up to MAX_STRETCH. The result exceeds 1
+    only for another cloth than that of ``flat_pixels``. All counts are of the same rectified view.
     """
     if flat_pixels <= 0:
         raise PerceptionError(f"flat_pixels is {flat_pixels}; it must be the positive pixel count of the flat cloth")
     return contact_pixels / min(max(flat_pixels, covered), MAX_STRETCH * flat_pixels)
+
+
+def free_edge(camera: PinholeCamera, cloth: BoolArray, depth: FloatArray) -> Float64Array | None:
+    """Return the mean position (3,) of the lowest LOWEST_SHARE of the visible cloth, world, m.
+
+    ``cloth`` and ``depth`` (H, W) are camera images; None where fewer than MIN_PIXELS have a depth.
+    """
+    rows, columns = np.nonzero(cloth & (depth > 0))
+    if len(rows) < MIN_PIXELS:
+        return None
+    along = depth[rows, columns]
+    height = along * camera.rise_per_depth[rows, columns] + camera.position[2]
+    count = max(MIN_PIXELS, round(LOWEST_SHARE * len(rows)))
+    low = np.argpartition(height, count - 1)[:count]
+    points = camera.back_project(np.column_stack([columns[low], rows[low]]), along[low])
+    return np.asarray(points.mean(axis=0))

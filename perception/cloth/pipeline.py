@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from layflat.perception.arrays import (
     BoolArray,
@@ -21,8 +20,7 @@ from layflat.perception.arrays import (
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import ClothView, TableRectifier
 from layflat.perception.camera.table_grid import TableGrid
-from layflat.perception.cloth.contact import contact_mask, contact_portion, covered_pixels, smooth_height
-from layflat.perception.cloth.free_edge import free_edge
+from layflat.perception.cloth.contact import contact_mask, contact_portion, covered_pixels, free_edge, smooth_height
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.perception.descriptors.base import Descriptor, WrinkleDirection
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, make_descriptor
@@ -89,12 +87,16 @@ class ClothState:
     cloth or if not measured."""
 
     def __post_init__(self) -> None:
-        shape = (self.grid.height, self.grid.width)
-        object.__setattr__(self, "cloth_mask", _read_only(self.cloth_mask, np.bool_, shape, "cloth_mask"))
-        object.__setattr__(self, "contact_mask", _read_only(self.contact_mask, np.bool_, shape, "contact_mask"))
-        object.__setattr__(self, "word", _read_only(self.word, np.float64, (2,), "word"))
-        if self.free_edge_m is not None:
-            object.__setattr__(self, "free_edge_m", _read_only(self.free_edge_m, np.float64, (3,), "free_edge_m"))
+        grid = (self.grid.height, self.grid.width)
+        for name, shape in (("cloth_mask", grid), ("contact_mask", grid), ("word", (2,)), ("free_edge_m", (3,))):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            view = value.view()
+            if view.shape != shape:
+                raise PerceptionError(f"{name} has shape {view.shape}; it must be {shape}")
+            view.setflags(write=False)
+            object.__setattr__(self, name, view)
 
 
 class _RectifiedFrame(NamedTuple):
@@ -110,12 +112,7 @@ class _RectifiedFrame(NamedTuple):
 class PerceptionPipeline:
     """Estimates the state of the cloth from one camera: segmentation, contact, wrinkles (thesis 3-1-2). Stateless.
 
-    Parameters
-    ----------
-    camera : PinholeCamera
-    config : PerceptionConfig, optional
-    flat_pixels : int, optional
-        ``cloth_pixels`` of the flat cloth's state. Without it ``contact_portion`` is NaN.
+    ``flat_pixels`` is ``cloth_pixels`` of the flat cloth's state; without it ``contact_portion`` is NaN.
     """
 
     def __init__(
@@ -133,14 +130,7 @@ class PerceptionPipeline:
         return PerceptionPipeline(self.camera, self.config, flat_pixels)
 
     def perceive(self, rgb: RgbArray, depth: FloatArray) -> ClothState:
-        """Estimate the cloth's state.
-
-        Parameters
-        ----------
-        rgb : (H, W, 3) uint8 array
-        depth : (H, W) float array
-            Metres along the optical axis, 0 where missing.
-        """
+        """Estimate the cloth's state from ``rgb`` (H, W, 3) and ``depth`` (H, W) m along the axis, 0 if missing."""
         frame = self._rectify(rgb, depth)
         direction = WrinkleDirection.none() if frame.view is None else self.config.descriptor.direction(frame.view)
         contact_pixels = int(np.count_nonzero(frame.contact))
@@ -165,10 +155,8 @@ class PerceptionPipeline:
     def _contact_portion(self, contact_pixels: int, view: ClothView | None) -> float:
         if self.flat_pixels is None:
             return math.nan
-        covered = 0.0
-        if view is not None:
-            level, camera_height = self.config.contact_height_m, float(self.camera.position[2])
-            covered = covered_pixels(view.cloth, view.height, contact_height_m=level, camera_height_m=camera_height)
+        heights = {"contact_height_m": self.config.contact_height_m, "camera_height_m": float(self.camera.position[2])}
+        covered = 0.0 if view is None else covered_pixels(view.cloth, view.height, **heights)
         return contact_portion(contact_pixels, covered=covered, flat_pixels=self.flat_pixels)
 
     def _rectify(self, rgb: RgbArray, depth: FloatArray) -> _RectifiedFrame:
@@ -213,12 +201,3 @@ class PerceptionPipeline:
         near = np.zeros_like(cloth)
         near[window] = contact_mask(part, height[window], self.config.near_height_m)
         return height, touches_border(near)
-
-
-def _read_only(value: ArrayLike, dtype: type[np.generic], shape: tuple[int, ...], name: str) -> NDArray[np.generic]:
-    """Return a read-only view of ``value`` after a check of its shape."""
-    array = np.asarray(value, dtype=dtype).view()
-    if array.shape != shape:
-        raise PerceptionError(f"{name} has shape {array.shape}; it must be {shape}")
-    array.setflags(write=False)
-    return array

@@ -36,12 +36,11 @@ class HogConfig:
 
     def __post_init__(self) -> None:
         if self.cell_px < 1 or self.window_px % self.cell_px or self.window_px < 2 * self.cell_px:
-            raise PerceptionError(
-                f"a window of {self.window_px} px does not hold two or more whole cells of {self.cell_px} px"
-            )
+            window, cell = f"{self.window_px} px", f"{self.cell_px} px"
+            raise PerceptionError(f"a window of {window} does not hold two or more whole cells of {cell}")
         if self.bins < 2 or self.noise_floor < 0:
             raise PerceptionError(
-                f"bins is {self.bins} and noise_floor {self.noise_floor}; they must be at least 2 and 0"
+                f"bins is {self.bins} and noise_floor {self.noise_floor}; at least 2 and 0 are needed"
             )
 
 

@@ -1,14 +1,14 @@
 """HOW, histogram of oriented wrinkles (Jia, Hu, Pan and Manocha, ICRA 2018; thesis 2-2, 3-1-1), table coordinates.
 
-As far as the thesis and the paper's outline describe it: take the cloth out of the image, apply Gabor filters of
-several orientations and wavelengths, keep low- and high-frequency components, sum the responses over the cells of a
-grid, stack everything to a few hundred numbers. They give no parameters; the choices here are in HowConfig.
+As far as the thesis and the paper's outline describe it: Gabor filters of several orientations and wavelengths over the
+cloth, responses summed over the cells of a grid, a few hundred numbers. They give no parameters; HowConfig has ours.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -44,10 +44,10 @@ class HowConfig:
 
     def __post_init__(self) -> None:
         if self.orientations < 2 or min(self.grid) < 1 or not self.wavelengths_mm:
-            raise PerceptionError(
-                f"{self.orientations} orientations, {len(self.wavelengths_mm)} wavelengths and a grid of {self.grid}; "
-                "at least 2, 1 and (1, 1) are needed"
+            given = (
+                f"{self.orientations} orientations, {len(self.wavelengths_mm)} wavelengths and a grid of {self.grid}"
             )
+            raise PerceptionError(f"{given}; at least 2, 1 and (1, 1) are needed")
         if self.noise_floor < 0:
             raise PerceptionError(f"noise_floor is {self.noise_floor}; it must not be negative")
         for wavelength in self.wavelengths_mm:
@@ -55,22 +55,17 @@ class HowConfig:
 
     def gabor(self, wavelength_mm: float, mm_per_px: float) -> GaborParams:
         """Return the parameters of Eq. 3-1 in pixels of ``mm_per_px``."""
-        return GaborParams(
-            wavelength=wavelength_mm / mm_per_px,
-            sigma=self.sigma * wavelength_mm / mm_per_px,
-            gamma=self.gamma,
-            psi=self.psi,
-            size=round(self.size * wavelength_mm / mm_per_px),
-        )
+        lengths = {"wavelength": wavelength_mm / mm_per_px, "sigma": self.sigma * wavelength_mm / mm_per_px}
+        size = round(self.size * wavelength_mm / mm_per_px)
+        return GaborParams(**lengths, gamma=self.gamma, psi=self.psi, size=size)
 
 
+@dataclass(frozen=True)
 class HowDescriptor:
     """HOW as a Descriptor: wavelengths x orientations x grid cells."""
 
-    name = "how"
-
-    def __init__(self, config: HowConfig | None = None) -> None:
-        self.config = HowConfig() if config is None else config
+    config: HowConfig = field(default_factory=HowConfig)
+    name: ClassVar[str] = "how"
 
     @property
     def size(self) -> int:
@@ -88,13 +83,9 @@ class HowDescriptor:
         if preprocessed is None or window is None:
             return np.zeros(self.size)
         rows, columns = self.config.grid
-        cells = [
-            cv2.resize(
-                np.where(preprocessed.cloth, np.abs(r), 0)[window], (columns, rows), interpolation=cv2.INTER_AREA
-            )
-            for r in self._responses(preprocessed)
-        ]
-        return np.concatenate([cell.ravel() for cell in cells]).astype(np.float64)
+        seen = [np.where(preprocessed.cloth, np.abs(r), 0)[window] for r in self._responses(preprocessed)]
+        cells = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA).ravel() for part in seen]
+        return np.concatenate(cells).astype(np.float64)
 
     def direction(self, view: ClothView) -> WrinkleDirection:
         """Return the axial mean over the orientations' energies, summed over wavelengths, of what lies on the table.

@@ -1,7 +1,7 @@
 """WORD, the wrinkle contraction direction: Algorithm 1, Eq. 3-2 and Eq. 3-3 of the thesis, in table coordinates.
 
-Two descriptors share one computation. ``word`` is Algorithm 1 to the letter. ``word-axial`` averages the orientations
-as axes, and uses the relief beside the brightness, so that no light hides a wrinkle.
+``word`` is Algorithm 1 to the letter. ``word-axial`` averages the orientations as axes, and uses the relief beside the
+brightness, so that no light hides a wrinkle.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ THESIS_WAVELENGTH_PX = 8.0
 class WordConfig:
     """Settings of WORD; the defaults are Algorithm 1 with the parameters of figure 3-1.
 
-    Lengths of the kernel are shares of its wavelength, and that is a length on the cloth: they mean the same to every
-    camera at every resolution.
+    Lengths of the kernel are shares of its wavelength, a length on the cloth, and so mean the same to every camera.
     """
 
     orientations: int = 8
@@ -45,8 +44,8 @@ class WordConfig:
     window: float = 12.0 / THESIS_WAVELENGTH_PX
     """Side of the kernel / wavelength."""
     zero_mean: bool = True
-    """Remove the kernel's response to a cloth without wrinkles, where "all pixels have zero value" (section 3-1-2);
-    Eq. 3-1 with these parameters does not do that. Every orientation then has the same gain."""
+    """Remove the response to a cloth without wrinkles, where "all pixels have zero value" (section 3-1-2); Eq. 3-1 does
+    not. Every orientation then has the same gain."""
     half_wave: bool = True
     """Count positive responses only, as an image's pixels are; False counts their magnitude."""
     rms: bool = False
@@ -84,13 +83,8 @@ class WordConfig:
     def gabor(self, mm_per_px: float) -> GaborParams:
         """Return the parameters of Eq. 3-1 in pixels of ``mm_per_px``."""
         wavelength = self.wavelength_mm / mm_per_px
-        return GaborParams(
-            wavelength=wavelength,
-            sigma=self.sigma * wavelength,
-            gamma=self.gamma,
-            psi=self.psi,
-            size=round(self.window * wavelength),
-        )
+        lengths = {"wavelength": wavelength, "sigma": self.sigma * wavelength}
+        return GaborParams(**lengths, gamma=self.gamma, psi=self.psi, size=round(self.window * wavelength))
 
     @cached_property
     def normals(self) -> Float64Array:
@@ -127,11 +121,8 @@ class WordResult:
     """Result of Algorithm 1 and its quality. Without wrinkles all numbers are 0."""
 
     direction: Float64Array
-    """(2,) W of Algorithm 1: unit vector in table coordinates (x, y), x >= 0.
-
-    The plain sum of Eq. 3-3 leans to +x: v_i spans a half circle, so that any response that all orientations share
-    adds up to a vector along +x, and wrinkles along x have neighbours that cancel in y.
-    """
+    """(2,) W of Algorithm 1: unit vector in table coordinates (x, y), x >= 0. The plain sum of Eq. 3-3 leans to +x: v_i
+    spans a half circle, so that any response that all orientations share adds up to a vector along +x."""
     axial: Float64Array
     """(2,) unit vector, x >= 0: mean axis of the same responses with doubled angles, free of that lean."""
     coherence: float

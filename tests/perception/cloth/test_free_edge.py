@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.cloth.free_edge import MIN_PIXELS, free_edge
+from layflat.perception.cloth.contact import MIN_PIXELS, free_edge
 
 CAMERA = PinholeCamera.look_at((0.15, -0.72, 0.86), (0.285, 0.065, 0.0), width=320, height=240, fx=307.5)
 
