@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.errors import DataError
 from layflat.policy import registry
 from layflat.policy.base import Decision, Policy, continue_after_disturbance, max_extra_steps
 from layflat.tests.factories import HANGER
@@ -50,17 +49,3 @@ def test_a_decision_keeps_read_only_copies():
     for array in (decision.action, decision.std, decision.hand):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"action": [np.nan, 0.0]}, "action holds a value that is not finite"),
-        ({"action": [[0.0, 0.0]]}, "action has shape"),
-        ({"action": [0.0, 0.0], "std": [0.1]}, "std has shape"),
-        ({"action": [0.0, 0.0], "hand": [0.0, 0.0]}, "hand"),
-    ],
-)
-def test_a_decision_that_makes_no_sense_is_refused(fields, message):
-    with pytest.raises(DataError, match=message):
-        Decision(**fields)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.policy.base import PolicyError
-from layflat.policy.features import INPUT_SETS, FeatureLayout, columns_of, input_set
+from layflat.policy.features import INPUT_SETS, columns_of, input_set
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 from layflat.tests.policy.factories import episode_of, observe
 
@@ -62,21 +61,3 @@ def test_matrix_is_the_vectors_in_order():
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
 def test_no_column_reads_what_only_the_simulator_knows(robot):
     assert not {"nodes", "contact_true", "flat_area"} & set(columns_of(robot))
-
-
-@pytest.mark.parametrize(
-    ("robot", "names", "message"),
-    [
-        (HANGER, ("x", "y1"), "feature 'y1' is unknown"),
-        (HANGER, ("x", "x"), "none twice"),
-        (HANGER, (), "at least one"),
-    ],
-)
-def test_wrong_layouts_are_refused(robot, names, message):
-    with pytest.raises(PolicyError, match=message):
-        FeatureLayout(robot=robot, names=names)
-
-
-def test_unknown_set_names_the_known():
-    with pytest.raises(PolicyError, match="position"):
-        input_set(HANGER, "everything")

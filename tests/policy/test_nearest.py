@@ -1,13 +1,10 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
 
 from layflat.policy import registry
-from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.nearest import MIN_STD_M
 from layflat.tests.factories import HANGER
@@ -52,17 +49,3 @@ def test_held_out_error_is_that_of_the_others_steps(episodes):
     model = registry.train("nearest", episodes)
     np.testing.assert_allclose(model.heldout_rmse_m, np.sqrt((np.concatenate(errors) ** 2).mean(axis=0)))
     assert registry.train("nearest", episodes[:1]).heldout_rmse_m is None
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"actions": np.zeros((3, 2))}, "actions has shape"),
-        ({"input_scale": np.zeros(5)}, "above 0"),
-        ({"inputs": np.zeros((0, 5)), "actions": np.zeros((0, 2))}, "at least one point"),
-    ],
-)
-def test_a_model_that_makes_no_sense_is_refused(episodes, changes, message):
-    model = registry.train("nearest", episodes)
-    with pytest.raises(PolicyError, match=message):
-        replace(model, **changes)

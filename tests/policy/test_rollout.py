@@ -13,7 +13,7 @@ from layflat.data import SessionRecorder, open_session, validate
 from layflat.data.session.journal_reader import read_journal
 from layflat.data.session.parts import journals, parts_folder
 from layflat.data.types import DragTarget
-from layflat.policy.base import Decision, PolicyError
+from layflat.policy.base import Decision
 from layflat.policy.rollout import replay_actions, rollout, run_disturbances, run_until_stop
 from layflat.policy.runner import EpisodeRunner
 from layflat.policy.schedule import DisturbanceScheduler, ScheduledDisturbance, Trigger
@@ -57,9 +57,6 @@ def through_a_file(episode, path):
     assert validate(path) == ()
     with open_session(path) as session:
         return session[0]
-
-
-# Disturbances
 
 
 def test_a_named_disturbance_starts_once_after_the_stop(env):
@@ -178,20 +175,6 @@ def test_a_disturbance_gives_the_policy_the_steps_of_one_more_repair(env):
     assert len(rollout(env, never, seed=SEED, max_steps=7).steps) == 7
 
 
-@pytest.mark.parametrize(
-    ("wrong", "sentence"),
-    [
-        (lambda: Trigger(kind="step", value=2.5), r"step must be an integer >= 0, got 2\.5"),
-        (lambda: Trigger(kind="step", value=-1), "got -1"),
-        (lambda: Trigger(kind="contact", value=1.5), r"within 0\.\.1, got 1\.5"),
-        (lambda: scheduled(repeats=0), "at least once, got 0"),
-    ],
-)
-def test_a_schedule_that_makes_no_sense_is_one_sentence(wrong, sentence):
-    with pytest.raises(PolicyError, match=sentence):
-        wrong()
-
-
 def test_one_that_is_replaced_before_it_acts_is_not_recorded(env):
     runner = EpisodeRunner(env, ForwardPolicy(), seed=SEED)
     runner.step("place")
@@ -202,9 +185,6 @@ def test_one_that_is_replaced_before_it_acts_is_not_recorded(env):
     runner.step("place")
     found = [(record.name, record.first_step, record.last_step) for record in runner.disturbances]
     assert found == [("push", 1, 1), ("poke", 2, None)]
-
-
-# A person's hand
 
 
 def driven(env, n_steps=12):

@@ -10,7 +10,6 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from layflat.policy import registry
-from layflat.policy.base import PolicyError
 from layflat.policy.features import input_set
 from layflat.policy.gp.kernel import JITTER
 from layflat.tests.factories import HANGER
@@ -77,10 +76,3 @@ def test_without_corrections_a_weight_changes_nothing(disagreeing):
     plain = [replace(e, steps=[replace(step, intervention=False) for step in e.steps]) for e in disagreeing]
     five, one = (registry.train("gp-word", plain, intervention_weight=weight) for weight in (5, 1))
     np.testing.assert_array_equal(five.alpha, one.alpha)
-
-
-def test_other_methods_cannot_weight(disagreeing):
-    with pytest.raises(PolicyError, match="gmr cannot weight"):
-        registry.train("gmr", disagreeing, intervention_weight=2)
-    with pytest.raises(PolicyError, match="intervention_weight is 0"):
-        registry.train("gp-word", disagreeing, intervention_weight=0)

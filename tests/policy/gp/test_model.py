@@ -7,7 +7,6 @@ import pytest
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from layflat.policy.base import PolicyError
 from layflat.policy.gp.kernel import JITTER, Hyperparameters, held_out_errors, weights
 from layflat.policy.gp.model import GpModel
 from layflat.tests.factories import HANGER, ROBOT_SPECS
@@ -112,39 +111,3 @@ def test_baseline_is_blind_to_the_cloth_and_gp_word_is_not():
 def test_arrays_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
         gp_model().alpha[0, 0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"alpha": np.zeros((2, 3))}, "alpha has shape"),
-        ({"inputs": np.full((25, 5), np.nan)}, "not finite"),
-        ({"input_scale": np.zeros(5)}, "above 0"),
-        ({"stop_threshold_m": -1.0}, "stop_threshold_m is -1.0"),
-        ({"action_limit_m": 0.5}, "action_limit_m is 0.5"),
-        ({"heldout_rmse_m": (1.0,)}, "heldout_rmse_m has 1"),
-        ({"cloth": ""}, "must name"),
-    ],
-)
-def test_a_model_that_makes_no_sense_is_refused(changes, message):
-    with pytest.raises(PolicyError, match=message):
-        replace(gp_model(), **changes)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"kernel": "matern"}, "must be one of se"),
-        ({"variance": np.array([1.0, 0.0])}, "variance holds 0"),
-        ({"length_scales": np.array([[1.0, 2.0], [1.0, 1.0]])}, "they differ"),
-    ],
-)
-def test_hyperparameters_that_make_no_sense_are_refused(changes, message):
-    good = {"kernel": "se", "length_scales": np.ones((2, 2)), "variance": np.ones(2), "noise": np.ones(2)}
-    with pytest.raises(PolicyError, match=message):
-        Hyperparameters(**{**good, **changes})
-
-
-def test_queries_of_the_wrong_width_are_refused():
-    with pytest.raises(PolicyError, match="must be"):
-        gp_model().predict(np.zeros((3, 2)))

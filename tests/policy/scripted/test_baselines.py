@@ -3,11 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.data.types import ACTION_LIMIT_M
 from layflat.policy import registry
-from layflat.policy.base import PolicyError
-from layflat.policy.scripted.baselines import DragPolicy, RandomPolicy, drag_rule, stretch_right
-from layflat.policy.stopping import AnyOf
+from layflat.policy.scripted.baselines import RandomPolicy, drag_rule, stretch_right
 from layflat.tests.factories import HANGER, PICKERS
 from layflat.tests.policy.factories import observe
 
@@ -51,11 +48,3 @@ def test_random_moves_fill_their_range_and_differ_by_seed():
     assert np.abs(draws).max() <= 0.01
     assert np.abs(np.mean(draws)) < 1e-3
     assert np.std(draws) == pytest.approx(0.01 / np.sqrt(3), rel=0.05)
-
-
-@pytest.mark.parametrize("step_m", [0.0, -1.0, 2 * ACTION_LIMIT_M, float("nan")])
-def test_moves_beyond_the_action_limit_are_refused(step_m):
-    with pytest.raises(PolicyError, match="limit_m is"):
-        RandomPolicy(HANGER, limit_m=step_m)
-    with pytest.raises(PolicyError, match="speed_m is"):
-        DragPolicy(HANGER, name="drag", stop=AnyOf(), speed_m=step_m)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from layflat.policy import registry
-from layflat.policy.base import PolicyError, continue_after_disturbance
+from layflat.policy.base import continue_after_disturbance
 from layflat.policy.wrappers.sequential import SequentialPolicy
-from layflat.tests.factories import HANGER, PICKERS
+from layflat.tests.factories import HANGER
 from layflat.tests.policy.factories import observe
 
 
@@ -20,8 +19,3 @@ def test_the_second_acts_only_after_the_disturbance_and_a_reset_returns_to_the_f
         np.testing.assert_array_equal(policy.act(observe(0.3, 0.01)).action, np.zeros(2))
         continue_after_disturbance(policy)
         assert policy.act(observe(0.3, 0.01)).action[0] > 0
-
-
-def test_policies_of_different_robots_are_refused():
-    with pytest.raises(PolicyError, match="pickers"):
-        SequentialPolicy(registry.make("hold", HANGER), registry.make("hold", PICKERS), name="both")

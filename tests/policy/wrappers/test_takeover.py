@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from layflat.policy import registry
-from layflat.policy.base import Decision, PolicyError, continue_after_disturbance
+from layflat.policy.base import Decision, continue_after_disturbance
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, TakeoverPolicy
 from layflat.tests.factories import HANGER, PICKERS
 from layflat.tests.policy.factories import observe
@@ -82,8 +81,6 @@ def test_motion_keeps_control_until_the_hands_have_rested():
     trigger = MotionTakeoverTrigger(lambda: next(moving), rest_steps=3)
     requests = [trigger() for _ in range(9)]
     assert requests == [None, "take", None, None, "take", None, None, "release", "release"]
-    with pytest.raises(PolicyError, match="rest_steps is 0"):
-        MotionTakeoverTrigger(lambda: True, rest_steps=0)
 
 
 def test_a_release_by_hand_does_not_wait():
@@ -91,8 +88,3 @@ def test_a_release_by_hand_does_not_wait():
     assert trigger() == "take"
     trigger.release()
     assert [trigger(), trigger()] == ["release", "take"]
-
-
-def test_policies_of_different_robots_are_refused():
-    with pytest.raises(PolicyError, match=r"hanger.*pickers"):
-        TakeoverPolicy(registry.make("hold", HANGER), registry.make("hold", PICKERS), lambda: None)
