@@ -39,7 +39,7 @@ class PolicySpec:
     label: str = ""
     """Name in tables and files; by default made of the parts."""
     stem: str = ""
-    """Name of the model's file, by which policies with the same label are told apart."""
+    """Name of the model's file, which is added to labels that would be the same."""
 
     def __post_init__(self) -> None:
         if self.model is None and self.builtin is None:

@@ -109,7 +109,7 @@ def demo(
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """The whole story, into DIR/report.html.
+    """Run the whole story, into DIR/report.html.
 
     Headless: demonstrations, training, placing, disturbance, report.
     """
@@ -130,7 +130,7 @@ def reproduce(
     seed: Seed = 0,
     debug: Debug = False,
 ) -> None:
-    """Every experiment of the thesis, our numbers beside its numbers.
+    """Run every experiment of the thesis, our numbers beside its numbers.
 
     Into DIR/report.html and DIR/table.md; the same command continues an interrupted reproduction.
     """

@@ -99,8 +99,8 @@ class EvaluationPlan:
 def plan_policies(texts: Sequence[str], robots: Sequence[str]) -> tuple[tuple[PolicySpec, ...], tuple[str, ...]]:
     """Read the POLICY texts of a command line; return the policies and the robots they are tried with.
 
-    Policies whose labels are the same are told apart by the names of their files. Without ``robots`` they are those
-    of the models. UsageError where no robot is left, or a model is for another one.
+    Policies whose labels are the same are labelled with the names of their files as well. Without ``robots`` they are
+    those of the models. UsageError where no robot is left, or a model is for another one.
     """
     policies = [PolicySpec.parse(text) for text in texts]
     trained = dict.fromkeys(policy.robot.name for policy in policies if policy.robot is not None)
@@ -112,10 +112,10 @@ def plan_policies(texts: Sequence[str], robots: Sequence[str]) -> tuple[tuple[Po
             raise UsageError(
                 f"{policy.stem} was trained for robot {policy.robot}, not {', '.join(wanted)}; leave it out"
             )
-    return tuple(_told_apart(policies, texts)), wanted
+    return tuple(_with_distinct_labels(policies, texts)), wanted
 
 
-def _told_apart(policies: Sequence[PolicySpec], texts: Sequence[str]) -> Iterator[PolicySpec]:
+def _with_distinct_labels(policies: Sequence[PolicySpec], texts: Sequence[str]) -> Iterator[PolicySpec]:
     same = [(policy.robot, policy.label) for policy in policies]
     for policy, text in zip(policies, texts, strict=True):
         named = text.startswith(f"{policy.label}=")

@@ -2,7 +2,7 @@
 
 Forking copies the whole simulation, velocities and all, so that undisturbed pairs are exact: they differ in nothing
 but the disturbance. Each fork writes its own episode as a session of its own, durable, before it ends: an episode is
-finished when its file is there, whatever happens to any process afterwards.
+finished when its file is there, also if every process is killed afterwards.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Ctrl-C at the right moment."""
+"""Delaying Ctrl-C until nothing is half done."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Interrupts:
 
 @contextmanager
 def note_interrupts() -> Iterator[Interrupts]:
-    """Only note Ctrl-C while the body runs, which looks at what is yielded when it suits it."""
+    """Only note Ctrl-C while the body runs; the body checks what is yielded."""
     interrupts = Interrupts()
 
     def note(number: int, frame: object) -> None:
@@ -33,9 +33,9 @@ def note_interrupts() -> Iterator[Interrupts]:
 def defer_interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt for a Ctrl-C while the body runs only when the body is over.
 
-    For what must not be cut in two: keeping a result, and forking. Python runs callbacks around a fork that take and
-    release locks (of logging, of h5py); an exception in one of them is printed and forgotten, the Ctrl-C with it,
-    and the lock stays taken: the next fork then waits for ever.
+    Saving a result and forking must not be interrupted. Python runs callbacks around a fork that take and release
+    locks (of logging, of h5py); an exception in one of them is printed and forgotten, the Ctrl-C with it, and the lock
+    stays taken: the next fork then waits forever.
     """
     with note_interrupts() as interrupts:
         yield

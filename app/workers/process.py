@@ -1,6 +1,6 @@
-"""Processes of their own: ended with their parent, at their deadline, and described when they end by themselves.
+"""Child processes: ended with their parent and at their deadline, and how one ended.
 
-A deadline is an alarm whose action is the system's own, to end the process: it works even when the physics engine
+A deadline is an alarm with the system's default action, which ends the process: it works even when the physics engine
 never returns to Python.
 """
 
@@ -65,7 +65,7 @@ def run_in_fork(work: Callable[[], int]) -> int:
 
 
 def describe_exit_status(exitcode: int | None, limit_s: float) -> str:
-    """Say for a person why a process ended that did not say so itself."""
+    """Describe why a process ended that did not report it."""
     if exitcode is None or exitcode == -signal.SIGALRM:
         return f"took more than {limit_s:g} s"
     if exitcode == -signal.SIGKILL:
@@ -93,7 +93,7 @@ class _Pool(ProcessPool):
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPool]:
     """Yield a pool that runs every function in a fresh process; left with an error or Ctrl-C, it ends them at once."""
-    # Here, where OpenCV's threads are: a fork without them would wait for ever to end them.
+    # Here, where OpenCV's threads are: a fork, which lacks them, would wait forever for them to end.
     cv2.setNumThreads(1)
     pool = _Pool(max_workers=workers, max_tasks=1, context=get_context("fork"), initializer=configure_child)
     finished = False

@@ -21,7 +21,7 @@ from layflat.sim.config import SimConfig
 LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
 SEPARATOR = "--"
-"""Between the parts of a run's name; no part contains it."""
+"""Separator of the parts of a run's name; no part contains it."""
 _CASE = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*(/[a-z0-9]+([-_][a-z0-9]+)*)?")
 
 
@@ -59,7 +59,7 @@ class WorkItem:
     attempt: int = 1
     keep_images: bool = False
     handle: JournalHandle | None = None
-    """Where the only case is recorded, with a journal while it runs; None: in a file of its own."""
+    """Journal of the session in which the only case is recorded; None: each case has a file of its own."""
 
     def __post_init__(self) -> None:
         if self.handle is not None and len(self.cases) != 1:
@@ -84,13 +84,13 @@ class WorkItem:
 
 @dataclass(frozen=True)
 class WorkResult:
-    """What came of a work item; episodes that are not lost are durable."""
+    """Result of a work item; episodes that are not lost are durable."""
 
     item: WorkItem
     lost: Mapping[str, str]
     """Reason by run."""
     rows: Mapping[str, dict[str, Any]]
-    """Metrics by run, as far as the worker could still send them; the file has them all."""
+    """Metrics by run, as far as the worker could still send them; they also follow from the file."""
     saved: SavedEpisode | None = None
     """Where the episode was recorded, for an item with a handle."""
     unwritable: str | None = None

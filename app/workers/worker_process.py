@@ -25,9 +25,9 @@ from layflat.app.workers.simulated_episode import EpisodeFactory
 from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
 
 GRACE_S = 20.0
-"""A process that outlives all its deadlines for that long is stopped, or sleeps where no signal ends it."""
+"""Time by which a process may outlive its deadlines: longer, and it is stopped or sleeps where no alarm ends it."""
 POLL_S = 0.2
-"""How long Ctrl-C may wait for an answer."""
+"""Longest time until Ctrl-C is noticed."""
 
 NextWorkItem: TypeAlias = Callable[[], WorkItem | None]
 """Returns the next item to run; None: none for now, though an item that ends may bring more."""
@@ -67,7 +67,7 @@ class WorkerProcess:
         return time.monotonic() > self._give_up_s
 
     def wait(self) -> WorkResult:
-        """Wait until the process has ended, at most for its deadlines, and return what came of it."""
+        """Wait until the process has ended, at most for its deadlines, and return the result."""
         wait([self.sentinel], timeout=max(self._give_up_s - time.monotonic(), 0.0))
         if self.overdue:
             self.kill()
@@ -79,7 +79,7 @@ class WorkerProcess:
         self._process.join()
 
     def result(self) -> WorkResult:
-        """Return what came of the item, once its process has ended."""
+        """Return the result of the item, once its process has ended."""
         self._process.join()
         item = self.item
         messages = {message.run: message for message in _received(self._connection)}
@@ -117,7 +117,7 @@ def local_engine(workers: int) -> Engine:
     """Return the engine that runs ``workers`` items at a time on this machine."""
 
     def run(next_item: NextWorkItem, folder: Path, make: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
-        # Here, where OpenCV's threads are: a fork without them would wait for ever to end them.
+        # Here, where OpenCV's threads are: a fork, which lacks them, would wait forever for them to end.
         cv2.setNumThreads(1)
         running: list[WorkerProcess] = []
         try:

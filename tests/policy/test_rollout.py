@@ -77,12 +77,12 @@ def test_a_named_disturbance_starts_once_after_the_stop(env):
 
 def test_repeats_come_one_after_another_each_drawn_on_its_own(env):
     episode = run(env, scheduled(repeats=3), disturbance="thesis")
-    told = phases(episode)
-    changes = [a for a, b in zip(told, ["", *told], strict=False) if a != b]
+    names = phases(episode)
+    changes = [a for a, b in zip(names, ["", *names], strict=False) if a != b]
     assert changes == ["place", *["disturb", "repair"] * 3]
     assert len({str(record.plan) for record in episode.disturbances}) == 3
     for record in episode.disturbances:
-        assert told[record.first_step : record.last_step + 1] == ["disturb"] * ACTING_STEPS
+        assert names[record.first_step : record.last_step + 1] == ["disturb"] * ACTING_STEPS
 
 
 def test_one_at_a_step_acts_while_the_policy_continues(env):

@@ -1,4 +1,4 @@
-"""`layflat bench`: rows as the contract names them, ratios that are what they say, and a real run."""
+"""`layflat bench`: names and ratios of its rows, and short real runs."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_rows_have_the_keys_of_the_contract_and_distinct_names():
         assert row["ratio"] is None or row["ratio"] == pytest.approx(row["value"] / row["baseline"])
 
 
-def test_both_robots_and_both_meshes_are_measured():
+def test_all_robots_and_both_meshes_are_measured():
     names = [row.name for row in _all_rows()]
     for robot in ROBOTS:
         for cloth in (bench.CLOTH, bench.FINE_CLOTH):
@@ -96,7 +96,7 @@ def test_the_table_shows_every_row(capsys, monkeypatch):
     assert all(row.name in out for row in rows)
 
 
-def test_predicting_really_predicts():
+def test_a_prediction_is_really_timed():
     walls = measure.prediction("hanger")
     assert {len(wall) for wall in walls.values()} == {200}
     assert 0 < np.median(walls["predict"]) < 0.1
@@ -104,7 +104,7 @@ def test_predicting_really_predicts():
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_what_is_timed_beside_gpy_gives_gpys_numbers(robot):
+def test_the_model_that_is_timed_gives_gpys_numbers(robot):
     """To 1e-8 of a unit of the processes, mean and deviation."""
     model = measure.random_model(robot, points=150)
     queries = np.random.default_rng(0).uniform(-0.4, 0.6, (30, model.layout.size))
@@ -116,7 +116,7 @@ def test_what_is_timed_beside_gpy_gives_gpys_numbers(robot):
 
 
 @pytest.mark.parametrize("config", [AXIAL_CONFIG, THESIS_CONFIG], ids=["word-axial", "word"])
-def test_the_fast_way_gives_the_plain_ways_numbers(config):
+def test_the_pipeline_gives_the_reference_numbers(config):
     assert measure_perception.reference_error(config) < 1e-5
 
 
@@ -132,7 +132,7 @@ def test_a_short_real_run(robot, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_recipes_are_compared_with_ours_of_as_many_nodes():
+def test_published_cloths_are_compared_with_ours_of_as_many_nodes():
     rows = {row.name: row for row in _all_rows()}
     for nodes in measure_solver_settings.NODES:
         for name in SOLVER_SETTINGS:
@@ -141,9 +141,9 @@ def test_recipes_are_compared_with_ours_of_as_many_nodes():
             assert row.ratio == pytest.approx(1.0)
 
 
-def test_a_batch_is_really_shared_by_workers(tmp_path):
-    """Of episodes that only wait, two at a time take half as long."""
-    # OpenCV's threads, which other tests have started here, do not survive the forks of a batch.
+def test_an_evaluation_is_really_shared_by_workers(tmp_path):
+    """Episodes that only wait take half as long two at a time."""
+    # OpenCV's threads, which other tests have started here, do not survive the forks of an evaluation.
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         walls = pool.submit(measure_batch.scaling, "hanger", "towel", tmp_path, FakeEpisodes(step_s=0.4)).result()
     assert walls["1"] > 1.5 * walls["2"]
@@ -151,7 +151,7 @@ def test_a_batch_is_really_shared_by_workers(tmp_path):
 
 
 @pytest.mark.slow
-def test_recipes_really_run():
+def test_published_cloths_really_run():
     with bench.process_pool(1) as pool:
         samples = pool.schedule(measure_solver_settings.published_cloths, args=(10, "towel", 0.1, 2)).result()
     assert all((walls > 0).all() and len(walls) == 2 for walls in samples.values())
@@ -159,7 +159,7 @@ def test_recipes_really_run():
 
 
 @pytest.mark.slow
-def test_keeping_and_opening_are_really_measured(tmp_path):
+def test_recording_and_opening_are_really_measured(tmp_path):
     with bench.process_pool(1) as pool:
         recording = pool.schedule(measure_data.recording, args=(tmp_path, 3)).result()
         opening = pool.schedule(measure_data.opening, args=(tmp_path, 30)).result()

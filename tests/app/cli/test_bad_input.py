@@ -164,7 +164,7 @@ def test_an_unknown_disturbance_gets_the_list(refused):
     assert all(name in sentence for name in DISTURBANCES)
 
 
-def test_what_cannot_be_put_around_a_policy_gets_the_list(refused):
+def test_an_unknown_wrapper_gets_the_list(refused):
     sentence = refused("place", "hanger.npz", "--with", "luck")
     assert "'luck'" in sentence
     assert all(name in sentence for name in WRAPPERS)

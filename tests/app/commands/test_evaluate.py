@@ -1,4 +1,4 @@
-"""Who takes part in `layflat evaluate`, and the command itself on the real bench."""
+"""Policies of `layflat evaluate`, and the command itself on real physics."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_rules_and_wrappers_keep_their_order(models):
     )
 
 
-def test_names_are_given_or_else_told_apart_by_the_files(models):
+def test_labels_are_given_or_else_made_distinct_by_the_files(models):
     policies, _ = _described([f"{models}/hanger.npz", f"{models}/hanger_2.npz", f"mine={models}/hanger.npz"])
     assert [label for label, *_ in policies] == [f"{USUAL}@hanger", f"{USUAL}@hanger-2", "mine"]
 
@@ -124,7 +124,7 @@ def _placed(episode: Episode) -> Episode:
     return episode.steps[:last]
 
 
-def test_twins_are_exact_and_those_of_an_episode_of_its_own(tmp_path, differences):
+def test_undisturbed_pairs_are_exact_and_the_same_as_an_episode_of_its_own(tmp_path, differences):
     policies = (PolicySpec(builtin="drag-rule"),)
     usual = {"policies": policies, "robots": ("pickers",), "cloths": ("towel",), "seeds": (3,)}
     usual["start"] = "folded-corner"

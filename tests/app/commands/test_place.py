@@ -16,6 +16,7 @@ from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import COLUMNS
 from layflat.app.workers.record_config import RecordConfig
 from layflat.data import open_session, validate
+from layflat.data.errors import DataError
 from layflat.policy import model_io
 from layflat.tests.app.fake_episodes import PLACING, FakeEpisodes, Fault
 
@@ -164,11 +165,8 @@ def test_ctrl_c_before_an_episode_is_flat_writes_nothing(flattened, tmp_path, ca
 
 
 def recorded(path: Path, *faults, workers=1, **settings) -> None:
-    config = RecordConfig(
-        path=path, robot="hanger", cloth="towel", source="scripted", episodes=len(faults), seed=SEED,
-        descriptor="word-axial", images=False, **settings,
-    )  # fmt: skip
-    make = episodes("hanger", "towel", "scripted", *faults, marks=path.parent)
+    config = RecordConfig(path=path, episodes=len(faults), seed=SEED, **settings)
+    make = episodes(config.robot, config.cloth, "scripted", *faults, marks=path.parent)
     record(config, force=False, workers=workers, make=make)
 
 
@@ -203,3 +201,12 @@ def test_a_full_disk_ends_a_recording_in_one_sentence_and_loses_nothing(tmp_path
         assert [info.seed for info in session.infos().values() if info.outcome == "success"] == [7]
         assert len(session) == out.count("kept ")
     assert validate(path) == ()
+
+
+def test_a_recording_of_another_task_is_a_session_of_that_task(tmp_path):
+    path = tmp_path / "s.h5"
+    recorded(path, None, robot="pickers", task="smooth")
+    with open_session(path) as session:
+        assert (session.task, session.robot.name) == ("smooth", "pickers")
+    with pytest.raises(DataError, match="task smooth, not place"):
+        recorded(path, None, robot="pickers")

@@ -1,4 +1,4 @@
-"""Action replay is bit-identical in fresh processes, and says where it is not; state replay shows what is recorded."""
+"""Action replay is bit-identical in fresh processes, and reports where it is not; state replay shows the recording."""
 
 from __future__ import annotations
 
@@ -86,18 +86,18 @@ if __name__ == "__main__":
     with open_session(path) as session:
         saved = session.episode("demo_0", images=False)
     again = rerun(saved)
-    told = {"phases": sorted({step.phase for step in saved.steps})}
-    told["disturbances"] = [[record.name, record.first_step, record.last_step] for record in saved.disturbances]
-    told["forces"] = [bool(step.force_n.any()) for step in saved.steps]
-    told["forces_again"] = all(np.array_equal(a.force_n, b.force_n) for a, b in zip(saved.steps, again.steps))
-    told["same"] = action_report(saved, again, compare(saved, again))
+    report = {"phases": sorted({step.phase for step in saved.steps})}
+    report["disturbances"] = [[record.name, record.first_step, record.last_step] for record in saved.disturbances]
+    report["forces"] = [bool(step.force_n.any()) for step in saved.steps]
+    report["forces_again"] = all(np.array_equal(a.force_n, b.force_n) for a, b in zip(saved.steps, again.steps))
+    report["same"] = action_report(saved, again, compare(saved, again))
     if disturbance == "poke":
         (poke,) = saved.disturbances
         path_m = [[-x for x in corner] for corner in poke.plan["path_m"]]
         changed = replace(saved, disturbances=[replace(poke, plan={**poke.plan, "path_m": path_m})])
         elsewhere = rerun(changed)
-        told["changed"] = action_report(changed, elsewhere, compare(changed, elsewhere))
-    print(json.dumps(told))
+        report["changed"] = action_report(changed, elsewhere, compare(changed, elsewhere))
+    print(json.dumps(report))
 """
 
 
@@ -116,39 +116,39 @@ def _again(path: Path) -> dict:
     return json.loads(out.read_text())
 
 
-def _told(robot: str, cloth: str, disturbance: str, tmp_path: Path) -> dict:
-    """What SCRIPT tells of an episode and of its replay, each made in a fresh process."""
+def _run_script(robot: str, cloth: str, disturbance: str, tmp_path: Path) -> dict:
+    """Return the report of SCRIPT on an episode and its replay, each made in a fresh process."""
     call = [sys.executable, "-c", SCRIPT, robot, cloth, disturbance, str(tmp_path / "s.h5")]
     done = subprocess.run(call, check=True, stdout=subprocess.PIPE, text=True)
-    told: dict = json.loads(done.stdout.splitlines()[-1])
-    return told
+    report: dict = json.loads(done.stdout.splitlines()[-1])
+    return report
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_what_hands_did_runs_again_to_the_bit(robot, tmp_path):
-    told = _told(robot, "napkin", "by hand", tmp_path)
-    assert told["same"]["identical"] is True
-    assert told["forces_again"] is True
+def test_an_episode_by_hand_runs_again_to_the_bit(robot, tmp_path):
+    report = _run_script(robot, "napkin", "by hand", tmp_path)
+    assert report["same"]["identical"] is True
+    assert report["forces_again"] is True
     # A push that comes while a wind still settles takes its place.
-    assert told["disturbances"] == [["wind", 3, 5], ["push", 6, None]]
-    assert told["forces"][:3] == [False, False, True]
+    assert report["disturbances"] == [["wind", 3, 5], ["push", 6, None]]
+    assert report["forces"][:3] == [False, False, True]
 
 
 def test_repeated_disturbances_run_again_to_the_bit(tmp_path):
-    told = _told("pickers", "napkin", "twice", tmp_path)
-    assert told["same"]["identical"] is True
-    assert told["forces_again"] is True
-    assert [name for name, *_ in told["disturbances"]] == ["wind", "poke", "poke"]
-    assert told["disturbances"][0][1] == 2
+    report = _run_script("pickers", "napkin", "twice", tmp_path)
+    assert report["same"]["identical"] is True
+    assert report["forces_again"] is True
+    assert [name for name, *_ in report["disturbances"]] == ["wind", "poke", "poke"]
+    assert report["disturbances"][0][1] == 2
 
 
 @pytest.mark.parametrize(
     ("robot", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=ROBOTS
 )
 def test_a_disturbed_episode_runs_again_to_the_bit(robot, cloth, disturbance, tmp_path):
-    told = _told(robot, cloth, disturbance, tmp_path)
-    assert told["phases"] == ["disturb", "place", "repair"]
-    same = told["same"]
+    report = _run_script(robot, cloth, disturbance, tmp_path)
+    assert report["phases"] == ["disturb", "place", "repair"]
+    same = report["same"]
     assert same["identical"] is True
     assert same["max_node_error_m"] == same["max_corner_error_m"] == same["max_contact_error"] == 0.0
     assert same["first_divergent_step"] is None
@@ -156,10 +156,10 @@ def test_a_disturbed_episode_runs_again_to_the_bit(robot, cloth, disturbance, tm
     assert len(same["per_step"]["node_error_m"]) == same["steps"] + 1
     assert not same["changed_versions"]
     if robot == "pickers":
-        # A hand that goes the other way, from step 6 on, leads elsewhere, and that is told.
-        assert told["changed"]["identical"] is False
-        assert told["changed"]["first_divergent_step"] == 7
-        assert told["changed"]["max_node_error_m"] > 0.001
+        # A hand that goes the other way, from step 6 on, leads elsewhere, and that is report.
+        assert report["changed"]["identical"] is False
+        assert report["changed"]["first_divergent_step"] == 7
+        assert report["changed"]["max_node_error_m"] > 0.001
 
 
 @pytest.mark.slow
@@ -258,7 +258,7 @@ def _planned(plan: dict) -> dict:
     ],
     ids=str,
 )
-def test_what_cannot_run_again_is_one_sentence(change, message, make_episode):
+def test_an_episode_that_cannot_run_again_is_one_sentence(change, message, make_episode):
     with pytest.raises(UsageError, match=message):
         rerun(make_episode(**change))
 
@@ -269,15 +269,15 @@ def test_an_imported_episode_without_a_seed_cannot_run_again(make_episode):
 
 
 def test_the_simulation_is_that_of_the_file(make_episode):
-    told = recorded_config(make_episode(sim_config={"table_friction": 0.7, "noise": False, "control": "position"}))
-    assert (told.table_friction, told.noise, told.control, told.cloth) == (0.7, False, "position", "towel")
+    report = recorded_config(make_episode(sim_config={"table_friction": 0.7, "noise": False, "control": "position"}))
+    assert (report.table_friction, report.noise, report.control, report.cloth) == (0.7, False, "position", "towel")
     assert recorded_config(make_episode(start={"table_friction": 0.6})).table_friction == 0.6
     assert recorded_config(make_episode()).table_friction == 1.0
     smooth = recorded_config(make_episode(robot="pickers", task="smooth", sim_config={"start": "crumpled"}))
     assert (smooth.task, smooth.start) == ("smooth", "crumpled")
 
 
-def test_state_replay_tells_each_moment(make_episode):
+def test_state_replay_reports_every_step(make_episode):
     episode = make_episode(disturbances=[DisturbanceRecord(name="push", first_step=60, last_step=69, plan=PLAN)])
     report = state_report(episode)
     assert report["disturbances"] == [{"name": "push", "first_step": 60, "last_step": 69, "plan": PLAN}]
@@ -313,7 +313,7 @@ def test_a_plan_survives_its_description(name):
             np.testing.assert_array_equal(a, b)
 
 
-def test_a_plan_from_before_hands_could_turn_is_one_that_does_not():
+def test_a_plan_without_a_turn_does_not_turn():
     cloth = cloth_spec("towel")
     described = {key: value for key, value in PLAN.items() if key != "turn_rad"}
     assert DisturbanceTrajectory.recorded(described, cloth).described() == PLAN

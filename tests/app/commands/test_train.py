@@ -47,7 +47,7 @@ def test_trains_on_successes_only_and_writes_a_model_that_predicts_them(session,
     assert learned.provenance.versions["python"]
 
 
-def test_corrections_are_told_of_and_weighted(tmp_path, make_episode, capsys):
+def test_corrections_are_reported_and_weighted(tmp_path, make_episode, capsys):
     plain, taken = make_episode(seed=0, disturbed=False), make_episode(seed=1, disturbed=False)
     steps = [replace(step, intervention=step_index in range(20, 27)) for step_index, step in enumerate(taken.steps)]
     with SessionRecorder(tmp_path / "plain.h5", robot=robot_spec("hanger"), cloth="towel") as recorder:

@@ -1,4 +1,4 @@
-"""A batch streams to the disk: what it keeps in memory does not grow with its episodes."""
+"""An evaluation streams to the disk: its memory does not grow with its episodes."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _ten_thousand() -> EvaluationPlan:
 
 
 def _at_once(next_group, folder, make):
-    """An engine without processes: what a batch keeps is in this one."""
+    """An engine without processes: what an evaluation keeps is in this one."""
     while (item := next_group()) is not None:
         rows = {
             run: episode_metrics(fake_episode(item, case)) for run, case in zip(item.run_ids, item.cases, strict=True)
@@ -70,7 +70,7 @@ def _at_once(next_group, folder, make):
         yield WorkResult(item, {}, rows)
 
 
-def test_a_batch_of_ten_thousand_keeps_no_more_in_memory_than_one_of_five_hundred(tmp_path, monkeypatch):
+def test_ten_thousand_episodes_keep_no_more_in_memory_than_five_hundred(tmp_path, monkeypatch):
     monkeypatch.setattr(results_csv.os, "fsync", lambda descriptor: None)  # Of memory, not of the disk.
     memory = Memory()
     results = run_evaluation(_ten_thousand(), tmp_path, engine=_at_once, progress=memory)  # type: ignore[arg-type]

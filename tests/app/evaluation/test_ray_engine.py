@@ -29,7 +29,7 @@ def test_without_ray_there_is_one_sentence(monkeypatch):
         ray_engine(2, None)
 
 
-def test_a_warm_server_runs_group_after_group_and_ends_with_its_owner():
+def test_a_fork_server_runs_item_after_item_and_ends_with_its_owner():
     server = ForkServer()
     try:
         for item in fake_plan(seeds=1).items():

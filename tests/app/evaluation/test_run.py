@@ -1,4 +1,4 @@
-"""Batches over a bench without a simulation: which rows come, in which order, and how a folder is taken up again."""
+"""Evaluations without a simulation: which rows come, in which order, and how a folder is continued."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_every_policy_meets_every_start_and_every_case_once(tmp_path):
     assert list(rows.columns[: len(COLUMNS)]) == list(COLUMNS)
 
 
-def test_rows_are_those_of_the_episodes_in_the_plans_order_whoever_was_first(tmp_path):
+def test_rows_are_those_of_the_episodes_in_the_plans_order_with_any_number_of_workers(tmp_path):
     plan = fake_plan(seeds=3)
     many, one = (_run(plan, tmp_path / name, workers=n).rows for name, n in (("many", 5), ("one", 1)))
     pd.testing.assert_frame_equal(many, one)
@@ -71,7 +71,7 @@ def test_every_episode_is_a_session_that_says_who_and_what(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "episodes.csv", "runs", "summary.json"]
 
 
-def test_the_summary_has_groups_pairs_twins_and_where_they_come_from(tmp_path):
+def test_the_summary_has_groups_pairs_undisturbed_pairs_and_provenance(tmp_path):
     summary = json.loads((_run(fake_plan(seeds=4), tmp_path).folder / "summary.json").read_text())
     assert summary["schema"] == 1
     assert len(summary["groups"]) == 2 * 3
@@ -126,7 +126,7 @@ def _other_start(plan: EvaluationPlan) -> EvaluationPlan:
     ("change", "words"),
     [(_other_case, "disturbance push"), (_other_policy, "policy hanger hold"), (_other_start, "start is hanging")],
 )
-def test_another_thing_under_the_same_name_is_refused_and_force_begins_anew(tmp_path, change, words):
+def test_another_thing_under_the_same_name_is_refused_and_force_starts_again(tmp_path, change, words):
     plan = fake_plan(seeds=1)
     before = _run(plan, tmp_path).rows
     with pytest.raises(UsageError, match=f"{words}.*give another --out, or --force"):
@@ -195,7 +195,7 @@ def test_one_writer_at_a_time(tmp_path):
         _run(fake_plan(seeds=1), tmp_path)
 
 
-def test_a_full_disk_ends_the_batch_in_one_sentence_and_loses_nothing(tmp_path):
+def test_a_full_disk_ends_the_evaluation_in_one_sentence_and_loses_nothing(tmp_path):
     plan = fake_plan(seeds=3)
     item = list(plan.items())[2]
     full = FakeEpisodes({(key_of(item), "push"): ("disk",)}, marks=tmp_path)
@@ -271,7 +271,7 @@ def test_results_of_nothing_are_refused(tmp_path):
         EvaluationResults.open(tmp_path)
 
 
-def test_a_program_that_has_used_opencvs_threads_may_run_batches(tmp_path):
+def test_a_program_that_has_used_opencvs_threads_may_run_evaluations(tmp_path):
     """Its forks have no such threads, and must not wait for them."""
     cv2.setNumThreads(4)
     picture = np.random.default_rng(0).random((800, 800), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Suites: what ships says what it is for and means something; what is wrong gets a sentence that names it."""
+"""Suites: those that ship are complete; what is wrong in one gets a sentence that names it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ when = { step = 30 }
 """
 
 
-def test_a_suite_says_what_where_when_how_strongly_and_how_often():
+def test_a_suite_is_read_into_cases():
     landing, early = parse(GOOD, "mine", "mine.toml")
     assert (landing.name, early.name) == ("mine/landing", "mine/early")
     push, wind = landing.schedule
@@ -48,7 +48,7 @@ def test_a_single_case_has_the_suites_name():
     assert [case.name for case in parse(text, "mine", "mine.toml")] == ["mine"]
 
 
-def test_what_ships_is_what_the_help_says():
+def test_the_shipped_suites():
     assert shipped() == ("folds", "gentle", "harsh", "thesis", "wind")
     names = [case.name for suite in shipped() for case in cases_of(suite)]
     assert len(names) == len(set(names))

@@ -11,7 +11,7 @@ from layflat.app.support.progress import Progress, duration
 
 
 class Clock:
-    """Time that passes when told."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now = 0.0
