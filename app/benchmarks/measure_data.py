@@ -33,6 +33,7 @@ from layflat.policy.rollout import run_until_stop
 from layflat.policy.runner import EpisodeRunner
 from layflat.policy.scripted.baselines import DragPolicy
 from layflat.policy.stopping import AnyOf
+from layflat.policy.training_set import Demonstrations
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import robot_spec
@@ -98,8 +99,8 @@ def recording(folder: Path | None = None, n_steps: int = STEPS) -> dict[str, Flo
 def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, FloatArray]:
     """Measure a session of made-up episodes without images, of 84 steps and 285 nodes.
 
-    Wall s: ``open`` (all that info needs), ``read`` (one episode), ``arrays`` (two data sets of one episode). MB:
-    ``growth`` of the process while READ episodes are read one after another.
+    Wall s: ``open`` (all that info needs), ``read`` (one episode), ``columns`` (one episode's columns for
+    training). MB: ``growth`` of the process while READ episodes are read one after another.
     """
     episode = _made_up(n_steps=84, nodes=285)
     with _place(folder) as place:
@@ -112,11 +113,12 @@ def opening(folder: Path | None = None, episodes: int = EPISODES) -> dict[str, F
             before = resident_mb()
             walls += [_wall(partial(session.episode, name)) for name in names[READ // 2 :]]
             growth = resident_mb() - before
-            arrays = [_wall(partial(session.arrays, ["obs/word", "action_m"], [name])) for name in names]
+        with open_session(path) as session:
+            columns = [_wall(partial(Demonstrations.from_session, session, [name])) for name in names]
     return {
         "open": np.array(opened),
         "read": np.array(walls),
-        "arrays": np.array(arrays),
+        "columns": np.array(columns),
         "growth": np.array([growth]),
         "episodes": np.array([float(episodes)]),
     }
@@ -161,6 +163,7 @@ def opening_rows(samples: Samples, before: Mapping[str, float]) -> list[Benchmar
     return [
         _row(f"open {count:.0f} episodes", 1e3 * middle["open"], "ms", OPEN_GOAL_S * 1e3 * count / 1e4, REPEATS),
         _row("read an episode without images", 1e3 * middle["read"], "ms", None, READ),
+        _row("read an episode's columns for training", 1e3 * middle["columns"], "ms", 1e3 * middle["read"], READ),
         _row("memory while reading", middle["growth"], "MB", None),
     ]
 

@@ -36,7 +36,7 @@ NAMES = {
     ),
     "evaluation": tuple(str(workers) for workers in measure_batch.WORKERS),
     "recording": ("step", "hand over", "journal", "keep", "raw", "size", *PACKED),
-    "opening": ("open", "read", "arrays", "growth", "episodes"),
+    "opening": ("open", "read", "columns", "growth", "episodes"),
 }
 """Samples of each measurement."""
 
@@ -167,4 +167,5 @@ def test_recording_and_opening_are_really_measured(tmp_path):
     assert np.median(recording["hand over"]) < np.median(recording["step"])
     assert recording["size gzip 4"] < recording["size gzip 1"] < recording["size lzf"] < recording["size none"]
     assert np.median(opening["open"]) < np.median(opening["read"]) * 30
+    assert np.median(opening["columns"]) < np.median(opening["read"])
     assert not list(tmp_path.iterdir())
