@@ -265,10 +265,10 @@ def test_monitor_shows_the_raw_inputs_of_an_unknown_pad(plug, capsys):
 
 
 def test_doctor_lists_usable_gamepads_and_others(plug):
-    assert [(check.state, check.found) for check in doctor.pad()] == [("note", "none")]
+    assert [(check.state, check.found) for check in doctor.gamepads()] == [("note", "none")]
     plug(name="Known")
     plug(4, 12, 1, known=False, name="Strange")
-    known, strange = doctor.pad()
+    known, strange = doctor.gamepads()
     assert (known.state, known.found) == ("ok", "Known (known by SDL)")
     assert strange.state == "note"
     assert "Strange" in strange.advice
