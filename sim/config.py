@@ -9,17 +9,13 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
 from layflat.sim.cloth.spec import DEFAULT_CLOTH, ClothSpec, cloth_spec
-from layflat.sim.errors import SimError
-from layflat.sim.physics.registry import DEFAULT_PHYSICS, check_physics
+from layflat.sim.errors import SimError, look_up
+from layflat.sim.physics.registry import DEFAULT_PHYSICS, PHYSICS
 from layflat.sim.robots.base import Control
 from layflat.sim.robots.registry import robot_spec
 from layflat.sim.starts.base import Start
-from layflat.sim.starts.registry import start_named
-from layflat.sim.tasks.base import Task
-from layflat.sim.tasks.registry import DEFAULT_TASK, task_named
-
-_SPEC_FIELDS = ("robot", "cloth", "task", "physics", "descriptor", "step_s")
-"""Settings for which an `EnvironmentSpec` and an episode have fields of their own."""
+from layflat.sim.starts.registry import STARTS
+from layflat.sim.tasks import DEFAULT_TASK, TASKS, Task
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,38 +46,27 @@ class SimConfig:
     start_spec: Start = field(init=False)
 
     def __post_init__(self) -> None:
-        robot, task = robot_spec(self.robot), task_named(self.task)
-        check_physics(self.physics)
-        start = start_named(task.starts[0] if self.start is None else self.start)
+        robot, task = self.robot_spec, look_up("task", self.task, TASKS)
+        look_up("physics", self.physics, PHYSICS)
+        look_up("descriptor", self.descriptor, DESCRIPTORS)
+        start = look_up("start", task.starts[0] if self.start is None else self.start, STARTS)
         if start.name not in task.starts:
             raise SimError(f"start is {start.name!r}; task {task.name} begins with {' or '.join(task.starts)}")
         if start.two_points and robot.n_points < 2:
             raise SimError(
                 f"a {start.name} start needs a robot that moves both corners, such as pickers, not {robot.name}"
             )
-        if self.descriptor not in DESCRIPTORS:
-            raise SimError(f"unknown descriptor {self.descriptor!r}; the known ones are {', '.join(DESCRIPTORS)}")
         if not 0.01 <= self.step_s <= 1.0:
             raise SimError(f"step_s is {self.step_s}; it must be between 0.01 and 1")
         derived = {"start": start.name, "cloth_spec": cloth_spec(self.cloth), "task_spec": task, "start_spec": start}
         for name, value in derived.items():
             object.__setattr__(self, name, value)
 
-    def described(self) -> dict[str, str | float | bool]:
-        """Return the settings, by name, for which an `EnvironmentSpec` has no field."""
-        names = [item.name for item in fields(self) if item.init and item.name not in _SPEC_FIELDS]
-        return {name: getattr(self, name) for name in names}
-
     def environment_spec(self) -> EnvironmentSpec:
         """Return the part of the settings that policies and recorders need."""
-        cloth = self.cloth_spec
-        shape = ClothShape(
-            length_m=cloth.length_m,
-            width_m=cloth.width_m,
-            held_width_m=cloth.held_width_m,
-            rows=cloth.rows,
-            columns=cloth.columns,
-        )
+        own = {item.name for item in fields(EnvironmentSpec)}
+        names = [item.name for item in fields(self) if item.init and item.name not in own]
+        shape = {item.name: getattr(self.cloth_spec, item.name) for item in fields(ClothShape)}
         return EnvironmentSpec(
             robot=self.robot_spec,
             cloth=self.cloth,
@@ -90,8 +75,8 @@ class SimConfig:
             limits=self.task_spec.limits,
             descriptor=self.descriptor,
             step_s=self.step_s,
-            cloth_shape=shape,
-            config=self.described(),
+            cloth_shape=ClothShape(**shape),
+            config={name: getattr(self, name) for name in names},
         )
 
     @property

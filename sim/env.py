@@ -21,15 +21,15 @@ from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import disturbance_spec
 from layflat.sim.errors import SimError
+from layflat.sim.robots.registry import DEFAULT_ROBOT
 from layflat.sim.simulation import ClothSimulation
-from layflat.sim.tasks.registry import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK
 
 RENDER_SIZE = (640, 480)
 SPACE_LIMIT_M = 2.0
 """Bound of all positions: robots keep to workspaces of less than 1 m."""
 STRENGTH_LIMIT = 10.0
 """Bound of ``word_strength``, so that its space is finite; Gabor responses stay below 1."""
-DEFAULT_ROBOT = "hanger"
 DISTURB_STEP = 100
 
 ObsDict = dict[str, NDArray[Any]]

@@ -85,7 +85,7 @@ class ClothSimulation:
         self._calibrated = self._perception.with_flat_pixels(flat.cloth_pixels)
 
     def _describe_start(self) -> dict[str, float]:
-        """Return what the start's moves left behind, for the record."""
+        """Return what the start's moves left behind."""
         spec = self.config.cloth_spec
         nodes = self._nodes.reshape(spec.rows, spec.columns, 3)
         centre = self.robot.position()
@@ -140,15 +140,10 @@ class ClothSimulation:
     def guide(self, hand_m: FloatArray | None) -> FloatArray:
         """Let a hand guide the robot for one step (kinesthetic teaching); return the resulting action, (A,) m.
 
-        ``hand_m``: position of the hand at the step's end, of the spec's ``hand_shape``, m, world. The hanger follows
-        it along x and z on a spring of bounded force, pickers follow it at a bounded speed. None: there is no hand, and
-        a hanger stays where it was left.
+        ``hand_m`` is where the hand is at the step's end, of the spec's ``hand_shape``, m, world; None: no hand.
         """
         self._running()
-        shape = self.robot.spec.hand_shape
-        hand = None if hand_m is None else np.array(hand_m, dtype=float)
-        if hand is not None and (hand.shape != shape or not np.isfinite(hand).all()):
-            raise SimError(f"the hand's target is {hand.tolist()}; it must be finite numbers of shape {shape}, in m")
+        hand = None if hand_m is None else _finite("hand", hand_m, self.robot.spec.hand_shape)
         before = self._coordinates()
         # What does not lie on the table is held up by the robot alone.
         load = self.config.cloth_spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
@@ -211,7 +206,8 @@ class ClothSimulation:
         else:
             named = disturbance.name if isinstance(disturbance, DisturbanceRecord) else disturbance
             spec = disturbance_spec(named) if isinstance(named, str) else named
-            plan = spec.sample(_disturbance_rng(self._seed, repeat), cloth)
+            stream = [self._seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])]
+            plan = spec.sample(np.random.default_rng(stream), cloth)
         if self._disturbance is not None:
             self._disturbance.stop()
         self._disturbance = DisturbanceController(self.cloth, plan)
@@ -223,13 +219,10 @@ class ClothSimulation:
     def drag(self, node: int, target_m: FloatArray) -> None:
         """Pull the cloth's ``node`` towards ``target_m``, (3,) m, world, with a bounded force, until `release`.
 
-        Call it again, at most once a step, to move the target. A drag of another node releases the first one. It works
-        at any time, also during a disturbance.
+        Call it again, at most once a step, to move the target. A drag of another node releases the first one.
         """
         self._running()
-        target = np.array(target_m, dtype=float)
-        if target.shape != (3,) or not np.isfinite(target).all():
-            raise SimError(f"the drag's target is {target.tolist()}; it must be three finite numbers: x, y, z in m")
+        target = _finite("drag", target_m, (3,))
         if self._drag is not None and self._drag.node != node:
             self.release()
         if self._drag is None:
@@ -293,6 +286,8 @@ class ClothSimulation:
             self.world = None
 
 
-def _disturbance_rng(seed: int, repeat: int) -> np.random.Generator:
-    """Return the random numbers of the disturbance ``repeat`` of an episode."""
-    return np.random.default_rng([seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])])
+def _finite(what: str, target: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    values = np.array(target, dtype=float)
+    if values.shape != shape or not np.isfinite(values).all():
+        raise SimError(f"the {what}'s target is {values.tolist()}; it must be finite numbers of shape {shape}, in m")
+    return values

@@ -11,7 +11,13 @@ import numpy as np
 from layflat.app.benchmarks.rows import BenchmarkRow, Samples, speed_row
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import cloth_spec
-from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS, LayflatCloth, ReferenceCloth
+from layflat.sim.physics.bullet.reference_cloths import (
+    SITUATIONS,
+    SOLVER_SETTINGS,
+    BareCloth,
+    layflat_cloth,
+    reference_cloth,
+)
 
 OURS = "ours"
 NODES = (10, 13)
@@ -25,8 +31,8 @@ def published_cloths(nodes: int, cloth: str, settle_s: float = SETTLE_S, blocks:
     spec = replace(cloth_spec(cloth), rows=nodes, columns=nodes)
     samples: dict[str, FloatArray] = {}
     for situation in SITUATIONS:
-        worlds: dict[str, LayflatCloth | ReferenceCloth] = {OURS: LayflatCloth(spec, situation)}
-        worlds |= {name: ReferenceCloth(settings, nodes, situation) for name, settings in SOLVER_SETTINGS.items()}
+        worlds = {OURS: layflat_cloth(spec, situation)}
+        worlds |= {name: reference_cloth(settings, nodes, situation) for name, settings in SOLVER_SETTINGS.items()}
         try:
             for world in worlds.values():
                 _measure(world, settle_s)
@@ -54,7 +60,7 @@ def rows(nodes: int, samples: Samples, before: Mapping[str, float]) -> list[Benc
     ]
 
 
-def _measure(world: LayflatCloth | ReferenceCloth, simulated_s: float) -> float:
+def _measure(world: BareCloth, simulated_s: float) -> float:
     """Step and return wall s per simulated s."""
     steps = round(simulated_s / world.substep_s)
     began = time.perf_counter()

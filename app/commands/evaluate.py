@@ -25,7 +25,7 @@ from layflat.app.support.progress import Progress
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.app.workers.worker_process import Engine, local_engine
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
-from layflat.sim.tasks.registry import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK
 
 EPISODE_S = 12.0
 CASE_S = 6.0

@@ -17,7 +17,7 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import PolicySpec
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
-from layflat.sim.tasks.registry import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK
 
 
 @dataclass(frozen=True, kw_only=True)

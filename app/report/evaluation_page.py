@@ -34,7 +34,7 @@ from layflat.app.support.formatting import list_numbers, percent, points, ratio
 from layflat.app.support.phases import disturbance_outcomes
 from layflat.data.types import Episode
 from layflat.sim.physics.registry import DEFAULT_PHYSICS
-from layflat.sim.tasks.registry import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK
 
 UNDISTURBED, THESIS = "none", "thesis"
 """Disturbances whose sections can have the thesis's tables."""

@@ -12,7 +12,7 @@ from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import SMOOTH
 from layflat.sim.robots.registry import ROBOTS
-from layflat.sim.tasks.registry import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"
 RULE = "drag-rule"

@@ -9,7 +9,7 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import SCRIPTED
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.robots.registry import DEFAULT_ROBOT
-from layflat.sim.tasks.registry import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK
 
 
 @dataclass(frozen=True, kw_only=True)

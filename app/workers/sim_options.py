@@ -14,7 +14,7 @@ from layflat.sim.errors import SimError
 from layflat.sim.physics.registry import PHYSICS
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.starts.registry import STARTS
-from layflat.sim.tasks.registry import TASKS
+from layflat.sim.tasks import TASKS
 
 REGISTRIES: Mapping[str, Collection[str]] = {
     "robot": ROBOTS,

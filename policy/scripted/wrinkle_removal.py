@@ -21,8 +21,6 @@ FLAT_CONTACT = 0.99
 FLAT_STEPS = 6
 """Algorithm 2 continues while contact is below 100 %, of which the camera's noise takes some tenths of a percent. Here
 it ends when contact has been 99 % for six steps: a taut cloth seemed to be flat while a wrinkle was left."""
-STEPS = 60
-"""Steps after which an episode of any controller ends."""
 
 
 class WordFlatten(RuleStoppedPolicy):

@@ -39,23 +39,11 @@ def default_pinhole(*, width: int = 320, height: int = 240) -> PinholeCamera:
     return PinholeCamera.look_at(POSITION_M, TARGET_M, width=width, height=height, fx=FOCAL_PX * width / 320)
 
 
-def render_pinhole(width: int, height: int, *, arm: bool) -> PinholeCamera:
-    """Return a camera in front that sees the whole cloth, hanging or laid, and the arm if there is one."""
-    target, view_deg = RENDER_ARM if arm else RENDER_CLOTH
-    focal = height / 2 / math.tan(math.radians(view_deg) / 2)
-    return PinholeCamera.look_at(RENDER_POSITION_M, target, width=width, height=height, fx=focal)
-
-
 class Camera:
     """Sees the table, the cloth, and every visible body of the world."""
 
     def __init__(
-        self,
-        cloth: Cloth,
-        *,
-        pinhole: PinholeCamera | None = None,
-        noise: DepthNoise | None = D435_NOISE,
-        seed: int,
+        self, cloth: Cloth, *, pinhole: PinholeCamera | None = None, noise: DepthNoise | None = D435_NOISE, seed: int
     ) -> None:
         """``noise`` None gives the true depth; ``seed`` determines the noise."""
         self._world = cloth.world
@@ -93,7 +81,7 @@ class Camera:
 
         Small balls show the held corners where there is no arm, and ``markers`` (K, 3) m, such as a disturbing hand.
         """
-        view = self._render_view(width, height) if pinhole is None else Renderer(pinhole)
+        view = self._view_for_people(width, height) if pinhole is None else Renderer(pinhole)
         if (view.pinhole.width, view.pinhole.height) != (width, height):
             raise SimError(
                 f"the image is {width}x{height} px, but its pinhole has {view.pinhole.width}x{view.pinhole.height}"
@@ -106,15 +94,6 @@ class Camera:
         for marker in () if markers is None else markers:
             view.draw_ball(image, marker, MARKER_RADIUS_M, MARKER_RGB)
         return image.rgb.reshape(height, width, 3)
-
-    def hidden_share(self, nodes: FloatArray) -> float:
-        """Return the share of the pixels of a cloth at ``nodes`` that a body hides, 0..1."""
-        mesh = self._meshes.mesh(nodes)
-        raster = self._renderer.raster(mesh.vertices, mesh.triangles)
-        image = self._renderer.background()
-        image.depth[:] = np.inf
-        image.put(*self._solid_renderer(self._renderer).draw())
-        return float((image.depth[raster.pixels] < raster.depth).mean())
 
     def _image(self, view: Renderer, nodes: FloatArray, *, shadow: bool = False) -> Framebuffer:
         mesh = self._meshes.mesh(nodes)
@@ -131,9 +110,13 @@ class Camera:
             self._solids[view] = self._world.solid_renderer(view.pinhole, LIGHT)
         return self._solids[view]
 
-    def _render_view(self, width: int, height: int) -> Renderer:
+    def _view_for_people(self, width: int, height: int) -> Renderer:
+        """Return a view from in front of the whole cloth, hanging or laid, and of the arm if there is one."""
         arm = self._world.has_solids()
         key = (width, height, arm)
         if key not in self._render_views:
-            self._render_views[key] = Renderer(render_pinhole(width, height, arm=arm))
+            target, view_deg = RENDER_ARM if arm else RENDER_CLOTH
+            focal = height / 2 / math.tan(math.radians(view_deg) / 2)
+            pinhole = PinholeCamera.look_at(RENDER_POSITION_M, target, width=width, height=height, fx=focal)
+            self._render_views[key] = Renderer(pinhole)
         return self._render_views[key]

@@ -59,10 +59,6 @@ class DepthNoise:
         """Product of depth and disparity, f B, px m."""
         return self.focal_px * self.baseline_m
 
-    def sigma_m(self, depth_m: float) -> float:
-        """Return the rms depth error before quantisation, m."""
-        return depth_m**2 * self.subpixel_px / self.disparity_m
-
 
 class DepthSensor:
     """Adds errors to depth images; the same seed and the same images give the same bits."""

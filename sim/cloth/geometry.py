@@ -8,8 +8,7 @@ from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import ClothSpec
 
 CONTACT_TOLERANCE_M = 0.004
-"""Cloth rests on the table where it is below margin + this height (chapter 4-3-2 asks for contact, and an engine's own
-contact points on cloth may be wrong, as Bullet's are)."""
+"""Cloth rests on the table where it is below margin + this height: Bullet's own contact points on cloth are wrong."""
 TINY_M = 1e-12
 """Replaces a zero difference of heights in a division."""
 LAYERED_SHARE = 0.01
@@ -31,8 +30,12 @@ class ClothGeometry:
         self._last: tuple[float, FloatArray] | None = None
 
     def contact_portion_true(self, nodes: FloatArray) -> float:
-        """Return the share of the cloth that rests on the table, 0..1: see `resting_share`."""
-        return resting_share(nodes, self._triangles, self.spec.margin_m)
+        """Return the share of the cloth that rests on the table, by area at rest, 0..1; blind to folds and stretch.
+
+        Heights are linear in each triangle. The share of nodes would jump by a whole row (1/13) as a cloth is laid, and
+        count a node of the border, which holds half a cell, like an inner one: 0.017 off on average, 0.12 at worst.
+        """
+        return float(_share_below(nodes[self._triangles, 2], self.spec.margin_m + CONTACT_TOLERANCE_M).mean())
 
     def flat_area(self, nodes: FloatArray) -> float:
         """Return signed projected area of the triangles on the table / cloth area; a reverse side counts negative.
@@ -76,16 +79,6 @@ class ClothGeometry:
         return None
 
 
-def resting_share(nodes: FloatArray, triangles: np.ndarray, margin_m: float) -> float:
-    """Return the share of the cloth that rests on the table, by area at rest, 0..1; blind to folds and stretch.
-
-    ``nodes`` (N, 3) m and ``triangles`` (T, 3) of one size at rest; heights are linear in each. The share of nodes
-    would jump by a whole row (1/13) as a cloth is laid, and count a node of the border, which holds half a cell, like
-    an inner one: 0.017 off on average, 0.12 at worst.
-    """
-    return float(_share_below(nodes[triangles, 2], margin_m + CONTACT_TOLERANCE_M).mean())
-
-
 def _signed_areas(nodes: FloatArray, triangles: np.ndarray) -> FloatArray:
     a, b, c = (nodes[triangles[:, k], :2] for k in range(3))
     u, v = b - a, c - a
@@ -93,10 +86,8 @@ def _signed_areas(nodes: FloatArray, triangles: np.ndarray) -> FloatArray:
 
 
 def _share_below(heights: FloatArray, level: float) -> FloatArray:
-    """Return the share of each triangle's area below ``level``, (T,); ``heights`` (T, 3) of its corners.
-
-    Below the middle corner it is the triangle cut off at the lowest one, above it all but that at the highest.
-    """
+    """Return the share of each triangle's area below ``level``, (T,); ``heights`` (T, 3) of its corners."""
+    # Below the middle corner it is the triangle cut off at the lowest one, above it all but that at the highest.
     low, middle, high = np.sort(heights, axis=1).T
     span = np.maximum(high - low, TINY_M)
     below = np.maximum(level - low, 0.0) ** 2 / (span * np.maximum(middle - low, TINY_M))

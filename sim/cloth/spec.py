@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.errors import SimError
+from layflat.sim.errors import SimError, look_up
 
 HELD_STRETCH = 1.03
 """Distance of the held corners / width of the cloth: a taut hem does not flop to a side."""
@@ -56,11 +56,6 @@ class ClothSpec:
     def n_nodes(self) -> int:
         """Number of nodes, N."""
         return self.rows * self.columns
-
-    @property
-    def area_m2(self) -> float:
-        """Area of the flat cloth."""
-        return self.length_m * self.width_m
 
     @property
     def held_width_m(self) -> float:
@@ -125,6 +120,4 @@ CLOTHS: Mapping[str, ClothSpec] = {
 
 def cloth_spec(name: str, **changes: float) -> ClothSpec:
     """Return a preset, with changes; SimError lists the known names."""
-    if name not in CLOTHS:
-        raise SimError(f"unknown cloth {name!r}; the known ones are {', '.join(CLOTHS)}")
-    return replace(CLOTHS[name], **changes)  # type: ignore[arg-type]
+    return replace(look_up("cloth", name, CLOTHS), **changes)  # type: ignore[arg-type]

@@ -37,11 +37,6 @@ class DisturbanceController:
         return self._finished is not None and self._world.seconds(self._now - self._finished) >= self.plan.settle_s
 
     @property
-    def is_acting(self) -> bool:
-        """Whether a force may still act."""
-        return self._finished is None
-
-    @property
     def impulse_n_s(self) -> FloatArray:
         """Momentum that the cloth has been given so far, gravity apart, (3,) N s, world."""
         return self._impulse if self._hands is None else self._impulse + self._hands.impulse_n_s()

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import ClothSpec
-from layflat.sim.disturbances.toml_fields import READERS
-from layflat.sim.errors import SimError
-from layflat.sim.physics.base import GRAVITY_M_S2
+from layflat.sim.disturbances.toml_fields import READERS, read_field
+from layflat.sim.errors import SimError, look_up
+from layflat.sim.physics.base import GRAVITY_M_S2, Vector
 
 Kind: TypeAlias = Literal["none", "push", "pull", "lift-drop", "poke", "fold", "wind"]
 Range: TypeAlias = tuple[float, float]
@@ -63,28 +63,23 @@ class DisturbanceSpec:
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise SimError(f"disturbance {self.name}: kind is {self.kind!r}; it must be one of {get_args(Kind)}")
-        for field in ("along", "across"):
-            low, high = getattr(self, field)
-            if not 0 <= low <= high <= 1:
-                raise SimError(f"disturbance {self.name}: {field} is {low}..{high}; it must rise within 0..1")
-        for field in ("heading_deg", "scale"):
-            low, high = getattr(self, field)
-            if not low <= high:
-                raise SimError(f"disturbance {self.name}: {field} is {low}..{high}; it must rise")
-        for field in ("speed_m_s", "force_weights", "time_limit_s"):
-            if not getattr(self, field) > 0:
-                raise SimError(f"disturbance {self.name}: {field} is {getattr(self, field)}; it must be above 0")
-        if min(self.patch) < 1 or self.settle_s < 0:
-            raise SimError(
-                f"disturbance {self.name}: patch is {self.patch} and settle_s {self.settle_s};"
-                " the patch needs a node each way, and settle_s must be at least 0"
-            )
-        if (self.kind in ("none", "wind")) == bool(self.path):
-            raise SimError(f"disturbance {self.name}: a path is for hands, and a {self.kind} has {self.path}")
-        if self.turn_deg and not self.path:
-            raise SimError(f"disturbance {self.name}: turn_deg is for hands, and a {self.kind} has {self.turn_deg}")
-        if (self.kind == "wind") != (self.wind_m_s2 != 0):
-            raise SimError(f"disturbance {self.name}: wind_m_s2 is {self.wind_m_s2} in a {self.kind}")
+        by_hand = self.kind not in ("none", "wind")
+        rules = {
+            **{field: (0 <= getattr(self, field)[0] <= getattr(self, field)[1] <= 1, "rise within 0..1")
+               for field in ("along", "across")},
+            **{field: (getattr(self, field)[0] <= getattr(self, field)[1], "rise")
+               for field in ("heading_deg", "scale")},
+            **{field: (getattr(self, field) > 0, "be above 0")
+               for field in ("speed_m_s", "force_weights", "time_limit_s")},
+            "patch": (min(self.patch) >= 1, "have a node each way"),
+            "settle_s": (self.settle_s >= 0, "be at least 0"),
+            "path": (bool(self.path) == by_hand, f"{'lead somewhere' if by_hand else 'be empty'} in a {self.kind}"),
+            "turn_deg": (by_hand or not self.turn_deg, f"be 0 in a {self.kind}, which has no hands"),
+            "wind_m_s2": ((self.wind_m_s2 != 0) == (self.kind == "wind"), "blow in a wind and in nothing else"),
+        }  # fmt: skip
+        for field, (valid, wanted) in rules.items():
+            if not valid:
+                raise SimError(f"disturbance {self.name}: {field} is {getattr(self, field)}; it must {wanted}")
 
     @staticmethod
     def from_mapping(values: Mapping[str, Any]) -> DisturbanceSpec:
@@ -102,7 +97,7 @@ class DisturbanceSpec:
         if unknown:
             known = ", ".join(("name", "like", *READERS))
             raise SimError(f"disturbance {name}: unknown field {unknown[0]!r}; the known ones are {known}")
-        fresh = {field: READERS[field](name, field, value) for field, value in given.items()}
+        fresh = {field: read_field(name, field, value) for field, value in given.items()}
         if like is not None:
             if not isinstance(like, str):
                 raise SimError(f"disturbance {name}: like is {like!r}; it must be the name of a disturbance")
@@ -120,15 +115,15 @@ class DisturbanceSpec:
         forward = np.array([math.cos(heading), math.sin(heading), 0.0])
         size = scale * cloth.length_m
         corners = [np.zeros(3), *(size * (ahead * forward + up * np.array([0.0, 0.0, 1.0])) for ahead, up in self.path)]
-        wind = self.wind_m_s2 * scale * forward
-        turn = math.radians(self.turn_deg) * np.cross([0.0, 0.0, 1.0], forward)
+        wind = tuple((self.wind_m_s2 * scale * forward).tolist())
+        turn = tuple((math.radians(self.turn_deg) * np.cross([0.0, 0.0, 1.0], forward)).tolist())
         return DisturbanceTrajectory(
             nodes=_patch_nodes(cloth, along, across, self.patch) if self.path else (),
             path_m=np.array(corners),
-            turn_rad=(float(turn[0]), float(turn[1]), float(turn[2])),
+            turn_rad=turn,
             speed_m_s=self.speed_m_s,
             force_limit_n=self.force_weights * cloth.mass_kg * GRAVITY_M_S2,
-            wind_m_s2=(float(wind[0]), float(wind[1]), float(wind[2])),
+            wind_m_s2=wind,
             time_limit_s=self.time_limit_s,
             settle_s=self.settle_s,
         )
@@ -144,10 +139,10 @@ class DisturbanceTrajectory:
     """Corners of the path from where each hand took hold, (W, 3) m, world axes; the first is zero."""
     speed_m_s: float
     force_limit_n: float
-    wind_m_s2: tuple[float, float, float]
+    wind_m_s2: Vector
     time_limit_s: float
     settle_s: float
-    turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_rad: Vector = (0.0, 0.0, 0.0)
     """Rotation vector, world axes, by which the hands have turned about their middle at the path's end."""
 
     @property
@@ -164,17 +159,14 @@ class DisturbanceTrajectory:
     def recorded(described: Mapping[str, Any], cloth: ClothSpec) -> DisturbanceTrajectory:
         """Return the trajectory that was `described`; SimError where it does not fit this cloth."""
         try:
-            values: dict[str, Any] = dict(described)
-            x, y, z = (float(part) for part in values["wind_m_s2"])
-            path = np.array(values["path_m"], dtype=float)
-            nodes = tuple(int(node) for node in values["nodes"])
-            turn = tuple(float(part) for part in values.get("turn_rad", (0.0, 0.0, 0.0)))
-            plan = DisturbanceTrajectory(
-                **(values | {"nodes": nodes, "path_m": path, "wind_m_s2": (x, y, z), "turn_rad": turn})
-            )
+            values = {"turn_rad": (0.0, 0.0, 0.0)} | dict(described)
+            wind, turn = (tuple(float(part) for part in values[key]) for key in ("wind_m_s2", "turn_rad"))
+            path, nodes = np.array(values["path_m"], dtype=float), tuple(int(node) for node in values["nodes"])
+            values |= {"nodes": nodes, "path_m": path, "wind_m_s2": wind, "turn_rad": turn}
+            plan = DisturbanceTrajectory(**values)
             limits = (plan.speed_m_s, plan.force_limit_n, plan.time_limit_s, plan.settle_s)
-            numbers = [x, y, z, *turn, *path.ravel(), *limits]
-            sound = path.ndim == 2 and path.shape[1] == 3 and len(turn) == 3 and bool(np.isfinite(numbers).all())
+            sound = path.ndim == 2 and path.shape[1] == len(wind) == len(turn) == 3
+            sound = sound and bool(np.isfinite([*wind, *turn, *path.ravel(), *limits]).all())
         except (KeyError, TypeError, ValueError) as error:
             raise SimError(f"the recorded disturbance cannot be read by this version ({error})") from None
         if not sound or not all(0 <= node < cloth.n_nodes for node in nodes):
@@ -265,6 +257,4 @@ DISTURBANCES: Mapping[str, DisturbanceSpec] = {
 
 def disturbance_spec(name: str) -> DisturbanceSpec:
     """Return a preset; SimError lists the known names."""
-    if name not in DISTURBANCES:
-        raise SimError(f"unknown disturbance {name!r}; the known ones are {', '.join(DISTURBANCES)}")
-    return DISTURBANCES[name]
+    return look_up("disturbance", name, DISTURBANCES)

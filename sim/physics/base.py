@@ -37,10 +37,6 @@ class Cloth(ClothGeometry, ABC):
     def nodes(self) -> FloatArray:
         """Return the nodes, (N, 3) m, world, in grid order; read-only, and cheap to ask again within a substep."""
 
-    @abstractmethod
-    def set_nodes(self, nodes: FloatArray) -> None:
-        """Put the nodes (N, 3) m there, for a cloth that is only looked at."""
-
     def divergence_reason(self, nodes: FloatArray) -> str | None:
         """Return why the cloth has diverged, or None; call once a step."""
         return self.divergence_at(nodes, self.world.time_s)
@@ -89,9 +85,6 @@ class Arm(Protocol):
 
     def joint_states(self) -> tuple[list[float], list[float]]:
         """Return angles, rad, and speeds, rad/s."""
-
-    def joint_torques(self) -> FloatArray:
-        """Return the torques of the joint motors in the last substep, (J,) N m."""
 
     def set_torques(self, torques_n_m: FloatArray) -> None:
         """Drive the joints (J,) with torques for one substep."""

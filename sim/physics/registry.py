@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from layflat.sim.errors import SimError
+from layflat.sim.errors import look_up
 from layflat.sim.physics.base import World
 
 DEFAULT_PHYSICS = "bullet"
@@ -20,13 +20,6 @@ PHYSICS: Mapping[str, Callable[[], type[World]]] = {"bullet": _bullet}
 """Functions that import an engine, so that an engine is loaded only where it is used."""
 
 
-def check_physics(name: str) -> None:
-    """Raise SimError, which lists the known names, unless there is an engine of that name."""
-    if name not in PHYSICS:
-        raise SimError(f"unknown physics {name!r}; the known ones are {', '.join(PHYSICS)}")
-
-
 def make_world(name: str = DEFAULT_PHYSICS, *, substep_s: float, table_friction: float = 1.0) -> World:
-    """Make an empty world of the engine of that name."""
-    check_physics(name)
-    return PHYSICS[name]()(substep_s=substep_s, table_friction=table_friction)
+    """Make an empty world of the engine of that name; SimError lists the known names."""
+    return look_up("physics", name, PHYSICS)()(substep_s=substep_s, table_friction=table_friction)

@@ -44,12 +44,10 @@ class HandGuiding:
         self._load = np.array([0.0, 0.0, load_n])
         friction = _bounded((held_n - self._load) * _IN_PLANE, FRICTION_N)
         self._stuck_at: FloatArray = place + friction / FRICTION_STIFFNESS_N_M
-        self._pushes: list[FloatArray] = []
 
     def start_step(self, place: FloatArray, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
         """Move the hand evenly towards ``hand_m`` (3,) m in this step, or take it away."""
         self._load = np.array([0.0, 0.0, load_n])
-        self._pushes = []
         self._last = place
         if hand_m is None:
             self._hand = None
@@ -62,17 +60,10 @@ class HandGuiding:
         """Return the push on the hanger at ``place`` (3,) m in this substep, (3,) N; call it once in each."""
         moved, self._last = place - self._last, place
         if self._hand is None:
-            push = np.zeros(3)
-        else:
-            self._hand = self._hand + self._velocity * self.substep_s
-            lead, slip = self._hand - place, self._velocity - moved / self.substep_s
-            push = _bounded((HAND_STIFFNESS_N_M * lead + HAND_DAMPING_N_S_M * slip) * _IN_PLANE, HAND_LIMIT_N)
-        self._pushes.append(push)
-        return push
-
-    def hand_force_n(self) -> FloatArray:
-        """Return the mean push of this step, (3,) N."""
-        return np.mean(self._pushes, axis=0) if self._pushes else np.zeros(3)
+            return np.zeros(3)
+        self._hand = self._hand + self._velocity * self.substep_s
+        lead, slip = self._hand - place, self._velocity - moved / self.substep_s
+        return _bounded((HAND_STIFFNESS_N_M * lead + HAND_DAMPING_N_S_M * slip) * _IN_PLANE, HAND_LIMIT_N)
 
     def carried_n(self, place: FloatArray) -> FloatArray:
         """Return load and friction that the arm exerts at ``place``, (3,) N; friction gives way as ``place`` moves."""

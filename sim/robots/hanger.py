@@ -51,12 +51,12 @@ class PandaHanger(Robot):
         self._low, self._high = (np.array(b)[_AXES] for b in (self.workspace_low_m, self.workspace_high_m))
         self._clips = 0.5 * cloth.spec.held_width_m * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
         centre = self._checked_centre(np.asarray(corner_positions, dtype=float))
-        self._set_point = centre
+        self.set_point = centre
+        """Where the springs pull the corners' midpoint now, (3,) m, world."""
         self._target = centre.copy()
         self._velocity = np.zeros(3)
         self._posture = inverse_kinematics(centre)
         self._posture_speed = np.zeros(JOINTS)
-        self._torque = np.zeros(JOINTS)
         self._set_point_step = np.zeros(3)
         """Change of the set point in one substep."""
         self._posture_step = np.zeros(JOINTS)
@@ -104,10 +104,6 @@ class PandaHanger(Robot):
     def joint_angles(self) -> FloatArray:
         return np.array(self.arm.joint_states()[0])
 
-    def set_point(self) -> FloatArray:
-        """Return where the springs pull the corners' midpoint now, (3,) m, world."""
-        return self._set_point.copy()
-
     def grasp(self) -> None:
         self.arm.grasp(self._cloth, self._cloth.spec.corners)
 
@@ -121,7 +117,7 @@ class PandaHanger(Robot):
         if step.shape != (2,) or not np.isfinite(step).all():
             raise SimError(f"the action is {step.tolist()}; it must be two finite numbers: dx, dz in m")
         real = self.position()[_AXES]
-        wanted = np.clip(self._set_point[_AXES] + step, real - MAX_LEAD_M, real + MAX_LEAD_M)
+        wanted = np.clip(self.set_point[_AXES] + step, real - MAX_LEAD_M, real + MAX_LEAD_M)
         self._target[_AXES] = np.clip(wanted, self._low, self._high)
         self._lead(substeps)
 
@@ -130,7 +126,7 @@ class PandaHanger(Robot):
         substep_s = self._world.substep_s
         self._impedance.substep_s = substep_s
         duration = substeps * substep_s
-        self._velocity = (self._target - self._set_point) / duration
+        self._velocity = (self._target - self.set_point) / duration
         self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
         self._set_point_step = self._velocity * substep_s
         self._posture_step = self._posture_speed * substep_s
@@ -141,7 +137,7 @@ class PandaHanger(Robot):
             raise SimError("position control does not yield; make the hanger with control='impedance'")
         place = self.position()
         if self._guiding is None:
-            held_n = STIFFNESS_N_M * (self._set_point - place)
+            held_n = STIFFNESS_N_M * (self.set_point - place)
             self._guiding = HandGuiding(place, held_n, load_n, self._world.substep_s)
             self._impedance.yield_in_plane(True)
         if hand_m is not None:
@@ -158,28 +154,23 @@ class PandaHanger(Robot):
         if self._guiding is None:
             return
         place = self.position()
-        self._set_point[_AXES] = (place + self._guiding.carried_n(place) / STIFFNESS_N_M)[_AXES]
-        self._set_point[_AXES] = np.clip(self._set_point[_AXES], self._low, self._high)
+        self.set_point[_AXES] = (place + self._guiding.carried_n(place) / STIFFNESS_N_M)[_AXES]
+        self.set_point[_AXES] = np.clip(self.set_point[_AXES], self._low, self._high)
         self._guiding = None
         self._impedance.yield_in_plane(False)
 
-    def hand_force_n(self) -> FloatArray:
-        """Return the guiding hand's mean force on the hanger in the last step, (3,) N, world; zeros without a hand."""
-        return np.zeros(3) if self._guiding is None else self._guiding.hand_force_n()
-
     def before_substep(self) -> None:
-        self._set_point += self._set_point_step
+        self.set_point += self._set_point_step
         self._posture += self._posture_step
         if self._guiding is not None:
-            self._torque = self._guided_substep(self._guiding)
-            return
-        if self._control == "impedance":
-            self._torque = self._impedance.apply(self._set_point, self._velocity, self._posture)
+            self._guided_substep(self._guiding)
+        elif self._control == "impedance":
+            self._impedance.apply(self.set_point, self._velocity, self._posture)
         else:
             # Straight lines in joint space: 20 mm of travel bend by less than 0.1 mm.
             self.arm.drive_joints(self._posture, self._posture_speed, TORQUE_LIMIT_N_M)
 
-    def _guided_substep(self, guiding: HandGuiding) -> FloatArray:
+    def _guided_substep(self, guiding: HandGuiding) -> None:
         place = self.position()
         force = guiding.hand_push_n(place)
         self.arm.push_tool(force, place)
@@ -187,22 +178,12 @@ class PandaHanger(Robot):
         inside[_AXES] = np.clip(place[_AXES], self._low, self._high)
         carried = guiding.carried_n(place) + WALL_STIFFNESS_N_M * (inside - place)
         # Damped against rest, not against the set point, which only follows.
-        return self._impedance.apply(self._set_point, np.zeros(3), self._posture, carried)
+        self._impedance.apply(self.set_point, np.zeros(3), self._posture, carried)
 
     def hold(self) -> None:
         # Torques last for one substep, motors until further notice.
         self.arm.drive_joints(self.joint_angles(), np.zeros(JOINTS), TORQUE_LIMIT_N_M)
         self._holding = True
-
-    def spring_force_n(self) -> FloatArray:
-        """Return the springs' pull on the hanger, (3,) N, world; with the arm at rest the opposite of its load."""
-        if self._control != "impedance":
-            raise SimError("position control has no springs; make the hanger with control='impedance'")
-        return STIFFNESS_N_M * (self._set_point - self.position())
-
-    def joint_torques(self) -> FloatArray:
-        """Return the torques that drove the joints in the last substep, (7,) N m."""
-        return self._torque.copy() if self._control == "impedance" else self.arm.joint_torques()
 
 
 @lru_cache(maxsize=8)

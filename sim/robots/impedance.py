@@ -68,11 +68,10 @@ class CartesianImpedance:
 
     def apply(
         self, set_point: FloatArray, velocity: FloatArray, posture: FloatArray, force: FloatArray | None = None
-    ) -> FloatArray:
-        """Apply the torques (7,) N m of this substep and return them: a view that the next call overwrites.
+    ) -> None:
+        """Apply the torques of this substep, and exert ``force`` (3,) N, world, at the corners' midpoint besides.
 
-        ``set_point`` (3,) m and ``velocity`` (3,) m/s of the corners' midpoint, world; ``posture`` (7,) rad; ``force``
-        (3,) N, world, is exerted at the corners' midpoint besides.
+        ``set_point`` (3,) m and ``velocity`` (3,) m/s are the midpoint's, world; ``posture`` (7,) rad.
         """
         angles, speeds = self._arm.joint_states()
         if self._age >= REFRESH_SUBSTEPS:
@@ -90,7 +89,6 @@ class CartesianImpedance:
         np.minimum(torque, TORQUE_LIMIT_N_M, out=torque)
         np.maximum(torque, _TORQUE_LOW_N_M, out=torque)
         self._arm.set_torques(torque)
-        return torque
 
     def _refresh(self, angles: list[float], speeds: list[float], posture: FloatArray) -> None:
         """Linearise the law about the joint angles half way to the next refresh."""

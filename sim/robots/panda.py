@@ -16,9 +16,6 @@ from layflat.sim.errors import SimError
 
 JOINTS = 7
 TORQUE_LIMIT_N_M = np.array([87.0] * 4 + [12.0] * 3)
-JOINT_LOW_RAD = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
-JOINT_HIGH_RAD = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
-"""The maker's limits (soft limits of the robot description); Bullet itself stops at wider ones."""
 
 BASE_POSITION_M = (0.25, 0.40, 0.0)
 """Beside the table's middle, facing +x; the hanger works to its right."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from layflat.data.robot import RobotSpec
-from layflat.sim.errors import SimError
+from layflat.sim.errors import look_up
 from layflat.sim.robots.base import Robot
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.pickers import FreePickers
@@ -15,9 +15,7 @@ DEFAULT_ROBOT = PandaHanger.spec.name
 
 def robot_type(name: str) -> type[Robot]:
     """Return the class of a robot; SimError lists the known names."""
-    if name not in ROBOTS:
-        raise SimError(f"unknown robot {name!r}; the known ones are {', '.join(ROBOTS)}")
-    return ROBOTS[name]
+    return look_up("robot", name, ROBOTS)
 
 
 def robot_spec(name: str) -> RobotSpec:

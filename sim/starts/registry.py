@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from layflat.sim.errors import SimError
 from layflat.sim.starts.base import Start
 from layflat.sim.starts.crumpled import CRUMPLED
 from layflat.sim.starts.folded_corner import FOLDED_CORNER
 from layflat.sim.starts.hanging import HANGING, SWINGING
 
 STARTS: Mapping[str, Start] = {start.name: start for start in (HANGING, CRUMPLED, FOLDED_CORNER, SWINGING)}
-
-
-def start_named(name: str) -> Start:
-    """Return a start; SimError lists the known names."""
-    if name not in STARTS:
-        raise SimError(f"unknown start {name!r}; the known ones are {', '.join(STARTS)}")
-    return STARTS[name]

@@ -9,11 +9,13 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.sim.physics.base import Cloth
+from layflat.sim.physics.bullet.cloth import BulletCloth, bullet_cloth
 from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.simulation import ClothSimulation
 
@@ -44,8 +46,15 @@ def cloth_in_world(spec: ClothSpec, nodes: FloatArray | None = None, **world: fl
     with bullet_world(spec.rate_hz, **world) as made:
         cloth = made.add_cloth(spec)
         if nodes is not None:
-            cloth.set_nodes(nodes)
+            set_nodes(cloth, nodes)
         yield cloth
+
+
+def set_nodes(cloth: Cloth, nodes: FloatArray) -> None:
+    """Move the nodes (N, 3) m there; Bullet keeps their velocities and makes this the shape at rest."""
+    body = bullet_cloth(cloth)
+    bullet.resetMeshData(body.body, nodes.tolist(), physicsClientId=body._client)
+    body._nodes = body._last = None
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.starts.registry import STARTS
-from layflat.sim.tasks.registry import TASKS
+from layflat.sim.tasks import TASKS
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
 from layflat.sim.registration import MAX_EPISODE_STEPS, register_environments
-from layflat.tests.sim.helpers import fresh_process_outputs
+from layflat.tests.sim.helpers import fresh_process_outputs, set_nodes
 
 register_environments()
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
@@ -95,7 +95,7 @@ def test_a_diverged_cloth_ends_the_episode_and_says_why(env: ClothPlaceEnv) -> N
     env.reset(seed=0)
     nodes = env.simulation.cloth.nodes().copy()
     nodes[100] += [3.0, 0.0, 0.0]
-    env.simulation.cloth.set_nodes(nodes)
+    set_nodes(env.simulation.cloth, nodes)
     seen, reward, terminated, _, info = env.step(np.zeros(6, np.float32))
     assert terminated
     assert reward == 0.0

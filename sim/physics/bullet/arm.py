@@ -64,10 +64,6 @@ class BulletArm:
         states = bullet.getJointStates(self.body, self._joints, physicsClientId=self._client)
         return [s[0] for s in states], [s[1] for s in states]
 
-    def joint_torques(self) -> FloatArray:
-        states = bullet.getJointStates(self.body, self._joints, physicsClientId=self._client)
-        return np.array([s[3] for s in states])
-
     def set_torques(self, torques_n_m: FloatArray) -> None:
         bullet.setJointMotorControlArray(
             self.body, self._joints, bullet.TORQUE_CONTROL, forces=torques_n_m.tolist(), physicsClientId=self._client

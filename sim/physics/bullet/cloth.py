@@ -69,12 +69,6 @@ class BulletCloth(Cloth):
         self._nodes, self._nodes_at = nodes, self.world.substeps_done
         return nodes
 
-    def set_nodes(self, nodes: FloatArray) -> None:
-        # Bullet keeps their velocities and makes this the shape at rest.
-        bullet.resetMeshData(self.body, nodes.tolist(), physicsClientId=self._client)
-        self._last = None
-        self._nodes = None
-
     def anchor(self, node: int, body: int, link: int = -1) -> int:
         """Fix a node to a link where both are now; return a constraint for `remove_anchor`."""
         return int(bullet.createSoftBodyAnchor(self.body, node, body, link, physicsClientId=self._client))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pybullet as bullet
@@ -31,7 +31,6 @@ SITUATIONS: tuple[Situation, ...] = ("held", "flat")
 
 DROP_M = 0.01
 """Height above its margin from which a cloth is let fall to lie flat."""
-
 HANG_LENGTHS = 2.5
 """Height of the held corners / length of the cloth: half a kilogram on springs of 40 N/m stretches a lot."""
 
@@ -72,89 +71,68 @@ SOLVER_SETTINGS: Mapping[str, SolverSettings] = {
 }  # fmt: skip
 
 
-class ReferenceCloth:
-    """A cloth of ``across`` x ``across`` nodes with published settings, in a world of its own."""
+class BareCloth:
+    """A cloth in a world of its own, without robot, air and checks."""
 
-    def __init__(self, settings: SolverSettings, across: int, situation: Situation) -> None:
-        self.substep_s = 1 / settings.rate_hz
-        self._client: int = bullet.connect(bullet.DIRECT)
-        bullet.resetSimulation(bullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=self._client)
-        bullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=self._client, **(settings.engine or {}))
-        bullet.setTimeStep(self.substep_s, physicsClientId=self._client)
-        bullet.setGravity(0, 0, -9.8, physicsClientId=self._client)
-        bullet.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=self._client)
-        bullet.loadURDF("plane.urdf", physicsClientId=self._client)
-        self._body = self._load(settings, across, situation)
-        if situation == "held":
-            for node in (across * (across - 1), across * across - 1):
-                bullet.createSoftBodyAnchor(self._body, node, -1, -1, physicsClientId=self._client)
-
-    def _load(self, settings: SolverSettings, across: int, situation: Situation) -> int:
-        spec = grid(settings.length_m, across)
-        margin = None if settings.margin_of_edge is None else settings.margin_of_edge * settings.length_m / (across - 1)
-        low, high = (margin or 0.0) + DROP_M, HANG_LENGTHS * settings.length_m
-        nodes = (
-            spec.flat_nodes(z_m=low) if situation == "flat" else spec.hanging_nodes(_corners(settings.length_m, high))
-        )
-        more: dict[str, Any] = {} if margin is None else {"collisionMargin": margin}
-        with mesh_file(nodes, spec.triangles()) as path:
-            body = bullet.loadSoftBody(
-                path,
-                scale=1.0,
-                mass=settings.mass_kg,
-                useNeoHookean=0,
-                useMassSpring=1,
-                useBendingSprings=1,
-                useSelfCollision=1,
-                useFaceContact=1,
-                frictionCoeff=settings.friction,
-                physicsClientId=self._client,
-                **settings.springs,
-                **more,
-            )
-        return int(body)
+    def __init__(self, client: int, body: int, substep_s: float) -> None:
+        self._client, self._body = client, body
+        self.substep_s = substep_s
 
     def step(self) -> None:
-        """Simulate one step of the settings' length."""
+        """Simulate one substep."""
         bullet.stepSimulation(physicsClientId=self._client)
 
     def nodes(self) -> FloatArray:
         """Return the nodes, (N, 3) m."""
-        _, vertices = bullet.getMeshData(
-            self._body, -1, flags=bullet.MESH_DATA_SIMULATION_MESH, physicsClientId=self._client
-        )
-        return np.array(vertices)
+        flags = bullet.MESH_DATA_SIMULATION_MESH
+        return np.array(bullet.getMeshData(self._body, -1, flags=flags, physicsClientId=self._client)[1])
 
     def close(self) -> None:
         """Free the world."""
         bullet.disconnect(physicsClientId=self._client)
 
 
-class LayflatCloth:
-    """Layflat's cloth in the same situation, in its own world, without robot, air and checks."""
-
-    def __init__(self, spec: ClothSpec, situation: Situation) -> None:
-        self._world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
-        self.substep_s = self._world.substep_s
-        if situation == "flat":
-            self._cloth = self._world.add_cloth(spec, spec.flat_nodes(z_m=spec.margin_m + DROP_M))
-            return
-        nodes = spec.hanging_nodes(_corners(spec.width_m, HANG_LENGTHS * spec.length_m))
-        self._cloth = self._world.add_cloth(spec, nodes)
+def reference_cloth(settings: SolverSettings, across: int, situation: Situation) -> BareCloth:
+    """Make a cloth of ``across`` x ``across`` nodes with published settings."""
+    client: int = bullet.connect(bullet.DIRECT)
+    bullet.resetSimulation(bullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=client)
+    bullet.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=client, **(settings.engine or {}))
+    bullet.setTimeStep(1 / settings.rate_hz, physicsClientId=client)
+    bullet.setGravity(0, 0, -9.8, physicsClientId=client)
+    bullet.setAdditionalSearchPath(pybullet_data.getDataPath(), physicsClientId=client)
+    bullet.loadURDF("plane.urdf", physicsClientId=client)
+    spec, margin = grid(settings.length_m, across), {}
+    if settings.margin_of_edge is not None:
+        margin = {"collisionMargin": settings.margin_of_edge * settings.length_m / (across - 1)}
+    with mesh_file(_nodes(spec, situation, margin.get("collisionMargin", 0.0)), spec.triangles()) as path:
+        body = bullet.loadSoftBody(
+            path,
+            scale=1.0,
+            mass=settings.mass_kg,
+            useNeoHookean=0,
+            useMassSpring=1,
+            useBendingSprings=1,
+            useSelfCollision=1,
+            useFaceContact=1,
+            frictionCoeff=settings.friction,
+            physicsClientId=client,
+            **settings.springs,
+            **margin,
+        )
+    if situation == "held":
         for node in spec.corners:
-            self._cloth.anchor(node, -1)
+            bullet.createSoftBodyAnchor(body, node, -1, -1, physicsClientId=client)
+    return BareCloth(client, body, 1 / settings.rate_hz)
 
-    def step(self) -> None:
-        """Simulate one substep."""
-        self._world.step()
 
-    def nodes(self) -> FloatArray:
-        """Return the nodes, (N, 3) m."""
-        return self._cloth.nodes()
-
-    def close(self) -> None:
-        """Free the world."""
-        self._world.close()
+def layflat_cloth(spec: ClothSpec, situation: Situation) -> BareCloth:
+    """Make Layflat's cloth in the same situation."""
+    world = BulletWorld(substep_s=1 / spec.rate_hz, table_friction=1.0)
+    cloth = world.add_cloth(spec, _nodes(spec, situation, spec.margin_m))
+    if situation == "held":
+        for node in spec.corners:
+            cloth.anchor(node, -1)
+    return BareCloth(world.client, cloth.body, world.substep_s)
 
 
 def grid(length_m: float, across: int) -> ClothSpec:
@@ -165,5 +143,8 @@ def grid(length_m: float, across: int) -> ClothSpec:
     )  # fmt: skip
 
 
-def _corners(width_m: float, height_m: float) -> FloatArray:
-    return np.array([[0.0, width_m / 2, height_m], [0.0, -width_m / 2, height_m]])
+def _nodes(spec: ClothSpec, situation: Situation, margin_m: float) -> FloatArray:
+    if situation == "flat":
+        return spec.flat_nodes(z_m=margin_m + DROP_M)
+    side, up = spec.width_m / 2, HANG_LENGTHS * spec.length_m
+    return spec.hanging_nodes(np.array([[0.0, side, up], [0.0, -side, up]]))

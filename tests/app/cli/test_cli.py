@@ -33,7 +33,7 @@ from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.starts.registry import STARTS
-from layflat.sim.tasks.registry import TASKS
+from layflat.sim.tasks import TASKS
 
 COMMANDS = typer.main.get_command(main.cli).commands
 

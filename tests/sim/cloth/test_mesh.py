@@ -51,7 +51,7 @@ def test_triangles_face_the_way_the_normals_point_and_have_the_clothes_area() ->
     double = np.cross(b - a, c - a)
     assert (double[:, 2] > 0).all()
     assert (mesh.normals[:, 2] > 0.999).all()
-    assert double[:, 2].sum() / 2 == pytest.approx(SPEC.area_m2)
+    assert double[:, 2].sum() / 2 == pytest.approx(SPEC.length_m * SPEC.width_m)
 
 
 def test_nothing_dips_into_the_table() -> None:

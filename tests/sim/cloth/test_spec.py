@@ -16,7 +16,7 @@ def test_triangles_tile_the_cloth_face_up() -> None:
     corners = SMALL.flat_nodes()[SMALL.triangles()]
     normals = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normals[:, 2] > 0).all()
-    assert normals[:, 2].sum() == pytest.approx(SMALL.area_m2)
+    assert normals[:, 2].sum() == pytest.approx(SMALL.length_m * SMALL.width_m)
     assert len(np.unique(SMALL.triangles())) == SMALL.rows * SMALL.columns
 
 

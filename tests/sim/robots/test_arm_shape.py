@@ -9,7 +9,8 @@ import pytest
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.errors import SimError
 from layflat.sim.robots.hanger import PandaHanger
-from layflat.sim.robots.panda import CLIP_DROP_M, JOINT_HIGH_RAD, JOINT_LOW_RAD, JOINTS, inverse_kinematics
+from layflat.sim.robots.panda import CLIP_DROP_M, JOINTS, inverse_kinematics
+from layflat.tests.sim.robots.hangers import JOINT_HIGH_RAD, JOINT_LOW_RAD
 
 
 @pytest.fixture(scope="module")

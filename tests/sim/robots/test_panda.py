@@ -15,7 +15,7 @@ from layflat.sim.physics.bullet.arm import BulletArm
 from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots import panda, panda_description
 from layflat.sim.robots.hanger import MAX_SIDE_M, PandaHanger
-from layflat.tests.sim.robots.hangers import bare_hanger, run_step
+from layflat.tests.sim.robots.hangers import JOINT_HIGH_RAD, JOINT_LOW_RAD, bare_hanger, run_step
 
 ORIGINAL = os.path.join(pybullet_data.getDataPath(), "franka_panda", "panda.urdf")
 WRIST = panda.JOINTS - 1
@@ -31,8 +31,8 @@ def test_constants_are_those_of_the_original() -> None:
     arm = [joints[f"panda_joint{i}"] for i in range(1, 8)]
     assert [float(j.find("limit").get("effort")) for j in arm] == panda.TORQUE_LIMIT_N_M.tolist()
     soft = [j.find("safety_controller") for j in arm]
-    assert [float(s.get("soft_lower_limit")) for s in soft] == panda.JOINT_LOW_RAD.tolist()
-    assert [float(s.get("soft_upper_limit")) for s in soft] == panda.JOINT_HIGH_RAD.tolist()
+    assert [float(s.get("soft_lower_limit")) for s in soft] == JOINT_LOW_RAD.tolist()
+    assert [float(s.get("soft_upper_limit")) for s in soft] == JOINT_HIGH_RAD.tolist()
     origin = [[float(v) for v in j.find("origin").get("xyz").split()] for j in [*arm, joints["panda_joint8"]]]
     assert origin[0] == [0, 0, panda.SHOULDER_HEIGHT_M]
     assert origin[2] == [0, -panda.UPPER_ARM_M, 0]
@@ -123,7 +123,7 @@ def test_whole_workspace_hand_down_with_margin(world: BulletWorld) -> None:
         for z in np.linspace(PandaHanger.workspace_low_m[2], PandaHanger.workspace_high_m[2], 7):
             for y in (-MAX_SIDE_M, MAX_SIDE_M):
                 angles = panda.inverse_kinematics(np.array([x, y, z]))
-                assert np.minimum(angles - panda.JOINT_LOW_RAD, panda.JOINT_HIGH_RAD - angles).min() > 0.25
+                assert np.minimum(angles - JOINT_LOW_RAD, JOINT_HIGH_RAD - angles).min() > 0.25
                 # The elbow never comes near straight (about -0.47 rad), where the arm could not yield outwards.
                 assert angles[3] < -0.9
                 hanger.arm.reset_joints(angles)

@@ -8,7 +8,7 @@ import pytest
 from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.bullet.air_drag import DRAG_LIMIT_M_S2, DRAG_RATE_PER_S, AirDrag
 from layflat.sim.robots.pickers import FreePickers
-from layflat.tests.sim.helpers import cloth_in_world, small_cloth
+from layflat.tests.sim.helpers import cloth_in_world, set_nodes, small_cloth
 
 SMALL = small_cloth(0.15, 6, 6, mass_kg=0.015)
 
@@ -64,7 +64,7 @@ def test_drag_is_bounded_and_spares_a_still_cloth() -> None:
             world.begin_substep()
             world.step()
         assert np.abs(world.gravity_m_s2[:2]).max() < 0.02
-        cloth.set_nodes(SMALL.flat_nodes(x_m=0.4))  # a jump: as if at 20 m/s
+        set_nodes(cloth, SMALL.flat_nodes(x_m=0.4))  # a jump: as if at 20 m/s
         while world.substeps_done % 5:
             world.step()
         world.begin_substep()

@@ -1,7 +1,8 @@
-"""Direction of a cloth's wrinkles from its mesh: the truth with which a camera's descriptors are compared."""
+"""Cloth put into wrinkles of one direction, and the direction that a mesh's wrinkles really have."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,10 +12,12 @@ from scipy.interpolate import CubicSpline
 
 from layflat.data.arrays import FloatArray
 from layflat.perception.descriptors.base import axial_mean
-from layflat.sim.cloth.geometry import resting_share
+from layflat.sim.cloth.geometry import ClothGeometry
 from layflat.sim.cloth.spec import ClothSpec
-from layflat.sim.errors import SimError
+from layflat.tests.sim.helpers import cloth_in_world
 
+CENTRE_M = (0.20, 0.0)
+"""Middle of a wrinkled cloth."""
 MAX_HEIGHT_M = 0.03
 """Cloth above this is held or folded up, not wrinkled."""
 FOOT_CELLS = 2
@@ -26,8 +29,58 @@ MIN_ENERGY = 1e-3
 MIN_SHARE = 0.05
 """Share of the cloth on the table below which there is no direction."""
 SAMPLES_PER_CELL = 3
-"""Samples along each side. The mesh's own triangles would not do: waves of 2.5 cells, the shortest ones, are cut more
-along a cell's side than along its diagonal, which turns them by up to 10 degrees; the spline by at most 2.2."""
+"""Samples along each side. The mesh's own triangles would turn waves of 2.5 cells by up to 10 degrees, since a cell's
+sides cut them more than its diagonal does; the spline turns them by at most 2.2."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wrinkling:
+    """A sine: height = amplitude (1 - cos(2 pi across / wavelength + phase)) above the table."""
+
+    normal_rad: float
+    """Angle of the wrinkles' perpendicular from +x, table coordinates."""
+    wavelength_m: float
+    """Wavelength on the table. A mesh shows wrinkles of 2.5 of its cells and longer."""
+    amplitude_m: float
+    phase_rad: float = 0.0
+
+    @classmethod
+    def random(cls, rng: np.random.Generator, spec: ClothSpec, normal_rad: float) -> Wrinkling:
+        """Draw a wavelength of 2.5 to 3.1 cells, an amplitude of 8.5 to 12.5 % of it, and any phase."""
+        length = float(rng.uniform(2.5, 3.1)) * max(spec.length_m / (spec.rows - 1), spec.width_m / (spec.columns - 1))
+        amplitude = float(rng.uniform(0.085, 0.125)) * length
+        phase = float(rng.uniform(0.0, 2 * math.pi))
+        return cls(normal_rad=normal_rad, wavelength_m=length, amplitude_m=amplitude, phase_rad=phase)
+
+
+def wrinkled_nodes(spec: ClothSpec, wrinkling: Wrinkling) -> FloatArray:
+    """Return nodes (N, 3) m about CENTRE_M, lowest at rest height, drawn together so that lengths are kept."""
+    flat = spec.flat_nodes()[:, :2]
+    flat = flat - flat.mean(axis=0)
+    normal = np.array([math.cos(wrinkling.normal_rad), math.sin(wrinkling.normal_rad)])
+    reach = float(np.hypot(spec.length_m, spec.width_m))
+    across = np.linspace(-reach, reach, 20001)
+    turn = 2 * math.pi / wrinkling.wavelength_m
+    slope = wrinkling.amplitude_m * turn * np.sin(turn * across + wrinkling.phase_rad)
+    arc = np.cumsum(np.sqrt(1 + slope**2)) * (across[1] - across[0])
+    arc -= np.interp(0.0, across, arc)
+    material = flat @ normal
+    place = np.interp(material, arc, across)
+    height = wrinkling.amplitude_m * (1 - np.cos(turn * place + wrinkling.phase_rad))
+    table = flat + (place - material)[:, None] * normal + CENTRE_M
+    return np.column_stack([table, spec.margin_m + height])
+
+
+def settled_wrinkles(spec: ClothSpec, wrinkling: Wrinkling, *, table_friction: float = 1.0) -> FloatArray:
+    """Return the nodes (N, 3) m that 0.3 s of physics make of `wrinkled_nodes`.
+
+    Nodes that are set are the shape at rest: the wrinkles stay, eased by gravity and the table.
+    """
+    with cloth_in_world(spec, wrinkled_nodes(spec, wrinkling), table_friction=table_friction) as cloth:
+        for _ in range(round(0.3 * spec.rate_hz)):
+            cloth.world.step()
+        assert cloth.divergence_reason(cloth.nodes()) is None
+        return cloth.nodes()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,10 +96,6 @@ class WrinkleTruth:
     share: float
     """Area of what lies on the table, seen from above, over the cloth's area, >= 0."""
     contact_portion: float
-    """Share of the cloth that rests on the table, 0..1, as in `ClothGeometry.contact_portion_true`."""
-
-    def __post_init__(self) -> None:
-        self.direction.setflags(write=False)
 
 
 def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
@@ -56,18 +105,16 @@ def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
     Only samples that lie take part: below MAX_HEIGHT_M, not at the foot of what is above, and with the face up, since
     what is folded over shows its reverse.
     """
-    if nodes.shape != (spec.rows * spec.columns, 3):
-        raise SimError(f"nodes have shape {nodes.shape}; cloth {spec.name} has {(spec.rows * spec.columns, 3)}")
     area, slope = _lying(nodes.reshape(spec.rows, spec.columns, 3))
-    contact = resting_share(nodes, spec.triangles(), spec.margin_m)
     steepness = np.linalg.norm(slope, axis=1)
     total = float(area.sum())
     energy = float((area * steepness**2).sum()) / total if total > 0 else 0.0
-    share = total / spec.area_m2
+    share = total / (spec.length_m * spec.width_m)
     direction, coherence = np.zeros(2), 0.0
     if energy > MIN_ENERGY and share > MIN_SHARE:
         steep = steepness > 0
         direction, coherence = axial_mean((area * steepness**2)[steep], slope[steep] / steepness[steep, None])
+    contact = ClothGeometry(spec).contact_portion_true(nodes)
     return WrinkleTruth(direction=direction, coherence=coherence, energy=energy, share=share, contact_portion=contact)
 
 
@@ -81,8 +128,7 @@ def _lying(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
     d_column = np.einsum("ai,ijk,bj->abk", rows, grid, across, optimize=True)
     normal = np.cross(d_column, d_row)
     foot = np.ones((2 * FOOT_CELLS * SAMPLES_PER_CELL + 1,) * 2, dtype=np.uint8)
-    lifted = cv2.dilate((height >= MAX_HEIGHT_M).astype(np.uint8), foot) > 0
-    lying = (normal[..., 2] > 0) & ~lifted
+    lying = (normal[..., 2] > 0) & (cv2.dilate((height >= MAX_HEIGHT_M).astype(np.uint8), foot) == 0)
     slope = -normal[lying, :2] / normal[lying, 2:]
     steepness = np.linalg.norm(slope, axis=1, keepdims=True)
     return normal[lying, 2] / SAMPLES_PER_CELL**2, slope * (MAX_SLOPE / np.maximum(steepness, MAX_SLOPE))
@@ -94,3 +140,9 @@ def _spline(count: int) -> tuple[FloatArray, FloatArray]:
     at = (np.arange((count - 1) * SAMPLES_PER_CELL) + 0.5) / SAMPLES_PER_CELL
     spline = CubicSpline(np.arange(count), np.eye(count), bc_type="natural")
     return spline(at), spline(at, 1)
+
+
+def axis_error(direction: FloatArray, angle: float) -> float:
+    """Return the angle between a vector and an axis at ``angle`` rad, 0..90 degrees."""
+    apart = math.degrees(math.atan2(direction[1], direction[0]) - angle) % 180
+    return min(apart, 180 - apart)

@@ -1,1 +1,0 @@
-"""What a robot has to achieve."""
