@@ -7,7 +7,7 @@ import pytest
 from layflat.policy.base import PolicyError
 from layflat.policy.spec import BUILTIN_NAMES, PolicySpec, builtin_names
 from layflat.sim.config import SimConfig
-from layflat.sim.tasks.registry import TASKS
+from layflat.sim.tasks import TASKS
 from layflat.tests.fake_environment import FakeEnvironment
 
 
