@@ -16,6 +16,8 @@ class Task:
     name: str
     starts: tuple[str, ...]
     """Names of the starts that belong to the task, in `layflat.sim.starts.registry`; the first is the default."""
+    demonstrator: str
+    """Name of the policy that ``scripted`` stands for in this task."""
     limits: StepLimits = field(default_factory=StepLimits)
     """Step limits of an episode's phases."""
 
@@ -24,9 +26,9 @@ class Task:
         return ground_truth.flat_area > FLAT_AREA
 
 
-PLACE = Task(name="place", starts=("hanging", "folded-corner", "swinging", "crumpled"))
+PLACE = Task(name="place", starts=("hanging", "folded-corner", "swinging", "crumpled"), demonstrator="scripted")
 """Lay a cloth flat on the table (chapter 4)."""
-SMOOTH = Task(name="smooth", starts=("crumpled",), limits=StepLimits(place=60))
+SMOOTH = Task(name="smooth", starts=("crumpled",), demonstrator="word", limits=StepLimits(place=60))
 """Pull a crumpled cloth flat (chapter 3)."""
 TASKS: Mapping[str, Task] = {task.name: task for task in (PLACE, SMOOTH)}
 DEFAULT_TASK = PLACE.name
