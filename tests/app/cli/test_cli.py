@@ -183,7 +183,8 @@ def test_wrong_calls_are_one_sentence_and_status_2(arguments, capsys, monkeypatc
 
 
 def test_the_message_names_the_value_and_what_would_be_right(capsys):
-    assert "--episodes is -3; at least 1 is needed" in _run(capsys, "record", "x.h5", "--episodes", "-3")[2]
+    for command in (("record", "x.h5"), ("place", "hold")):
+        assert "--episodes is -3; at least 1 is needed" in _run(capsys, *command, "--episodes", "-3")[2]
     err = _run(capsys, "demo", "--out", "x", "--robot", "arm")[2]
     assert "'arm'" in err
     assert all(robot in err for robot in ROBOTS)

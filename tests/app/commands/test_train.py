@@ -94,23 +94,3 @@ def test_nothing_to_learn_from_is_a_wrong_call(outcomes, session, tmp_path, caps
     assert err.count("\n") == 1
     assert "record" in err
     assert not (tmp_path / "m.npz").exists()
-
-
-def test_bad_inputs(session, tmp_path, capsys):
-    good, foreign, short = session("success"), tmp_path / "foreign.h5", tmp_path / "short.h5"
-    foreign.write_bytes(b"not HDF5")
-    short.write_bytes(good.read_bytes()[:-2000])
-    kept = tmp_path / "kept.npz"
-    kept.write_bytes(b"precious")
-    for data, model in [
-        (tmp_path / "missing.h5", tmp_path / "m.npz"),
-        (foreign, tmp_path / "m.npz"),
-        (short, tmp_path / "m.npz"),
-        (tmp_path, tmp_path / "m.npz"),
-        (good, tmp_path / "m.pkl"),
-        (good, kept),
-        (good, foreign / "m.npz"),
-    ]:
-        status, out, err = _run(capsys, "train", str(data), str(model))
-        assert (status, out, err.count("\n")) == (2, "", 1), (data, model, err)
-    assert kept.read_bytes() == b"precious"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -13,9 +11,7 @@ from layflat.data.session.parts import journals, parts_folder
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.rollout import rollout
 from layflat.policy.scripted.baselines import ZeroPolicy
-from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.config import SimConfig
-from layflat.sim.disturbances.presets import DISTURBANCES, disturbance_spec
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.simulation import ClothSimulation
 
@@ -54,9 +50,3 @@ def test_the_file_holds_what_makes_the_same_simulation_again(env, tmp_path, diff
     np.testing.assert_array_equal(found.initial_joints, joints[0])
     assert found.initial_joints.shape == ((7,) if robot.name == "hanger" else (0,))
     assert found.provenance.operator
-
-
-@pytest.mark.parametrize("name", [name for name in DISTURBANCES if name != "none"])
-def test_a_plan_is_json(name):
-    planned = disturbance_spec(name).sample(np.random.default_rng(5), cloth_spec("napkin")).described()
-    assert json.loads(json.dumps(planned)) == planned

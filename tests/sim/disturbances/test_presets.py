@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import asdict, replace
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from layflat.sim.cloth.spec import cloth_spec
-from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
+from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.errors import SimError
 from layflat.tests.sim.helpers import simulation
 
@@ -123,3 +124,23 @@ def test_a_record_is_repeated_exactly_and_none_does_nothing() -> None:
         assert sim.disturb("none") is None
         sim.step(sim.spec.robot.zeros())
         assert not sim.disturbed
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_a_trajectory_survives_its_description_as_json(name: str) -> None:
+    plan = DISTURBANCES[name].sample(np.random.default_rng(4), TOWEL)
+    again = DisturbanceTrajectory.recorded(json.loads(json.dumps(plan.described())), TOWEL)
+    assert again.described() == plan.described() == json.loads(json.dumps(plan.described()))
+    assert all(type(getattr(again, key)) is type(value) for key, value in vars(plan).items())
+    for time_s in (0.0, 0.3, 2.0):
+        for a, b in zip(again.target(time_s), plan.target(time_s), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_a_trajectory_without_a_turn_does_not_turn() -> None:
+    plan = DISTURBANCES["push"].sample(np.random.default_rng(0), TOWEL).described()
+    described = {key: value for key, value in plan.items() if key != "turn_rad"}
+    assert DisturbanceTrajectory.recorded(described, TOWEL).described() == plan
+    for broken in ([1.0, 2.0], "over", [math.nan, 0.0, 0.0]):
+        with pytest.raises(SimError, match=r"cannot be read|does not fit"):
+            DisturbanceTrajectory.recorded({**plan, "turn_rad": broken}, TOWEL)
