@@ -13,15 +13,15 @@ from layflat.data.types import FLAT_AREA, DisturbanceRecord, GroundTruth, Observ
 
 
 class Environment(Protocol):
-    """What `layflat.policy.runner` drives. Simulated time is its clock: nothing happens between two calls.
+    """A world with a robot and a cloth, which `layflat.policy.runner` steps; nothing happens between two calls.
 
-    `spec`, `reset`, `observe`, `step` and `close` are what every environment has; a class that inherits from this one
-    gets the others, which then say that there is no ground truth, no disturbance and no hand.
+    Every environment implements `spec`, `reset`, `observe`, `step` and `close`. A class that inherits from this one
+    gets the others: no ground truth, no disturbances and no hand.
     """
 
     @property
     def spec(self) -> EnvironmentSpec:
-        """What does not change from episode to episode."""
+        """Properties that are the same in every episode."""
         ...
 
     def reset(self, seed: int) -> None:
@@ -72,7 +72,7 @@ class Environment(Protocol):
 
     @property
     def start(self) -> Mapping[str, float]:
-        """What was random about the start, by name."""
+        """Random values of the start, by name."""
         return {}
 
     def joint_angles(self) -> FloatArray:

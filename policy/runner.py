@@ -59,7 +59,7 @@ class EpisodeRunner:
         self._keep_images, self._callbacks, self._dragging = keep_images, tuple(callbacks), False
         policy.reset(seed)
         self.observation = env.observe()
-        """What the next step starts with."""
+        """Observation at the start of the next step."""
         self.ground_truth = env.ground_truth()
         self._beginning = self._describe_beginning()
         if on_start is not None:

@@ -38,7 +38,7 @@ class ScheduledDisturbance:
     """A disturbance of an episode. All ``repeats`` but the first start after the policy has stopped again."""
 
     disturbance: Any
-    """What `Environment.disturb` takes: a name, or an object with a ``name``."""
+    """Argument of `Environment.disturb`: a name, or an object with a ``name``."""
     trigger: Trigger = Trigger()
     repeats: int = 1
 

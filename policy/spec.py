@@ -62,7 +62,7 @@ class PolicySpec:
 
     @property
     def descriptor(self) -> str:
-        """What the observations' WORD must come from."""
+        """Descriptor that the observations' WORD must come from."""
         return DEFAULT_DESCRIPTOR if self.model is None else self.model.descriptor
 
     def make(self, env: Environment) -> Policy:

@@ -29,7 +29,7 @@ SEEING_GOALS = {CLOTH: 1.0, FINE_CLOTH: 0.7}
 PERCEPT_GOAL_S = 0.004
 """Wall time of one frame on one core: masks, contact and word-axial."""
 PLACES = {"in the air": "air", "dragged": "drag", "flat": "flat"}
-"""Where the cloth is in the measurements of the physics, and their samples."""
+"""Places of the cloth in the measurements of the physics -> their samples."""
 FOOTNOTE = (
     "Medians of n blocks or repeats, one core. Dragged and flat: on the table. Seen and recorded: with camera and "
     f"perception, and the episode kept. Baseline: the goal of {CLOTH}, bare substeps of the same world, or for "

@@ -22,7 +22,7 @@ from layflat.sim.tasks import DEFAULT_TASK
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationPlan:
-    """What an evaluation runs: the same plan gives the same rows, with any number of workers and on any engine."""
+    """The episodes of an evaluation: a plan gives the same rows with any number of workers and on any engine."""
 
     policies: tuple[PolicySpec, ...]
     robots: tuple[str, ...]
@@ -35,7 +35,7 @@ class EvaluationPlan:
     start: str | None = None
     """None: the default of the task."""
     descriptor: str = DEFAULT_DESCRIPTOR
-    """What WORD comes from for policies without a model; a model has its own."""
+    """Descriptor of WORD for policies without a model; a model has its own."""
     limit_s: float = LIMIT_S
     """Wall time of a placement, and again of each case; what takes longer is lost."""
 

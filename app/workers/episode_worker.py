@@ -49,7 +49,7 @@ class WorkerMessage:
     row: Mapping[str, Any] | None = None
     """Metrics of an episode whose file is durable; computing them from the file takes longer."""
     saved: SavedEpisode | None = None
-    """Where the episode was recorded."""
+    """Report of the recorded episode."""
 
 
 def run_work_item(item: WorkItem, folder: Path, make: EpisodeFactory, connection: Connection) -> None:

@@ -21,7 +21,7 @@ class RecordConfig:
     task: str = DEFAULT_TASK
     cloth: str = DEFAULT_CLOTH
     source: str = SCRIPTED
-    """Who demonstrates: scripted, or a name of the workstation's TELEOPERATORS."""
+    """Demonstrator: scripted, or a name of the workstation's TELEOPERATORS."""
     episodes: int = 1
     seed: int = 0
     descriptor: str = DEFAULT_DESCRIPTOR

@@ -92,7 +92,7 @@ class WorkResult:
     rows: Mapping[str, dict[str, Any]]
     """Metrics by run, as far as the worker could still send them; they also follow from the file."""
     saved: SavedEpisode | None = None
-    """Where the episode was recorded, for an item with a handle."""
+    """Report of the recorded episode, for an item with a handle."""
     unwritable: str | None = None
     """Why the folder takes no more files."""
 
