@@ -1,0 +1,1 @@
+"""The commands: one module each, called by the command line and by the workstation."""

@@ -1,0 +1,1 @@
+"""The layout of a session file: schema, encoding, decoding, checks."""

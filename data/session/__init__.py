@@ -1,0 +1,1 @@
+"""Sessions: reading, recording, and the journal of a running episode."""

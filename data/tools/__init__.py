@@ -1,0 +1,1 @@
+"""Operations on session files: validate, repair, merge, split, statistics."""

@@ -218,7 +218,7 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
     normal = math.radians(25)
     nodes[:, 2] += 0.004 * (1 + np.sin(2 * np.pi * (nodes[:, :2] @ [math.cos(normal), math.sin(normal)]) / 0.1))
     view = Renderer(pinhole)
-    picture = view.blank()
+    picture = view.background()
     view.draw_cloth(picture, MeshMaker(spec).mesh(nodes))
     true_depth = np.where(np.isfinite(picture.depth), picture.depth, np.float32(0)).reshape(height, width)
     depth = DepthSensor(DepthNoise(), seed=3).measure(true_depth)
@@ -284,7 +284,7 @@ GOOD = ("good-rgb.png", "good-depth.png")
         ((*GOOD, "--contact-mm", "30"), "--contact-mm is 30"),
         ((*GOOD, "--contact-mm", "nan"), "--contact-mm is nan"),
         ((*GOOD, "--flat-pixels", "0"), "--flat-pixels is 0"),
-        ((*GOOD, "--descriptor", "silk"), "'silk' is not one of"),
+        ((*GOOD, "--descriptor", "silk"), "'silk' is unknown"),
         ((*GOOD, "--json", "text.png"), "--force"),
         ((*GOOD, "--overlay", "text.png"), "--force"),
         ((*GOOD, "--overlay", "over.jpg"), ".png"),

@@ -1,0 +1,1 @@
+"""Interactive sessions: recording and placing in a process of their own."""

@@ -1,0 +1,1 @@
+"""Recording in a terminal, without a window."""
