@@ -1,4 +1,4 @@
-"""Command line of `layflat data ...` and `layflat replay`: options only."""
+"""Options of `layflat data ...`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,13 @@ from typing import Annotated, Literal
 
 import typer
 
-from layflat.app.cli.options import DataFile, Debug, Force, Json, Seed, count
+from layflat.app.cli.options import DataFile, Debug, Episode, Force, Json, Seed, count, episode_number
 from layflat.app.support import validators
 
 FormatName = Literal["robomimic", "lerobot", "csv"]
 OutcomeName = Literal["success", "failure", "partial"]
 
 
-def _episode(value: int | None) -> int | None:
-    return None if value is None else validators.episode_number(value)
-
-
-Episode = Annotated[int, typer.Option(callback=_episode, metavar="K", show_default=False, help="demo_K of the file.")]
 Session = Annotated[Path, typer.Option("--out", metavar="FILE.h5", show_default=False, help="Output session.")]
 Outcome = Annotated[OutcomeName | None, typer.Option(help="Only episodes with this outcome.")]
 
@@ -219,7 +214,7 @@ def plot(
     path: DataFile,
     out: Annotated[Path, typer.Option(metavar="FILE.png", show_default=False, help="Output file.")],
     episode: Annotated[
-        int | None, typer.Option(callback=_episode, metavar="K", help="Only demo_K of the file.")
+        int | None, typer.Option(callback=episode_number, metavar="K", help="Only demo_K of the file.")
     ] = None,
     force: Force = False,
     debug: Debug = False,
