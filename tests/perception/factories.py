@@ -72,13 +72,7 @@ def striped_view(
 
 def finer(view: ClothView) -> ClothView:
     """Return the same cloth with twice the pixels along each axis."""
-
-    rows, columns = view.cloth.shape
-    size = (2 * columns, 2 * rows)
-    return ClothView(
-        rgb=cv2.resize(view.rgb, size, interpolation=cv2.INTER_CUBIC),
-        cloth=view.cloth.repeat(2, 0).repeat(2, 1),
-        contact=view.contact.repeat(2, 0).repeat(2, 1),
-        height=cv2.resize(view.height, size),
-        mm_per_px=view.mm_per_px / 2,
-    )
+    size = (2 * view.cloth.shape[1], 2 * view.cloth.shape[0])
+    masks = {name: getattr(view, name).repeat(2, 0).repeat(2, 1) for name in ("cloth", "contact")}
+    rgb = cv2.resize(view.rgb, size, interpolation=cv2.INTER_CUBIC)
+    return ClothView(rgb=rgb, height=cv2.resize(view.height, size), mm_per_px=view.mm_per_px / 2, **masks)

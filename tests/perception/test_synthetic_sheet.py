@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.perception.errors import PerceptionError
 from layflat.perception.synthetic_sheet import CLOTH_RGB, Light, RenderConfig, SyntheticSheet, Wave, render_sheet
 from layflat.tests.perception.factories import TILTED
 
@@ -103,15 +101,3 @@ def test_noise_has_its_size_and_its_seed():
     assert missing.mean() == pytest.approx(0.02, rel=0.15)
     assert (noisy.depth - clean.depth)[~missing].std() == pytest.approx(0.0025, rel=0.05)
     assert (noisy.rgb.astype(float) - clean.rgb).std() == pytest.approx(3.0, rel=0.05)
-
-
-def test_what_cannot_be_drawn_is_refused():
-    with pytest.raises(PerceptionError, match="steep"):
-        Wave(amplitude_m=0.02)
-    with pytest.raises(PerceptionError, match="must be positive"):
-        Wave(wavelength_m=0.0)
-    with pytest.raises(PerceptionError, match="elevation"):
-        Light(elevation_deg=0.0)
-    level = PinholeCamera.look_at((0, 0, 0.5), (1, 0, 0.5), width=32, height=24, fx=30)
-    with pytest.raises(PerceptionError, match="horizon"):
-        render_sheet(level, None)

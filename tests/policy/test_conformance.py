@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -17,7 +18,7 @@ from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS, controller
 from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.policy.wrappers.takeover import TakeoverPolicy
-from layflat.tests.factories import PICKERS, ROBOT_SPECS
+from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 from layflat.tests.policy.factories import demonstrations, gp_model, observe, trained_model
 
 
@@ -31,15 +32,18 @@ def baseline(robot: RobotSpec) -> Policy:
     return ModelPolicy(gp_model(robot, "position", policy="gp-baseline"))
 
 
+def learned(name: str, robot: RobotSpec) -> Policy:
+    return registry.from_model(trained_model(name, robot))
+
+
+def wrapped(name: str, robot: RobotSpec) -> Policy:
+    return registry.wrap(registry.make("hold", robot), [name])
+
+
 MAKERS = {
-    **{name: lambda robot, n=name: registry.make(n, robot) for name in registry.BUILTIN_POLICIES},
-    **{
-        name: lambda robot, n=name: registry.from_model(trained_model(n, robot)) for name in registry.TRAINABLE_POLICIES
-    },
-    **{
-        f"hold+{name}": lambda robot, n=name: registry.wrap(registry.make("hold", robot), [n])
-        for name in registry.WRAPPERS
-    },
+    **{name: partial(registry.make, name) for name in registry.BUILTIN_POLICIES},
+    **{name: partial(learned, name) for name in registry.TRAINABLE_POLICIES},
+    **{f"hold+{name}": partial(wrapped, name) for name in registry.WRAPPERS},
     "scripted": demonstrator,
     "replay": lambda robot: ReplayPolicy(demonstrations(robot)[0]),
     "sequential": lambda robot: SequentialPolicy(baseline(robot), registry.make("drag-rule", robot), name="two"),
@@ -99,3 +103,58 @@ def test_after_a_disturbance_a_stop_needs_as_many_steps_as_after_a_reset(policy)
     fresh = [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)]
     continue_after_disturbance(policy)
     assert [policy.act(observe(0.3, 0.01, contact=0.85)).stop for _ in range(12)] == fresh
+
+
+class OwnPolicy:
+    """The least that a user's own policy needs."""
+
+    name = "own"
+    robot = HANGER
+
+    def reset(self, seed: int) -> None:
+        self.seed = seed
+
+    def act(self, observation):
+        return Decision(action=[0.001, 0.0])
+
+
+def test_a_policy_without_the_optional_members_can_be_wrapped_and_continued():
+    policy = OwnPolicy()
+    assert isinstance(policy, Policy)
+    assert max_extra_steps(policy) == 0
+    wrapped = registry.wrap(policy, registry.RECOMMENDED_WRAPPERS)
+    wrapped.reset(5)
+    continue_after_disturbance(wrapped)
+    np.testing.assert_array_equal(wrapped.act(observe()).action, [0.001, 0.0])
+    assert policy.seed == 5
+    assert wrapped.name == "own+recovery+steady"
+
+
+def test_wrappers_add_up_the_steps_that_they_need():
+    once = registry.wrap(OwnPolicy(), ["recovery"])
+    both = registry.wrap(OwnPolicy(), registry.RECOMMENDED_WRAPPERS)
+    assert 0 < max_extra_steps(once) < max_extra_steps(both)
+    assert max_extra_steps(both) - max_extra_steps(once) == max_extra_steps(registry.wrap(OwnPolicy(), ["steady"]))
+
+
+def test_a_decision_keeps_read_only_copies():
+    action = np.zeros(2)
+    decision = Decision(action=action, std=[0.1, 0.1], hand=[0.0, 0.0, 0.1])
+    action[0] = 1.0
+    assert not decision.action.any()
+    for array in (decision.action, decision.std, decision.hand):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+@pytest.mark.parametrize("name", registry.TRAINABLE_POLICIES)
+def test_each_policy_sees_the_position_and_what_it_is_named_after(name):
+    extra = {
+        "gp-baseline": set(),
+        "dmp": set(),
+        "gp-contact": {"contact"},
+        "gp-direction": {"word_x", "word_y"},
+    }.get(name, {"contact", "word_x", "word_y"})
+    model = registry.train(name, demonstrations(HANGER))
+    assert set(model.layout.names) - {"x", "z"} == extra
+    assert model.policy == name

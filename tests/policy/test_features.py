@@ -22,12 +22,9 @@ def test_sizes_are_those_of_the_thesis(robot, inputs, size):
     assert layout.vector(observe()).shape == layout.scales().shape == (size,)
 
 
-def test_hanger_layout_is_x_z_word_contact():
+def test_a_layout_is_the_position_word_and_contact():
     vector = input_set(HANGER, "all").vector(observe(0.1, 0.2, contact=0.7, word=(0.8, -0.6)))
     np.testing.assert_array_equal(vector, [0.1, 0.2, 0.8, -0.6, 0.7])
-
-
-def test_pickers_layout_begins_with_the_corners():
     corners = np.arange(6.0).reshape(2, 3) / 10
     seen = observe(contact=0.25, word=(0.6, 0.8))
     observation = replace(seen, corner_positions=corners, holder_position=corners.mean(axis=0))

@@ -8,7 +8,7 @@ from layflat.policy import registry
 from layflat.policy.features import input_set
 from layflat.policy.gmr import REGULARISATION, GmrModel, fit, fit_mixture
 from layflat.tests.factories import HANGER
-from layflat.tests.policy.factories import episode_of, fit_with, observe
+from layflat.tests.policy.factories import demonstrations, episode_of, fit_with, observe
 
 SCALE_M = 0.01
 
@@ -108,8 +108,5 @@ def test_two_ways_of_acting_need_two_components():
 
 
 def test_same_seed_same_model():
-    rng = np.random.default_rng(6)
-    seen = [observe(x, 0.1) for x in rng.uniform(0, 0.3, 60)]
-    episode = episode_of(seen, rng.normal(0, 0.004, (60, 2)))
-    first, again = (registry.train("gmr", [episode], seed=3) for _ in range(2))
+    first, again = (registry.train("gmr", demonstrations(HANGER), seed=3) for _ in range(2))
     np.testing.assert_array_equal(first.covariances, again.covariances)

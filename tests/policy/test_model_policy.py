@@ -39,8 +39,7 @@ def test_stops_by_threshold_far_from_the_data_and_again_after_a_disturbance():
 
 
 def test_guard_ends_a_drag_that_gains_nothing():
-    model = gp_model(inputs="position")
-    eager = replace(model, stop_threshold_m=1e-12)
+    eager = replace(gp_model(inputs="position"), stop_threshold_m=1e-12)
     assert ModelPolicy(eager).act(observe(0.8, contact=0.9)).stop == "step_limit"
     policy = ModelPolicy(eager)
     assert "converged" in [policy.act(observe(0.3, contact=0.9)).stop for _ in range(15)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -85,16 +86,13 @@ def test_repeats_come_one_after_another_each_drawn_on_its_own(env):
         assert names[record.first_step : record.last_step + 1] == ["disturb"] * ACTING_STEPS
 
 
-def test_one_at_a_step_acts_while_the_policy_continues(env):
+def test_one_at_a_step_or_at_a_contact_acts_while_the_policy_continues(env):
     episode = run(env, at("step", 5), disturbance="gust")
     (record,) = episode.disturbances
     assert (record.name, record.first_step, record.last_step) == ("wind", 5, 4 + ACTING_STEPS)
     assert set(phases(episode)) == {"place"}
     assert all(step.action.any() for step in episode.steps)
     assert episode.disturbance == "gust"
-
-
-def test_one_at_a_contact_starts_when_the_camera_first_sees_it(env):
     episode = run(env, at("contact", 0.25))
     (record,) = episode.disturbances
     assert episode.disturbance == "wind"
@@ -113,13 +111,10 @@ def test_one_that_still_acts_when_the_policy_stops_is_waited_for(env):
     assert (episode.stopped_by, policy.continued) == ("converged", 1)
 
 
-def test_those_that_fall_due_together_come_one_after_another(env):
+def test_those_due_together_come_in_turn_and_a_step_not_reached_after_the_stop_but_a_contact_never(env):
     episode = run(env, at("step", 5), at("step", 5, "push"), scheduled("poke"))
     starts = [(record.name, record.first_step) for record in episode.disturbances]
     assert starts == [("wind", 5), ("push", 5 + ACTING_STEPS), ("poke", episode.phase_bounds("disturb")[0])]
-
-
-def test_a_step_that_was_not_reached_comes_after_the_stop_and_a_contact_never(env):
     episode = run(env, at("contact", 0.9), at("step", 900, repeats=2))
     assert [record.name for record in episode.disturbances] == ["wind", "wind"]
     assert episode.phase_bounds("place")[1] == episode.disturbances[0].first_step
@@ -225,11 +220,11 @@ def disturbed_twice(env):
     return run(env, scheduled(repeats=2), disturbance="thesis")
 
 
-@pytest.mark.parametrize("make", [driven, disturbed_in_the_middle, disturbed_twice])
-@pytest.mark.parametrize("diverges_at", [None, 8])
+CASES = [*product([disturbed_in_the_middle, disturbed_twice], [None, 8]), (driven, None)]
+
+
+@pytest.mark.parametrize(("make", "diverges_at"), CASES)
 def test_an_episode_runs_again_to_the_bit_from_its_file(make, diverges_at, tmp_path, differences):
-    if make is driven and diverges_at is not None:
-        pytest.skip("a person's episode ends at the divergence, in the middle of the script")
     saved = through_a_file(make(make_env(diverges_at=diverges_at)), tmp_path / "s.h5")
     again = replay_actions(make_env(diverges_at=diverges_at), saved)
     assert compare(saved, again).identical

@@ -11,7 +11,6 @@ from layflat.perception.arrays import bounding_window, touches_border
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import TableRectifier
 from layflat.perception.camera.table_grid import TableGrid
-from layflat.perception.errors import PerceptionError
 from layflat.tests.perception.factories import TILTED, render
 
 GRID = TableGrid()
@@ -88,13 +87,6 @@ def test_bounding_window_and_border():
         edged = mask.copy()
         edged[pixel] = True
         assert touches_border(edged)
-
-
-def test_wrong_grids_are_refused():
-    with pytest.raises(PerceptionError, match="empty"):
-        TableGrid(x_min=0.5, x_max=0.2)
-    with pytest.raises(PerceptionError, match="millimetres"):
-        TableGrid(mm_per_px=0.0025)
 
 
 def test_a_mask_is_wholly_within_its_window():

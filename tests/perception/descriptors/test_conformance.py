@@ -10,8 +10,7 @@ import pytest
 
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.descriptors.base import Descriptor
-from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
-from layflat.perception.errors import PerceptionError
+from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.tests.perception.factories import axis_error, striped_view
 
 LEANING = {"word"}
@@ -167,8 +166,3 @@ def test_the_outline_of_the_cloth_is_not_a_wrinkle(one):
     cloth = view.cloth & (np.arange(view.cloth.shape[1]) < 60)
     rgb = np.where(cloth[..., None], view.rgb, 205).astype(np.uint8)
     assert_none(one.direction(replace(view, rgb=rgb, cloth=cloth, contact=cloth)))
-
-
-def test_unknown_names_list_the_known_ones():
-    with pytest.raises(PerceptionError, match=r"'sift' is unknown; it must be one of word"):
-        make_descriptor("sift")

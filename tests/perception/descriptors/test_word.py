@@ -25,7 +25,6 @@ from layflat.perception.descriptors.word import (
     orientation_responses,
     word_axial,
 )
-from layflat.perception.errors import PerceptionError
 from layflat.tests.perception.factories import CLOTH_RGB, axis_error, finer, striped_view
 
 
@@ -257,12 +256,3 @@ def test_descriptor_is_the_direction():
     view = striped_view(0.4)
     np.testing.assert_array_equal(WordDescriptor().describe(view), compute_word(view, THESIS_CONFIG).direction)
     np.testing.assert_array_equal(word_axial().describe(view), compute_word(view, AXIAL_CONFIG).axial)
-
-
-def test_wrong_settings_are_refused():
-    with pytest.raises(PerceptionError, match="orientations is 1"):
-        WordConfig(orientations=1)
-    with pytest.raises(PerceptionError, match="must be positive"):
-        WordConfig(sigma=0)
-    with pytest.raises(PerceptionError, match="same pixels"):
-        replace(striped_view(), cloth=np.ones((3, 3), bool), contact=np.ones((3, 3), bool))

@@ -17,13 +17,10 @@ def random_problem(seed: int, points: int, dims: int, ard: bool) -> tuple[np.nda
     rng = np.random.default_rng(seed)
     inputs, targets = rng.normal(size=(points, dims)), rng.normal(size=(points, 2))
     lengths = rng.uniform(0.4, 2.5, (2, dims if ard else 1))
-    hyper = Hyperparameters(
-        kernel="se-ard" if ard else "se",
-        length_scales=np.broadcast_to(lengths, (2, dims)),
-        variance=rng.uniform(0.3, 3.0, 2),
-        noise=rng.uniform(1e-3, 0.1, 2),
-    )
-    return inputs, targets, hyper
+    variance, noise = rng.uniform(0.3, 3.0, 2), rng.uniform(1e-3, 0.1, 2)
+    lengths = np.broadcast_to(lengths, (2, dims))
+    kernel = "se-ard" if ard else "se"
+    return inputs, targets, Hyperparameters(kernel=kernel, length_scales=lengths, variance=variance, noise=noise)
 
 
 def oracle(hyper: Hyperparameters, output: int) -> GaussianProcessRegressor:

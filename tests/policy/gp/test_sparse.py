@@ -20,27 +20,17 @@ NOISE_STD = 0.05
 def problem(points: int = 120, seed: int = 0) -> tuple[np.ndarray, np.ndarray, Hyperparameters]:
     rng = np.random.default_rng(seed)
     inputs = rng.uniform(-2, 2, (points, 2))
-    ground_truth = np.column_stack(
-        [np.sin(inputs[:, 0]) * np.cos(inputs[:, 1]), inputs[:, 0] * np.exp(-(inputs[:, 1] ** 2))]
-    )
-    hyper = Hyperparameters(
-        kernel="se", length_scales=[[0.9, 0.9], [0.7, 0.7]], variance=[1.0, 0.8], noise=[NOISE_STD**2, 0.01]
-    )
+    x, y = inputs.T
+    ground_truth = np.column_stack([np.sin(x) * np.cos(y), x * np.exp(-(y**2))])
+    lengths, noise = [[0.9, 0.9], [0.7, 0.7]], [NOISE_STD**2, 0.01]
+    hyper = Hyperparameters(kernel="se", length_scales=lengths, variance=[1.0, 0.8], noise=noise)
     return inputs, ground_truth + rng.normal(0, NOISE_STD, ground_truth.shape), hyper
 
 
 def made(points: np.ndarray, alpha: np.ndarray, hyper: Hyperparameters, inner: np.ndarray | None = None) -> GpModel:
-    return GpModel(
-        policy="gp-baseline",
-        layout=input_set(HANGER, "position"),
-        cloth="towel",
-        inputs=points,
-        input_scale=np.ones(2),
-        alpha=alpha,
-        output_scale_m=1.0,
-        hyper=hyper,
-        inner=inner,
-    )
+    fields = {"policy": "gp-baseline", "layout": input_set(HANGER, "position"), "cloth": "towel"}
+    fields |= {"input_scale": np.ones(2), "output_scale_m": 1.0}
+    return GpModel(inputs=points, alpha=alpha, hyper=hyper, inner=inner, **fields)
 
 
 def full_and_sparse(count: int, points: int = 120, shrink: float = 1.0) -> tuple[GpModel, GpModel]:

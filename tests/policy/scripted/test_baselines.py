@@ -5,8 +5,9 @@ import pytest
 
 from layflat.policy import registry
 from layflat.policy.scripted.baselines import RandomPolicy, drag_rule, stretch_right
+from layflat.policy.scripted.replay import ReplayPolicy
 from layflat.tests.factories import HANGER, PICKERS
-from layflat.tests.policy.factories import observe
+from layflat.tests.policy.factories import episode_of, observe
 
 
 def test_hold_never_moves():
@@ -48,3 +49,15 @@ def test_random_moves_fill_their_range_and_differ_by_seed():
     assert np.abs(draws).max() <= 0.01
     assert np.abs(np.mean(draws)) < 1e-3
     assert np.std(draws) == pytest.approx(0.01 / np.sqrt(3), rel=0.05)
+
+
+def test_actions_come_in_order_without_those_of_the_disturbance():
+    actions = np.random.default_rng(0).uniform(-0.01, 0.01, (5, 2))
+    phases = ["place", "place", "disturb", "disturb", "repair"]
+    policy = ReplayPolicy(episode_of(5 * [observe()], actions, phases=phases))
+    for _ in range(2):
+        policy.reset(0)
+        decisions = [policy.act(observe()) for _ in range(5)]
+        assert [decision.stop is None for decision in decisions] == [True, True, True, False, False]
+        np.testing.assert_array_equal([decision.action for decision in decisions[:3]], actions[[0, 1, 4]])
+        assert not decisions[3].action.any()

@@ -10,16 +10,8 @@ import pytest
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, Observation
 from layflat.policy.base import Decision, continue_after_disturbance
-from layflat.policy.wrappers.recovery import (
-    CLEAR_M,
-    FLAT_CONTACT,
-    PLATEAU_STEPS,
-    SMOOTH_STEPS,
-    STUCK_STEPS,
-    TRIES,
-    WIPE_M,
-    RecoveryWrapper,
-)
+from layflat.policy.wrappers import recovery
+from layflat.policy.wrappers.recovery import CLEAR_M, FLAT_CONTACT, PLATEAU_STEPS, SMOOTH_STEPS, TRIES, RecoveryWrapper
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 from layflat.tests.policy.factories import observe
 
@@ -31,11 +23,11 @@ class Layer:
 
     name = "layer"
 
-    def __init__(self, robot: RobotSpec) -> None:
+    def __init__(self, robot: RobotSpec):
         self.robot = robot
         self.seeds: list[int] = []
 
-    def reset(self, seed: int) -> None:
+    def reset(self, seed: int):
         self.seeds.append(seed)
 
     def act(self, observation: Observation) -> Decision:
@@ -48,7 +40,7 @@ class Layer:
 class Toy:
     """A cloth that hides ``hidden`` of itself once it lies, until it has hung free ``cures`` times."""
 
-    def __init__(self, robot: RobotSpec, *, hidden: float, cures: int = 1, half: float = 0.18) -> None:
+    def __init__(self, robot: RobotSpec, *, hidden: float, cures: int = 1, half: float = 0.18):
         self.robot, self._hidden, self._cures = robot, hidden, cures
         self.corners = np.array([[0.0, half, 0.47], [0.0, -half, 0.47]])
         self._was_down = False
@@ -64,7 +56,7 @@ class Toy:
         seen = observe(x, z, contact=float(contact), free_edge_m=(x, 0.0, lowest))
         return replace(seen, corner_positions=self.corners)
 
-    def move(self, action: np.ndarray) -> None:
+    def move(self, action: np.ndarray):
         self.corners = self.corners + self.robot.unpack(action)
 
 
@@ -94,45 +86,41 @@ def run(policy: RecoveryWrapper, toy: Toy, n_steps: int = 2000) -> tuple[list[De
     raise AssertionError("it never stops")
 
 
+def moves(decisions: list[Decision], reason: str) -> np.ndarray:
+    return np.array([decision.action for decision in decisions if reason in decision.reason])
+
+
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
-def test_a_flat_cloth_is_left_alone(robot: RobotSpec) -> None:
+def test_a_flat_cloth_is_left_alone_and_a_fold_is_lifted_once_and_laid_again(robot):
     policy = recovering(Layer(robot))
     decisions, contact = run(policy, Toy(robot, hidden=0.0))
     assert policy.tried == []
     assert contact > FLAT_CONTACT
     assert all(decision.reason in ("", "laid") for decision in decisions)
-
-
-@pytest.mark.parametrize("robot", ROBOT_SPECS)
-def test_a_fold_is_lifted_once_and_laid_again(robot: RobotSpec) -> None:
     inner = Layer(robot)
     policy = recovering(inner, seed=3)
     decisions, contact = run(policy, Toy(robot, hidden=0.25))
     assert policy.tried == ["lift"]
     assert contact > FLAT_CONTACT
     assert inner.seeds == [3, 3]
-    lifts = [decision.action for decision in decisions if "lifting" in decision.reason]
     # It begins and ends without a jerk: no move differs from the one before by more than a millimetre.
-    heights = np.array([0.0, *(robot.unpack(action)[0, 2] for action in lifts)])
+    heights = np.array([0.0, *(robot.unpack(action)[0, 2] for action in moves(decisions, "lifting"))])
     assert np.abs(np.diff(heights)).max() < 0.0011
     assert len(decisions) < 160 + policy.max_extra_steps
 
 
-def test_a_fold_that_survives_a_lift_is_wiped_over_the_table() -> None:
+def test_a_fold_that_survives_a_lift_is_wiped_over_the_table():
     policy = recovering(Layer(HANGER))
     decisions, contact = run(policy, Toy(HANGER, hidden=0.25, cures=2))
     assert policy.tried == ["lift", "wipe"]
     assert contact > FLAT_CONTACT
-    wiping = [decision.action for decision in decisions if "wiping" in decision.reason]
-    assert np.sum(wiping, axis=0) == pytest.approx([WIPE_M, 0.0])
+    assert np.sum(moves(decisions, "wiping"), axis=0) == pytest.approx([recovery.WIPE_M, 0.0])
     # From where it hung free, down by its height above the table and by some of the cloth.
-    down = np.sum([decision.action[1] for decision in decisions if "down" in decision.reason])
-    assert -down > CLEAR_M
-    assert -down < CLEAR_M + LENGTH_M / 4
+    assert CLEAR_M < -moves(decisions, "down")[:, 1].sum() < CLEAR_M + LENGTH_M / 4
 
 
 @pytest.mark.parametrize("hidden", [0.25, 0.08])
-def test_the_tries_are_limited_and_start_again_after_a_disturbance(hidden: float) -> None:
+def test_the_tries_are_limited_and_start_again_after_a_disturbance(hidden: float):
     policy = recovering(Layer(HANGER))
     toy = Toy(HANGER, hidden=hidden, cures=99)
     decisions, contact = run(policy, toy)
@@ -145,19 +133,18 @@ def test_the_tries_are_limited_and_start_again_after_a_disturbance(hidden: float
     assert len(policy.tried) == TRIES
 
 
-def test_a_small_fold_is_turned_over_first() -> None:
+def test_a_small_fold_is_turned_over_first():
     policy = recovering(Layer(HANGER))
     decisions, _ = run(policy, Toy(HANGER, hidden=0.08, cures=1))
     assert policy.tried == ["turn", "lift"]
-    turning = np.array([decision.action for decision in decisions if "turning" in decision.reason])
-    path = turning.cumsum(axis=0)
+    path = moves(decisions, "turning").cumsum(axis=0)
     assert path[:, 1].max() > 0.04
     assert path[-1, 0] > 0.05
     assert path[-1, 1] == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.mark.parametrize(("moved", "width"), [(-0.03, 0.36), (0.02, 0.38)])
-def test_two_pickers_come_back_side_by_side_as_wide_as_they_ever_were(moved: float, width: float) -> None:
+def test_two_pickers_come_back_side_by_side_as_wide_as_they_ever_were(moved: float, width: float):
     policy = recovering(Layer(PICKERS))
     toy = Toy(PICKERS, hidden=0.25)
     toy.corners = toy.corners + np.array([[0.01, 0.0, 0.0], [0.0, 0.0, 0.03]])  # The start is aslant.
@@ -169,7 +156,7 @@ def test_two_pickers_come_back_side_by_side_as_wide_as_they_ever_were(moved: flo
 
 
 @pytest.mark.parametrize(("slope", "undone"), [(0.0, True), (0.004, False)])
-def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undone: bool) -> None:
+def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undone: bool):
     rng = np.random.default_rng(4)
     policy = recovering(Forward(HANGER))
     for k in range(2 * PLATEAU_STEPS):
@@ -179,7 +166,7 @@ def test_noise_on_a_plateau_is_no_gain_and_a_slow_gain_is_one(slope: float, undo
 
 
 @pytest.mark.parametrize(("strength", "n_steps"), [(0.0, SMOOTH_STEPS), (0.01, SMOOTH_STEPS), (0.05, PLATEAU_STEPS)])
-def test_a_plateau_without_wrinkles_counts_as_a_fold_sooner(strength: float, n_steps: int) -> None:
+def test_a_plateau_without_wrinkles_counts_as_a_fold_sooner(strength: float, n_steps: int):
     policy = recovering(Forward(HANGER))
     for k in range(1, PLATEAU_STEPS + 1):
         policy.act(observe(0.3 + 0.004 * k, 0.005, contact=0.78, word=(strength, 0.0)))
@@ -188,17 +175,13 @@ def test_a_plateau_without_wrinkles_counts_as_a_fold_sooner(strength: float, n_s
             break
 
 
-def test_a_smooth_cloth_that_is_being_laid_is_left_alone() -> None:
-    """No wrinkle is seen while contact grows by a hundredth a step, and the cloth is no fold."""
+def test_a_smooth_cloth_that_is_being_laid_is_left_alone_and_a_holder_that_hovers_is_stuck():
     policy = recovering(Forward(HANGER))
     for k in range(60):
         policy.act(observe(0.1 + 0.008 * k, 0.005, contact=0.31 + 0.01 * k))
     assert policy.tried == []
-
-
-def test_a_holder_that_hovers_is_stuck_and_one_that_descends_is_not() -> None:
     for speed, stuck in ((0.0005, True), (0.004, False)):
         policy = recovering(Forward(HANGER))
-        for k in range(STUCK_STEPS + 1):
+        for k in range(recovery.STUCK_STEPS + 1):
             policy.act(observe(0.1, 0.25 - speed * k))
         assert bool(policy.tried) is stuck

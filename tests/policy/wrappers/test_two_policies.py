@@ -6,6 +6,7 @@ import numpy as np
 
 from layflat.policy import registry
 from layflat.policy.base import Decision, continue_after_disturbance
+from layflat.policy.wrappers.sequential import SequentialPolicy
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, TakeoverPolicy
 from layflat.tests.factories import HANGER, PICKERS
 from layflat.tests.policy.factories import observe
@@ -88,3 +89,13 @@ def test_a_release_by_hand_does_not_wait():
     assert trigger() == "take"
     trigger.release()
     assert [trigger(), trigger()] == ["release", "take"]
+
+
+def test_the_second_acts_only_after_the_disturbance_and_a_reset_returns_to_the_first():
+    first, then = registry.make("hold", HANGER), registry.make("stretch-right", HANGER)
+    policy = SequentialPolicy(first, then, name="hold+stretch-right")
+    for seed in (0, 1):
+        policy.reset(seed)
+        np.testing.assert_array_equal(policy.act(observe(0.3, 0.01)).action, np.zeros(2))
+        continue_after_disturbance(policy)
+        assert policy.act(observe(0.3, 0.01)).action[0] > 0
