@@ -14,8 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from layflat.data.arrays import FloatArray
-from layflat.data.types import ACTION_LIMIT_M, Observation
+from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
@@ -89,10 +88,8 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self.render_mode = render_mode
         self.simulation = ClothSimulation(SimConfig(robot=robot, cloth=cloth, task=task, **settings))
         self._images = images
-        self._disturbance = disturbance
-        self._disturb_step = disturb_step
-        self._step_index = 0
-        self._seed = 0
+        self._disturbance, self._disturb_step = disturbance, disturb_step
+        self._step_index = self._seed = 0
         self._size = self.simulation.spec.robot.size
         self._spaces = self._make_spaces()
         self.action_space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
@@ -125,11 +122,13 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
         """Move the robot in one control step."""
-        displacement = self._displacement(action)
+        values = np.asarray(action, dtype=float)
+        if values.shape != (self._size,) or not np.isfinite(values).all():
+            raise SimError(f"the action is {values.tolist()}; it must be {self._size} finite numbers")
         if self._step_index == self._disturb_step and self._disturbance is not None:
             self.simulation.disturb(self._disturbance)
         self._step_index += 1
-        self.simulation.step(displacement)
+        self.simulation.step(np.clip(values, -1.0, 1.0) * ACTION_LIMIT_M)
         reason = self.simulation.divergence_reason()
         if reason is not None:
             return self._as_dict(), 0.0, True, False, self._info(reason)
@@ -137,27 +136,17 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         reward = self._observation.contact_portion - before.contact_portion
         return self._as_dict(), reward, False, False, self._info(None)
 
-    def _displacement(self, action: NDArray[np.float32]) -> FloatArray:
-        values = np.asarray(action, dtype=float)
-        if values.shape != (self._size,) or not np.isfinite(values).all():
-            raise SimError(f"the action is {values.tolist()}; it must be {self._size} finite numbers")
-        return np.clip(values, -1.0, 1.0) * ACTION_LIMIT_M
-
     def _as_dict(self) -> ObsDict:
-        last: Observation = self._observation
-        values = {name: np.atleast_1d(getattr(last, name)) for name in self._spaces}
+        values = {name: np.atleast_1d(getattr(self._observation, name)) for name in self._spaces}
         return {name: np.clip(values[name].astype(b.dtype), b.low, b.high) for name, b in self._spaces.items()}
 
     def _info(self, unstable: str | None) -> dict[str, Any]:
-        # The mesh of a diverged cloth means nothing: its areas read 0.
-        ground_truth = self.simulation.ground_truth() if unstable is None else None
-        return {
-            "contact_portion_true": 0.0 if ground_truth is None else ground_truth.contact_portion_true,
-            "flat_area": 0.0 if ground_truth is None else ground_truth.flat_area,
-            "is_success": ground_truth is not None and self.simulation.success(),
-            "unstable": unstable or "",
-            "seed": self._seed,
-        }
+        info = {"unstable": unstable or "", "seed": self._seed}
+        if unstable is not None:  # The mesh of a diverged cloth means nothing.
+            return {"contact_portion_true": 0.0, "flat_area": 0.0, "is_success": False} | info
+        ground_truth = self.simulation.ground_truth()
+        areas = {"contact_portion_true": ground_truth.contact_portion_true, "flat_area": ground_truth.flat_area}
+        return areas | {"is_success": self.simulation.config.task_spec.is_success(ground_truth)} | info
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return an image for people, (480, 640, 3), or None without a render mode."""

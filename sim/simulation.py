@@ -102,24 +102,20 @@ class ClothSimulation:
     def observe(self, *, images: bool = True) -> Observation:
         """Return what a policy may see now; without ``images``, with no camera frame in it."""
         self._running()
-        rgb = depth = None
-        word, strength, contact, lowest = np.zeros(2), 0.0, 0.0, None
+        rgb = depth = state = None
         if self.config.camera:
             rgb, depth = self.camera.capture(self._nodes)
             state = self.cloth_state = self._calibrated.perceive(rgb, depth)
-            word, strength = state.word, state.strength
-            contact = min(1.0, state.contact_portion)
-            lowest = state.free_edge_m
         return Observation(
             time_s=self.time_s,
             corner_positions=self.robot.corner_positions(),
             holder_position=self.robot.position(),
-            word=word,
-            word_strength=strength,
-            contact_portion=contact,
+            word=np.zeros(2) if state is None else state.word,
+            word_strength=0.0 if state is None else state.strength,
+            contact_portion=0.0 if state is None else min(1.0, state.contact_portion),
             rgb=rgb if images else None,
             depth=depth if images else None,
-            free_edge_m=lowest,
+            free_edge_m=None if state is None else state.free_edge_m,
         )
 
     def ground_truth(self) -> GroundTruth:
@@ -144,25 +140,23 @@ class ClothSimulation:
         """
         self._running()
         hand = None if hand_m is None else _finite("hand", hand_m, self.robot.spec.hand_shape)
-        before = self._coordinates()
+        spec = self.robot.spec
+        before = spec.pack(self._held_points())
         # What does not lie on the table is held up by the robot alone.
         load = self.config.cloth_spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
         substeps = self._substeps()
         self.robot.start_guided_step(hand, substeps, load)
         self._advance(substeps)
-        return self._coordinates() - before
+        return spec.pack(self._held_points()) - before
 
-    def _coordinates(self) -> FloatArray:
-        """Return what the actions displace, (A,) m."""
-        robot = self.robot
-        return robot.spec.pack(robot.position() if robot.spec.n_points == 1 else robot.corner_positions())
+    def _held_points(self) -> FloatArray:
+        return self.robot.position() if self.robot.spec.n_points == 1 else self.robot.corner_positions()
 
     def _substeps(self) -> int:
         """Return the number for the next step: twice as many where cloth lies on cloth, which diverges when lifted."""
         return self.config.substeps * self._running().refine(self.cloth.is_layered(self._nodes))
 
     def _advance(self, substeps: int) -> None:
-        """Simulate the substeps of one step."""
         world = self._running()
         if self._drag is not None and self._drag_target_m is not None:
             self._drag.start_step(self._drag_target_m, self.config.substeps * world.coarse_substep_s)
@@ -182,7 +176,6 @@ class ClothSimulation:
             self._disturbance = None
 
     def _impulse_n_s(self) -> FloatArray:
-        """Return what the disturbance and the drag of now have given so far, (3,) N s."""
         acting = (self._disturbance, self._drag)
         return sum((given.impulse_n_s for given in acting if given is not None), np.zeros(3))
 
@@ -195,17 +188,15 @@ class ClothSimulation:
     ) -> DisturbanceRecord | None:
         """Start a disturbance, which acts in the following steps while `disturbed`; a previous one is cut off.
 
-        A `DisturbanceRecord` is repeated exactly, or by its name where it has no plan. ``repeat`` is the number of
-        disturbances of this episode before it, so that each is drawn independently. Returns what was drawn, with
-        ``first_step`` 0; None where the disturbance does nothing.
+        A record is repeated exactly, or by its name where it has no plan. ``repeat`` is the number of disturbances of
+        this episode before it, so that each is drawn independently. Returns what was drawn; None where it does nothing.
         """
-        cloth = self.config.cloth_spec
         self._running()
+        cloth, name = self.config.cloth_spec, disturbance if isinstance(disturbance, str) else disturbance.name
         if isinstance(disturbance, DisturbanceRecord) and disturbance.plan:
             plan = DisturbanceTrajectory.recorded(disturbance.plan, cloth)
         else:
-            named = disturbance.name if isinstance(disturbance, DisturbanceRecord) else disturbance
-            spec = disturbance_spec(named) if isinstance(named, str) else named
+            spec = disturbance if isinstance(disturbance, DisturbanceSpec) else disturbance_spec(name)
             stream = [self._seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])]
             plan = spec.sample(np.random.default_rng(stream), cloth)
         if self._disturbance is not None:
@@ -213,7 +204,6 @@ class ClothSimulation:
         self._disturbance = DisturbanceController(self.cloth, plan)
         if not plan.acts:
             return None
-        name = disturbance if isinstance(disturbance, str) else disturbance.name
         return DisturbanceRecord(name=name, first_step=0, plan=plan.described())
 
     def drag(self, node: int, target_m: FloatArray) -> None:

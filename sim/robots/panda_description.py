@@ -43,18 +43,19 @@ class _Part:
 
 
 def arm_urdf(clip_distance_m: float) -> bytes:
-    """Make the robot description from pybullet_data's Panda.
+    """Make the robot description from pybullet_data's Panda, with three changes.
 
-    Three changes. Everything behind the last joint is one link, since each fixed link costs time in every substep
-    (Bullet's own merging of fixed links misplaces the centre of mass). No collision shapes: the clips would push the
-    very cloth that they hold, and clip and cloth touch nothing else. Inertias of uniform boxes around each
-    mesh: the file has 0.1 kg m^2 for every link, a fingertip as much as the shoulder.
+    Everything behind the last joint is one link: each fixed link costs time in every substep, and Bullet's own merging
+    misplaces the centre of mass. No collision shapes: the clips would push the cloth that they hold. Inertias of uniform
+    boxes around each mesh: the file has 0.1 kg m^2 for every link, a fingertip as much as the shoulder.
     """
     if not 0.05 <= clip_distance_m <= 0.8:
         raise SimError(f"the clips are {clip_distance_m} m apart; a hanger of 0.05 to 0.8 m can be made")
     robot = ET.parse(_SOURCE).getroot()
     arm = {f"panda_link{i}" for i in range(JOINTS + 1)}
-    masses = {link.get("name"): _mass(link) for link in robot.findall("link")}
+    masses = {
+        link.get("name"): float(_find(link, "inertial/mass").get("value", "nan")) for link in robot.findall("link")
+    }
     for joint in robot.findall("joint"):
         if _find(joint, "child").get("link") not in arm:
             robot.remove(joint)
@@ -119,22 +120,20 @@ def _hand_origin(xyz: tuple[float, ...] = (0.0, 0.0, 0.0), turn: float = 0.0) ->
 
 def _add_mesh(link: ET.Element, mesh: Path, origin: ET.Element | None = None) -> None:
     # Collision meshes as visuals: the fine ones would add 20 ms to every camera image.
-    geometry = _add_visual(link, origin, "arm", ARM_RGBA)
-    ET.SubElement(geometry, "mesh", filename=str(mesh))
+    _add_visual(link, origin, ET.Element("mesh", filename=str(mesh)), "arm", ARM_RGBA)
 
 
 def _add_box(link: ET.Element, size: tuple[float, ...], centre: tuple[float, ...]) -> None:
-    geometry = _add_visual(link, _hand_origin(centre), "hanger", HANGER_RGBA)
-    ET.SubElement(geometry, "box", size=" ".join(f"{s:.9f}" for s in size))
+    box = ET.Element("box", size=" ".join(f"{s:.9f}" for s in size))
+    _add_visual(link, _hand_origin(centre), box, "hanger", HANGER_RGBA)
 
 
-def _add_visual(link: ET.Element, origin: ET.Element | None, material: str, rgba: str) -> ET.Element:
+def _add_visual(link: ET.Element, origin: ET.Element | None, shape: ET.Element, material: str, rgba: str) -> None:
     visual = ET.SubElement(link, "visual")
     if origin is not None:
         visual.append(origin)
-    geometry = ET.SubElement(visual, "geometry")
+    ET.SubElement(visual, "geometry").append(shape)
     ET.SubElement(ET.SubElement(visual, "material", name=material), "color", rgba=rgba)
-    return geometry
 
 
 def _find(element: ET.Element, path: str) -> ET.Element:
@@ -142,10 +141,6 @@ def _find(element: ET.Element, path: str) -> ET.Element:
     if found is None:
         raise SimError(f"{_SOURCE}: {element.tag} {element.get('name', '')} has no {path}; pybullet_data has changed")
     return found
-
-
-def _mass(link: ET.Element) -> float:
-    return float(_find(link, "inertial/mass").get("value", "nan"))
 
 
 def _set_inertia(link: ET.Element, diagonal: FloatArray) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,6 +31,24 @@ def cloth() -> Iterator[BulletCloth]:
         yield made
 
 
+@pytest.fixture
+def camera(cloth: BulletCloth) -> Camera:
+    """Give a camera without noise that sees it."""
+    return Camera(cloth, noise=None, seed=0)
+
+
+def _is_blue(rgb: np.ndarray, least: int = 60) -> np.ndarray:
+    return rgb[..., 2].astype(int) - rgb[..., 0] > least
+
+
+def _add_body(cloth: BulletCloth, kind: int, position: np.ndarray | list[float], **shape: Any) -> int:
+    client, turn = cloth.world.client, shape.pop("turn", (0, 0, 0, 1))
+    visual = bullet.createVisualShape(kind, physicsClientId=client, **shape)
+    return int(
+        bullet.createMultiBody(0, -1, visual, basePosition=position, baseOrientation=turn, physicsClientId=client)
+    )
+
+
 def _wavy(direction_deg: float) -> np.ndarray:
     nodes = SPEC.flat_nodes()
     along = nodes[:, :2] @ [np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))]
@@ -37,15 +56,11 @@ def _wavy(direction_deg: float) -> np.ndarray:
     return nodes
 
 
-def test_solid_bodies_and_the_raster_see_the_same_box(cloth: BulletCloth) -> None:
-    camera = Camera(cloth, noise=None, seed=0)
+def test_solid_bodies_and_the_raster_see_the_same_box(cloth: BulletCloth, camera: Camera) -> None:
     half, at = np.array([0.12, 0.09, 0.05]), np.array([0.25, 0.0, 0.25])
     turn = bullet.getQuaternionFromEuler((0.5, 0.4, 0.7))
     rotation = np.array(bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
-    shape = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=cloth.world.client)
-    bullet.createMultiBody(
-        0, -1, shape, basePosition=at.tolist(), baseOrientation=turn, physicsClientId=cloth.world.client
-    )
+    _add_body(cloth, bullet.GEOM_BOX, at.tolist(), halfExtents=half.tolist(), turn=turn)
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * half @ rotation.T + at
     quads = [[i for i in range(8) if i >> axis & 1 == side] for axis in range(3) for side in (0, 1)]
     triangles = np.array([t for a, b, c, d in quads for t in ((a, b, d), (a, d, c))])
@@ -64,22 +79,20 @@ def test_solid_bodies_and_the_raster_see_the_same_box(cloth: BulletCloth) -> Non
     assert np.abs(raster.depth[first] - picture.depth[both]).max() < 2e-4
 
 
-def test_flat_cloth_fills_its_projected_outline(cloth: BulletCloth) -> None:
-    camera = Camera(cloth, noise=None, seed=0)
+def test_flat_cloth_fills_its_projected_outline(camera: Camera) -> None:
     rgb, _ = camera.capture()
     corners, _ = camera.pinhole.project(SPEC.flat_nodes()[[0, SPEC.columns - 1, -1, -SPEC.columns]])
     area = cv2.contourArea(corners.astype(np.float32))
-    blue = rgb[..., 2].astype(int) - rgb[..., 0] > 60
+    blue = _is_blue(rgb)
     assert blue.sum() == pytest.approx(area, rel=0.02)
 
 
-def test_depth_gives_the_height_of_what_is_seen(cloth: BulletCloth) -> None:
-    camera = Camera(cloth, noise=None, seed=0)
+def test_depth_gives_the_height_of_what_is_seen(camera: Camera) -> None:
     rgb, depth = camera.capture()
     assert depth.dtype == np.float32
     assert rgb.dtype == np.uint8
     height = camera.pinhole.height_above_table(depth)
-    on_cloth = rgb[..., 2].astype(int) - rgb[..., 0] > 60
+    on_cloth = _is_blue(rgb)
     np.testing.assert_allclose(height[on_cloth], SPEC.margin_m, atol=2e-4)
     table = ~on_cloth & (np.abs(height) < 0.3)
     np.testing.assert_allclose(height[table], 0.0, atol=2e-4)
@@ -96,20 +109,18 @@ def test_the_region_where_cloth_goes_is_in_the_image() -> None:
 
 
 @pytest.mark.parametrize("direction_deg", [0, 30, 60, 90])
-def test_wrinkles_of_these_directions_are_shaded(cloth: BulletCloth, direction_deg: float) -> None:
-    camera = Camera(cloth, noise=None, seed=0)
+def test_wrinkles_of_these_directions_are_shaded(camera: Camera, direction_deg: float) -> None:
 
     def contrast(nodes: np.ndarray) -> float:
         rgb, _ = camera.capture(nodes)
         grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-        inside = cv2.erode((rgb[..., 2].astype(int) - rgb[..., 0] > 40).astype(np.uint8), np.ones((7, 7))) > 0
+        inside = cv2.erode(_is_blue(rgb, 40).astype(np.uint8), np.ones((7, 7))) > 0
         return float(grey[inside].std())
 
     assert contrast(_wavy(direction_deg)) > 8 > 1 > contrast(SPEC.flat_nodes())
 
 
-def test_one_range_of_hue_takes_face_reverse_and_shade(cloth: BulletCloth) -> None:
-    camera = Camera(cloth, noise=None, seed=0)
+def test_one_range_of_hue_takes_face_reverse_and_shade(camera: Camera) -> None:
     reverse = SPEC.flat_nodes()
     reverse[:, 1] *= -1
     counts = [segment(camera.capture(nodes)[0], HsvRange()).sum() for nodes in (SPEC.flat_nodes(), reverse)]
@@ -140,13 +151,10 @@ def _hidden_share(camera: Camera, nodes: np.ndarray) -> float:
     return float((depth[raster.pixels] < raster.depth).mean())
 
 
-def test_a_body_in_front_hides_and_one_beneath_does_not(cloth: BulletCloth) -> None:
-    camera = Camera(cloth, noise=None, seed=0)
+def test_a_body_in_front_hides_and_one_beneath_does_not(cloth: BulletCloth, camera: Camera) -> None:
     assert _hidden_share(camera, SPEC.flat_nodes()) == 0.0
-    shape = bullet.createVisualShape(
-        bullet.GEOM_BOX, halfExtents=[0.3, 0.3, 0.01], rgbaColor=[0, 1, 0, 1], physicsClientId=cloth.world.client
-    )
-    board = bullet.createMultiBody(0, -1, shape, basePosition=[0.175, 0, -0.02], physicsClientId=cloth.world.client)
+    shape = {"halfExtents": [0.3, 0.3, 0.01], "rgbaColor": [0, 1, 0, 1]}
+    board = _add_body(cloth, bullet.GEOM_BOX, [0.175, 0, -0.02], **shape)
     assert _hidden_share(camera, SPEC.flat_nodes()) == 0.0
     place, turn = [0.175, 0.0, 0.05], [0, 0, 0, 1]
     bullet.resetBasePositionAndOrientation(board, place, turn, physicsClientId=cloth.world.client)
@@ -169,8 +177,7 @@ def test_pictures_for_people(cloth: BulletCloth) -> None:
 
 
 def test_memory_does_not_grow_with_the_frames(cloth: BulletCloth) -> None:
-    shape = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.02, physicsClientId=cloth.world.client)
-    bullet.createMultiBody(0, -1, shape, basePosition=[0.5, 0, 0.2], physicsClientId=cloth.world.client)
+    _add_body(cloth, bullet.GEOM_SPHERE, [0.5, 0, 0.2], radius=0.02)
     camera = Camera(cloth, seed=0, pinhole=default_pinhole(width=80, height=60))
     statm = Path("/proc/self/statm")
     if not statm.exists():

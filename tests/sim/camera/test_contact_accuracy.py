@@ -10,35 +10,32 @@ import pytest
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
 from layflat.sim.cloth.spec import ClothSpec, cloth_spec
-from layflat.sim.physics.bullet.world import BulletWorld
+from layflat.sim.physics.bullet.cloth import BulletCloth
+from layflat.tests.sim.helpers import cloth_in_world
 
 LAID = (0.15, 0.4, 0.65, 0.9)
 
 
-class Bench:
+class View:
     """A cloth that is put where it should be, and a camera that knows its P_flat; nothing is simulated."""
 
-    def __init__(self, name: str) -> None:
-        self.spec: ClothSpec = cloth_spec(name)
-        self.world = BulletWorld(substep_s=1 / self.spec.rate_hz, table_friction=1.0)
-        self.cloth = self.world.add_cloth(self.spec)
-        self.camera = Camera(self.cloth, seed=0)
+    def __init__(self, cloth: BulletCloth) -> None:
+        self.cloth, self.spec = cloth, cloth.spec
+        self.camera = Camera(cloth, seed=0)
         blank = PerceptionPipeline(self.camera.pinhole)
         flat = blank.perceive(*self.camera.capture(self.spec.flat_nodes()))
         self.perceiver = blank.with_flat_pixels(flat.cloth_pixels)
 
     def errors(self, nodes: np.ndarray, frames: int = 3) -> np.ndarray:
-        """(frames,) contact portion of the camera minus that of the mesh."""
-        true = self.cloth.contact_portion_true(nodes)
+        """Return the contact portion of the camera minus that of the mesh, (frames,)."""
         seen = [self.perceiver.perceive(*self.camera.capture(nodes)).contact_portion for _ in range(frames)]
-        return np.array(seen) - true
+        return np.array(seen) - self.cloth.contact_portion_true(nodes)
 
 
 @pytest.fixture(scope="module", params=["towel", "napkin"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    bench = Bench(request.param)
-    yield bench
-    bench.world.close()
+def view(request: pytest.FixtureRequest) -> Iterator[View]:
+    with cloth_in_world(cloth_spec(request.param)) as cloth:
+        yield View(cloth)
 
 
 def laid(spec: ClothSpec, share: float, *, stretch: float = 1.0, radius_m: float = 0.06) -> np.ndarray:
@@ -54,43 +51,43 @@ def laid(spec: ClothSpec, share: float, *, stretch: float = 1.0, radius_m: float
 
 
 @pytest.mark.parametrize("share", LAID)
-def test_contact_of_a_half_laid_cloth(bench: Bench, share: float) -> None:
-    assert np.abs(bench.errors(laid(bench.spec, share))).max() < 0.015
+def test_contact_of_a_half_laid_cloth(view: View, share: float) -> None:
+    assert np.abs(view.errors(laid(view.spec, share))).max() < 0.015
 
 
 @pytest.mark.parametrize("share", LAID)
-def test_stretch_that_is_not_seen_is_all_that_is_wrong(bench: Bench, share: float) -> None:
+def test_stretch_that_is_not_seen_is_all_that_is_wrong(view: View, share: float) -> None:
     """The limit: while part of the cloth hangs out of sight, how far it is stretched cannot be told."""
     stretch = 1.025
-    nodes = laid(bench.spec, share, stretch=stretch)
-    most = bench.cloth.contact_portion_true(nodes) * (stretch**2 - 1)
-    errors = bench.errors(nodes)
+    nodes = laid(view.spec, share, stretch=stretch)
+    most = view.cloth.contact_portion_true(nodes) * (stretch**2 - 1)
+    errors = view.errors(nodes)
     assert errors.min() > -0.015
     assert errors.max() < most + 0.015
 
 
 @pytest.mark.parametrize("height_m", [-0.0007, 0.0005, 0.004])
 @pytest.mark.parametrize("stretch", [(1.0, 1.0), (1.03, 1.02)])
-def test_a_flat_cloth_is_all_contact(bench: Bench, height_m: float, stretch: tuple[float, float]) -> None:
+def test_a_flat_cloth_is_all_contact(view: View, height_m: float, stretch: tuple[float, float]) -> None:
     """Whatever it is stretched to, and however deep Bullet lets it sink."""
-    nodes = bench.spec.flat_nodes(z_m=height_m) * [*stretch, 1.0]
-    assert np.abs(bench.errors(nodes)).max() < 0.012
+    nodes = view.spec.flat_nodes(z_m=height_m) * [*stretch, 1.0]
+    assert np.abs(view.errors(nodes)).max() < 0.012
 
 
 @pytest.mark.parametrize("stretch", [1.0, 1.02])
-def test_a_wrinkle_of_a_taut_cloth_is_missed_contact(bench: Bench, stretch: float) -> None:
+def test_a_wrinkle_of_a_taut_cloth_is_missed_contact(view: View, stretch: float) -> None:
     """A ridge 25 mm high across the cloth, as a drag that is too short leaves it: stretch does not fill it up."""
-    nodes = bench.spec.flat_nodes(z_m=0.002) * [stretch, stretch, 1.0]
-    nodes[:, 2] += 0.025 * np.exp(-((nodes[:, 0] - 0.6 * bench.spec.length_m) ** 2) / (2 * 0.025**2))
-    assert bench.cloth.contact_portion_true(nodes) < 0.85
-    assert np.abs(bench.errors(nodes)).mean() < 0.02
+    nodes = view.spec.flat_nodes(z_m=0.002) * [stretch, stretch, 1.0]
+    nodes[:, 2] += 0.025 * np.exp(-((nodes[:, 0] - 0.6 * view.spec.length_m) ** 2) / (2 * 0.025**2))
+    assert view.cloth.contact_portion_true(nodes) < 0.85
+    assert np.abs(view.errors(nodes)).mean() < 0.02
 
 
-def test_a_part_below_a_fold_is_hidden(bench: Bench) -> None:
+def test_a_part_below_a_fold_is_hidden(view: View) -> None:
     """The limit: what lies beneath a second layer is in contact, and no camera sees it."""
-    nodes = bench.spec.flat_nodes(z_m=0.004)
-    crease = 0.7 * bench.spec.length_m
+    nodes = view.spec.flat_nodes(z_m=0.004)
+    crease = 0.7 * view.spec.length_m
     beyond = nodes[:, 0] > crease
     nodes[beyond, 0] = 2 * crease - nodes[beyond, 0]
-    nodes[beyond, 2] += 2 * bench.spec.margin_m
-    assert bench.errors(nodes).mean() == pytest.approx(-0.3, abs=0.06)
+    nodes[beyond, 2] += 2 * view.spec.margin_m
+    assert view.errors(nodes).mean() == pytest.approx(-0.3, abs=0.06)

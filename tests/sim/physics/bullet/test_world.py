@@ -25,20 +25,14 @@ SMALL = small_cloth(0.09, 4, 4, mass_kg=0.0064)
 def test_impossible_worlds_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(SimError, match="must be"):
         BulletWorld(**({"substep_s": 1 / 240, "table_friction": 1.0} | wrong))
-
-
-def test_unknown_engines_are_refused() -> None:
     with pytest.raises(SimError, match=next(iter(PHYSICS))):
         make_world("clay", substep_s=1 / 240)
 
 
-def test_gravity_must_be_finite() -> None:
-    with bullet_world() as world, pytest.raises(SimError, match="finite"):
-        world.set_gravity((0.0, 0.0, math.nan))
-
-
 def test_wind_adds_to_gravity_until_it_ends() -> None:
     with bullet_world() as world:
+        with pytest.raises(SimError, match="finite"):
+            world.set_gravity((0.0, 0.0, math.nan))
         world.set_wind((2.0, 0.0, 0.0))
         world.set_gravity((0.0, 1.0, -9.0))
         assert world.gravity_m_s2 == (2.0, 1.0, -9.0)
