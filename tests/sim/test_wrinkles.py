@@ -1,4 +1,4 @@
-"""The judge of wrinkles against fine analytic height fields, and what it has to ignore."""
+"""The judge of wrinkles against fine analytic height fields, and the wrinkles that can be made."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.tests.sim.wrinkles import (
     CENTRE_M,
-    MAX_SLOPE,
     MIN_ENERGY,
     Wrinkling,
     axis_error,
@@ -53,7 +52,6 @@ def test_mixtures_agree_with_the_gradient_of_a_fine_height_field(waves: list[Wav
     y = np.linspace(-SPEC.width_m / 2, SPEC.width_m / 2, 401)
     z = height(*np.meshgrid(x, y, indexing="ij"), waves)
     slope = np.stack(np.gradient(z, x, y), axis=-1).reshape(-1, 2)
-    assume(z.max() < 0.028 and np.linalg.norm(slope, axis=1).max() < MAX_SLOPE)
     tensor = slope.T @ slope / len(slope)
     values, vectors = np.linalg.eigh(tensor)
     coherence = (values[1] - values[0]) / values.sum()
@@ -63,60 +61,6 @@ def test_mixtures_agree_with_the_gradient_of_a_fine_height_field(waves: list[Wav
         assert truth.coherence == pytest.approx(coherence, abs=0.06)
         if coherence > 0.3:
             assert axis_error(truth.direction, math.atan2(vectors[1, 1], vectors[0, 1])) < 3.0
-
-
-@given(wave=WAVES, angle=st.floats(-math.pi, math.pi), x_m=st.floats(-0.3, 0.5), y_m=st.floats(-0.3, 0.3))
-def test_it_turns_with_the_cloth_wherever_it_lies(wave: Wave, angle: float, x_m: float, y_m: float) -> None:
-    nodes, (c, s) = wavy(wave), (math.cos(angle), math.sin(angle))
-    turned = nodes @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [x_m, y_m, 0.0]
-    one, other = wrinkle_truth(nodes, SPEC), wrinkle_truth(turned, SPEC)
-    assert (other.energy, other.coherence) == pytest.approx((one.energy, one.coherence))
-    if one.coherence > 0:
-        assert axis_error(other.direction, math.atan2(one.direction[1], one.direction[0]) + angle) < 1e-6
-
-
-def test_flat_and_lifted_cloths_have_no_direction() -> None:
-    flat = SPEC.flat_nodes() + np.random.default_rng(0).normal(0, [0, 0, 0.0002], (SPEC.n_nodes, 3))
-    lifted = wavy((0.3, 0.1, 0.006, 0.0)) + np.array([0.0, 0.0, 0.2])
-    hanging = SPEC.hanging_nodes(np.array([[0, 0.17, 0.5], [0, -0.17, 0.5]]))
-    for nodes, share in ((flat, 1.0), (lifted, 0.0), (hanging, 0.0)):
-        truth = wrinkle_truth(nodes, SPEC)
-        assert not truth.direction.any()
-        assert truth.coherence == 0.0
-        assert truth.share == pytest.approx(share, abs=0.01)
-        assert (0 < truth.energy < MIN_ENERGY) if share else (truth.energy == truth.contact_portion == 0.0)
-
-
-def test_what_is_folded_over_does_not_count() -> None:
-    """Half of the cloth has wrinkles along y and lies face down on the other half, whose wrinkles are along x."""
-    nodes, over = wavy((math.pi / 2, 0.1, 0.004, 0.0)), SPEC.flat_nodes()[:, 0] > SPEC.length_m / 2
-    nodes[over] = wavy((0.0, 0.1, 0.004, 0.0))[over]
-    nodes[over, 0] = SPEC.length_m - nodes[over, 0]
-    nodes[over, 2] += 0.012
-    truth = wrinkle_truth(nodes, SPEC)
-    assert axis_error(truth.direction, math.pi / 2) < 5.0
-    assert truth.share == pytest.approx(0.5, abs=0.08)
-
-
-def test_one_upright_crease_does_not_outweigh_the_rest() -> None:
-    grid = wavy((0.0, 0.09, 0.004, 0.0)).reshape(SPEC.rows, SPEC.columns, 3)
-    grid[:, SPEC.columns // 2 :, 1] += CELL_M * 0.97  # the next column stands almost below this one ...
-    grid[:, SPEC.columns // 2 :, 2] += 0.012  # ... and 12 mm higher
-    truth = wrinkle_truth(grid.reshape(-1, 3), SPEC)
-    assert axis_error(truth.direction, 0.0) < 5.0
-    assert truth.energy < MAX_SLOPE**2
-
-
-@pytest.mark.parametrize("rise", [math.pi / 4, math.pi / 2])
-def test_what_is_lifted_and_its_foot_do_not_turn_what_lies(rise: float) -> None:
-    """From x = 0.2 m on the cloth goes up at ``rise``, its length kept: a slope along x that is no wrinkle."""
-    nodes = wavy((0.9, 0.1, 0.005, 0.0))
-    beyond = np.clip(nodes[:, 0] - 0.2, 0.0, None)
-    nodes[:, 0] += (math.cos(rise) - 1) * beyond
-    nodes[:, 2] += math.sin(rise) * beyond
-    truth = wrinkle_truth(nodes, SPEC)
-    assert axis_error(truth.direction, 0.9) < 5.0
-    assert 0.3 < truth.share < 0.6
 
 
 @pytest.mark.parametrize("amplitude_m", [0.002, 0.009, 0.015])
@@ -153,5 +97,4 @@ def test_wrinkles_stay_where_the_table_holds_them_and_spread_where_it_does_not()
     assert held.coherence > 0.9
     assert axis_error(held.direction, 0.0) < 5.0
     assert held.energy > 0.3 * start.energy
-    assert held.contact_portion > start.contact_portion
     assert start.energy - slippery.energy > 2 * (start.energy - held.energy)

@@ -5,29 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from layflat.data.arrays import FloatArray
 from layflat.perception.descriptors.base import axial_mean
-from layflat.sim.cloth.geometry import ClothGeometry
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.tests.sim.helpers import cloth_in_world
 
 CENTRE_M = (0.20, 0.0)
 """Middle of a wrinkled cloth."""
-MAX_HEIGHT_M = 0.03
-"""Cloth above this is held or folded up, not wrinkled."""
-FOOT_CELLS = 2
-"""Distance from such cloth, along the cloth, within which it still rises to there."""
-MAX_SLOPE = 1.0
-"""Cap of the slope, 45 degrees, so that one upright crease does not outweigh the rest."""
 MIN_ENERGY = 1e-3
 """Energy below which a cloth is flat: a slope of 1.8 degrees rms."""
-MIN_SHARE = 0.05
-"""Share of the cloth on the table below which there is no direction."""
 SAMPLES_PER_CELL = 3
 """Samples along each side. The mesh's own triangles would turn waves of 2.5 cells by up to 10 degrees, since a cell's
 sides cut them more than its diagonal does; the spline turns them by at most 2.2."""
@@ -83,55 +74,38 @@ def settled_wrinkles(spec: ClothSpec, wrinkling: Wrinkling, *, table_friction: f
         return cloth.nodes()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WrinkleTruth:
-    """Wrinkles of a mesh; never NaN."""
+class WrinkleTruth(NamedTuple):
+    """Wrinkles of a mesh that lies on the table with its face up."""
 
     direction: FloatArray
-    """Unit vector across most wrinkles, (2,), table coordinates, x >= 0; zeros on a flat or a lifted cloth."""
+    """Unit vector across most wrinkles, (2,), table coordinates, x >= 0; zeros on a flat cloth."""
     coherence: float
     """Agreement of the slopes on one axis, 0..1: difference of the structure tensor's eigenvalues over their sum."""
     energy: float
-    """Mean squared slope of what lies on the table, >= 0; 0 where nothing does."""
-    share: float
-    """Area of what lies on the table, seen from above, over the cloth's area, >= 0."""
-    contact_portion: float
+    """Mean squared slope, >= 0."""
 
 
 def wrinkle_truth(nodes: FloatArray, spec: ClothSpec) -> WrinkleTruth:
     """Return the strongest axis of the structure tensor of the height of ``nodes`` (N, 3) m: J = sum(A g g^T).
 
     g = (dz/dx, dz/dy) at the samples of the smooth surface through the nodes, A the area around each seen from above.
-    Only samples that lie take part: below MAX_HEIGHT_M, not at the foot of what is above, and with the face up, since
-    what is folded over shows its reverse.
     """
-    area, slope = _lying(nodes.reshape(spec.rows, spec.columns, 3))
-    steepness = np.linalg.norm(slope, axis=1)
-    total = float(area.sum())
-    energy = float((area * steepness**2).sum()) / total if total > 0 else 0.0
-    share = total / (spec.length_m * spec.width_m)
-    direction, coherence = np.zeros(2), 0.0
-    if energy > MIN_ENERGY and share > MIN_SHARE:
-        steep = steepness > 0
-        direction, coherence = axial_mean((area * steepness**2)[steep], slope[steep] / steepness[steep, None])
-    contact = ClothGeometry(spec).contact_portion_true(nodes)
-    return WrinkleTruth(direction=direction, coherence=coherence, energy=energy, share=share, contact_portion=contact)
-
-
-def _lying(grid: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the area from above (K,) m^2 and the capped slope (K, 2) of each sample that lies on the table."""
-    rows, along = _spline(grid.shape[0])
-    columns, across = _spline(grid.shape[1])
-    height = np.einsum("ai,ij,bj->ab", rows, grid[..., 2], columns, optimize=True)
+    grid = nodes.reshape(spec.rows, spec.columns, 3)
+    rows, along = _spline(spec.rows)
+    columns, across = _spline(spec.columns)
     # Rows run along +x and columns along -y, so up is (d/dcolumn) x (d/drow).
     d_row = np.einsum("ai,ijk,bj->abk", along, grid, columns, optimize=True)
     d_column = np.einsum("ai,ijk,bj->abk", rows, grid, across, optimize=True)
-    normal = np.cross(d_column, d_row)
-    foot = np.ones((2 * FOOT_CELLS * SAMPLES_PER_CELL + 1,) * 2, dtype=np.uint8)
-    lying = (normal[..., 2] > 0) & (cv2.dilate((height >= MAX_HEIGHT_M).astype(np.uint8), foot) == 0)
-    slope = -normal[lying, :2] / normal[lying, 2:]
-    steepness = np.linalg.norm(slope, axis=1, keepdims=True)
-    return normal[lying, 2] / SAMPLES_PER_CELL**2, slope * (MAX_SLOPE / np.maximum(steepness, MAX_SLOPE))
+    normal = np.cross(d_column, d_row).reshape(-1, 3)
+    area, slope = normal[:, 2], -normal[:, :2] / normal[:, 2:]
+    steepness = np.linalg.norm(slope, axis=1)
+    weights = area * steepness**2
+    energy = float(weights.sum() / area.sum())
+    direction, coherence = np.zeros(2), 0.0
+    if energy > MIN_ENERGY:
+        steep = steepness > 0
+        direction, coherence = axial_mean(weights[steep], slope[steep] / steepness[steep, None])
+    return WrinkleTruth(direction, coherence, energy)
 
 
 @lru_cache(maxsize=8)

@@ -42,11 +42,9 @@ def _is_blue(rgb: np.ndarray, least: int = 60) -> np.ndarray:
 
 
 def _add_body(cloth: BulletCloth, kind: int, position: np.ndarray | list[float], **shape: Any) -> int:
-    client, turn = cloth.world.client, shape.pop("turn", (0, 0, 0, 1))
-    visual = bullet.createVisualShape(kind, physicsClientId=client, **shape)
-    return int(
-        bullet.createMultiBody(0, -1, visual, basePosition=position, baseOrientation=turn, physicsClientId=client)
-    )
+    where = {"basePosition": position, "baseOrientation": shape.pop("turn", (0, 0, 0, 1))}
+    visual = bullet.createVisualShape(kind, physicsClientId=cloth.world.client, **shape)
+    return int(bullet.createMultiBody(0, -1, visual, physicsClientId=cloth.world.client, **where))
 
 
 def _wavy(direction_deg: float) -> np.ndarray:

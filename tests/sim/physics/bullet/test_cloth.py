@@ -41,10 +41,9 @@ def _settled(spec: ClothSpec, nodes: np.ndarray, duration_s: float, *, held: boo
 
 
 def _hanging(spec: ClothSpec) -> np.ndarray:
-    """Straight down, at rest."""
-    down = np.linspace(0.12, 0.12 + spec.length_m, spec.rows)
-    z, y = np.meshgrid(down, np.linspace(spec.width_m / 2, -spec.width_m / 2, spec.columns), indexing="ij")
-    return np.stack([np.zeros_like(z), y, z], axis=-1).reshape(-1, 3)
+    """Return nodes that hang straight down, at rest."""
+    corners = spec.corners_at(0.0, 0.12 + spec.length_m) / [1.0, HELD_STRETCH, 1.0]
+    return spec.hanging_nodes(corners)
 
 
 @pytest.mark.parametrize("name", PRESETS)
