@@ -11,7 +11,6 @@ from typing import Any
 
 MAX_EPISODE_STEPS = 200
 """Steps after which an environment truncates: 20 s."""
-ENTRY_POINT = "layflat.sim.env:ClothPlaceEnv"
 ENVIRONMENTS: dict[str, dict[str, str]] = {
     "layflat/ClothPlace-v0": {},
     "layflat/HangerPlace-v0": {"robot": "hanger"},
@@ -30,7 +29,8 @@ def register_environments() -> None:
 
     for name, arguments in ENVIRONMENTS.items():
         if name not in registry:
-            register(id=name, entry_point=ENTRY_POINT, max_episode_steps=MAX_EPISODE_STEPS, kwargs=dict(arguments))
+            entry_point, limit = "layflat.sim.env:ClothPlaceEnv", MAX_EPISODE_STEPS
+            register(id=name, entry_point=entry_point, max_episode_steps=limit, kwargs=dict(arguments))
 
 
 class _GymnasiumHook:

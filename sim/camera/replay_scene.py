@@ -14,10 +14,9 @@ from layflat.sim.robots.registry import robot_type
 
 
 class ReplayScene:
-    """Shows cloth nodes, and the arm where the robot has one, as they were.
+    """Shows cloth nodes, and the arm where the robot has one, as they were, its hand straight down.
 
-    The arm's joints follow from where its hanger was, hand straight down: files hold the corners, and the few
-    milliradians by which an impedance-controlled hand tilts are not visible in an image.
+    Files hold the corners alone, and the milliradians by which a yielding hand tilts are not visible in an image.
     """
 
     def __init__(self, robot: str, cloth: str) -> None:
@@ -30,10 +29,7 @@ class ReplayScene:
         self._camera = Camera(body, noise=None, seed=0)
 
     def capture(self, nodes: FloatArray, holder: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Return rgb (H, W, 3) and depth (H, W) m of the simulation's camera, without sensor noise.
-
-        ``nodes`` (N, 3) m and ``holder`` (3,) m, world, as in GroundTruth and Observation.
-        """
+        """Return rgb (H, W, 3) and depth (H, W) m without noise; ``nodes`` (N, 3) m and ``holder`` (3,) m, world."""
         self._pose(nodes, holder)
         return self._camera.capture(nodes)
 

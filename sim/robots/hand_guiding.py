@@ -32,10 +32,7 @@ class HandGuiding:
     """One hand on the hanger, until the arm is no longer guided."""
 
     def __init__(self, place: FloatArray, held_n: FloatArray, load_n: float, substep_s: float) -> None:
-        """Start at the corners' midpoint ``place`` (3,) m; ``held_n`` (3,) N is the force of the springs that let go.
-
-        ``load_n`` (upwards) of it is the cloth's weight. Friction takes over the rest, so that nothing moves yet.
-        """
+        """Start at ``place`` (3,) m; of the springs' force ``held_n`` (3,) N friction takes what is not ``load_n``."""
         self.substep_s = substep_s
         """Duration of the coming substeps."""
         self._hand: FloatArray | None = None

@@ -46,8 +46,7 @@ class StartScene:
 def hanging_state(spec: ClothSpec, rng: np.random.Generator) -> InitialState:
     """Return a cloth that hangs in the air, a little narrower than the robot holds it."""
     corners = home_corners(spec)
-    slack = corners / np.array([1.0, HELD_STRETCH, 1.0])
-    return InitialState(corners=corners, nodes=spec.hanging_nodes(slack))
+    return InitialState(corners=corners, nodes=spec.hanging_nodes(corners / np.array([1.0, HELD_STRETCH, 1.0])))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,11 +67,7 @@ def home_corners(spec: ClothSpec) -> FloatArray:
 
 
 def attach(cloth: Cloth, corners: FloatArray) -> None:
-    """Pull the cloth's two held corners to ``corners`` (2, 3) m, where the robot takes them.
-
-    A cloth begins at rest, which is narrower than the robot holds it: nodes that are set wider would be its shape at
-    rest.
-    """
+    """Pull the cloth's held corners to ``corners`` (2, 3) m: nodes that are set wider would be its shape at rest."""
     world = cloth.world
     at = cloth.nodes()[list(cloth.spec.corners)]
     fingers = FreePickers(cloth, at)

@@ -45,10 +45,7 @@ SETTLE_STEPS = 8
 
 
 def _crumple(scene: StartScene) -> Mapping[str, float]:
-    """Lay the hanging cloth, push wrinkles in until the camera sees about 0.74 of it, let it settle.
-
-    Returns what was drawn and what resulted. SimError if the cloth diverges.
-    """
+    """Lay the hanging cloth, push wrinkles in until the camera sees about 0.74 of it, let it settle."""
     cloth, rng, corners = scene.cloth, scene.rng, scene.robot.corner_positions
     spec = cloth.spec
     _lay(scene)
@@ -65,15 +62,11 @@ def _crumple(scene: StartScene) -> Mapping[str, float]:
         n_steps += 1
     for _ in range(SETTLE_STEPS):
         _move(scene, np.zeros(6))
-    return {
-        "push_back_1_m": float(back[0]),
-        "push_back_2_m": float(back[1]),
-        "push_inward_1_m": float(inward[0]),
-        "push_inward_2_m": float(inward[1]),
-        "push_steps": float(n_steps),
-        "contact_portion_true": cloth.contact_portion_true(cloth.nodes()),
-        "flat_area": cloth.flat_area(cloth.nodes()),
-    }
+    drawn = {"push_back_1_m": back[0], "push_back_2_m": back[1], "push_inward_1_m": inward[0]}
+    drawn |= {"push_inward_2_m": inward[1], "push_steps": n_steps}
+    nodes = cloth.nodes()
+    result = {"contact_portion_true": cloth.contact_portion_true(nodes), "flat_area": cloth.flat_area(nodes)}
+    return {name: float(value) for name, value in (drawn | result).items()}
 
 
 def _lay(scene: StartScene) -> None:

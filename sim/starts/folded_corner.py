@@ -31,11 +31,7 @@ def _laid_taut(spec: ClothSpec, rng: np.random.Generator) -> InitialState:
 
 
 def _fold(scene: StartScene) -> Mapping[str, float]:
-    """Let a hand turn one corner of the free edge over.
-
-    Nodes that are put where a fold has them will not do: Bullet takes what it is given for the cloth's shape at rest,
-    and the crease stays for ever.
-    """
+    """Let a hand turn one corner of the free edge over; set nodes would be the shape at rest and stay creased."""
     rest = scene.robot.spec.zeros()
     for _ in range(CALM_STEPS):
         scene.step(rest)

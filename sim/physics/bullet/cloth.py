@@ -80,10 +80,7 @@ class BulletCloth(Cloth):
 
 @contextmanager
 def mesh_file(nodes: FloatArray, triangles: np.ndarray) -> Iterator[str]:
-    """Write nodes (N, 3) m and triangles (T, 3) to a temporary OBJ file and give its path.
-
-    Bullet caches OBJ files by path, so each cloth comes from a name that was never used.
-    """
+    """Write an OBJ file to a name that was never used, since Bullet caches such files by path, and give the path."""
     lines = [f"v {x:.9f} {y:.9f} {z:.9f}\n" for x, y, z in nodes]
     lines += [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in triangles]
     handle, path = tempfile.mkstemp(suffix=".obj")

@@ -42,11 +42,9 @@ class BulletSolidRenderer:
 
 
 def _projection(pinhole: PinholeCamera) -> list[float]:
-    """Return the OpenGL projection matrix, column by column, whose image is the pinhole's.
-
-    TinyRenderer samples at whole pixels and turns the image upside down: column u lies at 2 u / W - 1 of its view,
-    row v at 2 (H - 1 - v) / H - 1. The test against layflat.sim.camera.rasterizer would notice a shift.
-    """
+    """Return the OpenGL projection matrix, column by column, whose image is the pinhole's."""
+    # TinyRenderer samples at whole pixels and turns the image upside down: column u lies at 2 u / W - 1 of its view,
+    # row v at 2 (H - 1 - v) / H - 1. The test against the rasterizer would notice a shift.
     return list(
         bullet.computeProjectionMatrix(
             -pinhole.cx / pinhole.fx * NEAR_M,
