@@ -5,14 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import h5py
 
 from layflat.data.atomic_files import PART_SUFFIX, atomic_path
 from layflat.data.format.encode import LIBVER
+from layflat.data.session.catalog import Catalog
 from layflat.data.session.parts import part_files, parts_folder
-from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile, check_copy, write_errors
 
 PARTS_MAX = 200
@@ -37,11 +38,11 @@ def assemble(path: Path) -> None:
         parts = part_files(real)
         aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
         _check_room(real)
-        with atomic_path(real, aside), open_session(path) as session:
-            _write_all(session, real, aside)
-            digests = {name: row.digest for name, row in session.index_rows().items()}
-            added = {name: digest for name, digest in digests.items() if name not in session.main_names}
-            check_copy(aside, added, session.names)
+        with atomic_path(real, aside), closing(Catalog(path)) as catalog:
+            rows = catalog.rows()
+            _write_all(catalog, real, aside)
+            added = {name: row.digest for name, row in rows.items() if name not in catalog.main_names}
+            check_copy(aside, added, rows)
         for part in parts:
             part.unlink()
 
@@ -53,14 +54,13 @@ def _check_room(real: Path) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def _write_all(session: Session, real: Path, aside: Path) -> None:
-    if session.main_file is not None:
+def _write_all(catalog: Catalog, real: Path, aside: Path) -> None:
+    rows, there = catalog.rows(), catalog.main_names
+    if catalog.main is not None:
         # A copy of the bytes, to which only new demos are added: what users have added stays as it is.
         shutil.copyfile(real, aside)
-    with h5py.File(aside, "x" if session.main_file is None else "r+", libver=LIBVER) as file:
-        rows = session.index_rows()
-        target = SessionFile(file, {name: rows[name] for name in session.main_names}, indexed=session.indexed)
-        for name in session.names:
-            if name not in session.main_names:
-                target.copy(name, session.group(name), session.info(name))
+    with h5py.File(aside, "x" if catalog.main is None else "r+", libver=LIBVER) as file:
+        target = SessionFile(file, {name: rows[name] for name in there}, indexed=catalog.indexed)
+        for name in (name for name in rows if name not in there):
+            target.copy(name, catalog.group(name), rows[name].info)
         target.finish()

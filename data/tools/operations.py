@@ -20,8 +20,9 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.encode import LIBVER
+from layflat.data.session.catalog import differences
 from layflat.data.session.parts import part_files, parts_folder
-from layflat.data.session.reader import Session, differences, open_session
+from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile, check_writable, write_errors
 from layflat.data.types import Episode, disturbances_within
 
@@ -51,8 +52,8 @@ def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = Fals
                         numbers[info.uid] = schema.demo_name(len(numbers))
                         file.copy(numbers[info.uid], session.group(name), info)
                     names[name] = numbers[info.uid]
-                if session.main_file is not None:
-                    file.copy_masks(session.main_file, names)
+                if session.catalog.main is not None:
+                    file.copy_masks(session.catalog.main, names)
     return tuple(numbers.values())
 
 
@@ -201,8 +202,8 @@ def _copy_named(session: Session, names: Sequence[str], file: SessionFile) -> No
 
 
 def _copy_extras(session: Session, names: Sequence[str], file: SessionFile) -> None:
-    if session.main_file is not None:
-        file.copy_extras(session.main_file, {name: name for name in names})
+    if session.catalog.main is not None:
+        file.copy_extras(session.catalog.main, {name: name for name in names})
 
 
 def _within(value: float, limits: tuple[float, float] | None) -> bool:

@@ -20,9 +20,9 @@ from layflat.data.format.decode import read_demo
 from layflat.data.format.encode import LIBVER, shared_attributes
 from layflat.data.format.opening import DAMAGE, FileError, check_session, errors_name, first_line, open_file
 from layflat.data.format.structure_checks import Violation, check_demo, check_hard_link
+from layflat.data.session.catalog import differences
 from layflat.data.session.journal_reader import read_journal
 from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
-from layflat.data.session.reader import differences
 from layflat.data.session.session_writer import SessionFile, check_writable, write_errors
 
 EOF_OFFSET = 28

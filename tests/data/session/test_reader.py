@@ -122,12 +122,12 @@ def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, change):
         change(f)
     wanted = [e for i, e in enumerate(made) if change is not _fewer or i != 3]
     with open_session(path) as session:
-        assert not session.indexed
+        assert not session.catalog.indexed
         assert [differences(a, b) for a, b in zip(session, wanted, strict=True)] == [[]] * len(wanted)
     with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
         recorder.save(make_episode(seed=77))
     with open_session(path) as session:
-        assert session.indexed
+        assert session.catalog.indexed
         assert len(session) == len(wanted) + 1
     if change is not _fewer:
         assert validate(path) == ()
