@@ -40,7 +40,7 @@ def test_csv_reads_back_to_the_same_bits(robot, tmp_path):
         assert all(own[-1][key] == "" for key in (*columns, "phase"))
 
 
-def test_csv_of_nothing_leaves_nothing(tmp_path):
+def test_an_empty_csv_export_is_refused(tmp_path):
     with (
         open_session(write_session(tmp_path / "s.h5", [make_episode()])) as session,
         pytest.raises(DataError, match="nothing to export"),

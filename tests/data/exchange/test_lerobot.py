@@ -164,10 +164,10 @@ def test_hugging_face_datasets_loads_it(exported, tmp_path, monkeypatch):
     files = [str(path) for path in sorted((folder / "data").glob("*/*.parquet"))]
     cache = str(tmp_path / "cache")
     as_lerobot = datasets.Dataset.from_parquet(files, features=features, cache_dir=cache)
-    untold = datasets.Dataset.from_parquet(files, cache_dir=cache)
-    assert untold.features == features
+    by_metadata = datasets.Dataset.from_parquet(files, cache_dir=cache)
+    assert by_metadata.features == features
     last = made[-1].steps[-1]
-    for loaded in (as_lerobot, untold):
+    for loaded in (as_lerobot, by_metadata):
         assert len(loaded) == 24
         row = loaded[-1]
         assert row["action"] == np.float32(last.action).tolist()
@@ -183,20 +183,20 @@ def test_without_images(tmp_path):
     assert not any(key.startswith("observation.images") for key in _frames(tmp_path / "lr").column_names)
 
 
-def test_nothing_that_only_the_simulator_knows_is_exported(exported):
+def test_ground_truth_is_not_exported(exported):
     folder, _ = exported
     features = json.loads((folder / "meta/info.json").read_text())["features"]
     named = [*_frames(folder).column_names, *(name for f in features.values() for name in f["names"] or ())]
     assert not any(word in name for name in named for word in ("true", "node", "area", "states"))
 
 
-def test_the_sidecar_tells_which_episode_is_which(tmp_path):
+def test_the_sidecar_lists_the_episodes(tmp_path):
     made = [make_episode(seed=10 + i, outcome=OUTCOMES[i], source=["scripted", "gamepad"][i]) for i in range(2)]
     with open_session(write_session(tmp_path / "s.h5", made)) as session:
         export_lerobot(session, tmp_path / "lr", names=("demo_1",))
         uid = session.info("demo_1").uid
-    told = json.loads((tmp_path / "lr/meta/layflat.json").read_text())["episodes"]
-    assert told == [
+    episodes = json.loads((tmp_path / "lr/meta/layflat.json").read_text())["episodes"]
+    assert episodes == [
         {
             "episode_index": 0,
             "name": "demo_1",
@@ -210,7 +210,7 @@ def test_the_sidecar_tells_which_episode_is_which(tmp_path):
     ]
 
 
-def test_a_new_file_begins_where_one_has_become_large(tmp_path, monkeypatch):
+def test_large_exports_are_split_into_files(tmp_path, monkeypatch):
     monkeypatch.setattr("layflat.data.exchange.lerobot.DATA_FILE_MB", 0)
     monkeypatch.setattr("layflat.data.exchange.lerobot.CHUNKS_SIZE", 2)
     with open_session(write_session(tmp_path / "s.h5", [make_episode(seed=i) for i in range(5)])) as session:
@@ -223,7 +223,7 @@ def test_a_new_file_begins_where_one_has_become_large(tmp_path, monkeypatch):
     assert table["index"].to_pylist() == list(range(25))
 
 
-def test_what_lerobot_cannot_hold_is_refused(tmp_path):
+def test_a_fractional_frame_rate_is_refused(tmp_path):
     with (
         open_session(write_session(tmp_path / "s.h5", [make_episode(step_s=0.03)])) as session,
         pytest.raises(DataError, match=r"0\.03 s"),
@@ -242,7 +242,7 @@ def test_images_are_there_in_all_episodes_or_in_none(tmp_path):
         export_lerobot(session, tmp_path / "lr", images=False)
 
 
-def test_a_folder_of_something_else_is_left_alone_and_an_old_export_replaced(tmp_path):
+def test_only_an_earlier_export_is_replaced(tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "letter.txt").write_text("precious")
     with open_session(write_session(tmp_path / "s.h5", [make_episode(seed=i) for i in range(2)])) as session:

@@ -110,7 +110,7 @@ def test_another_seed_draws_another_split():
 
 
 @pytest.mark.parametrize("share", [-0.1, 1.0, 2.0, float("nan")])
-def test_a_share_that_is_none(share):
+def test_an_impossible_share_is_refused(share):
     with pytest.raises(DataError, match="share for validation"):
         train_and_valid(["demo_0", "demo_1"], valid_share=share, seed=0)
 
@@ -145,12 +145,12 @@ def _rewritten(source, target, *, skip=(), attributes=(), dtype="<f4", **packing
             for key in keys:
                 item = old[f"data/{name}/{key}"]
                 if isinstance(item, h5py.Dataset) and key not in skip:
-                    kept = item[()].astype(dtype) if item.dtype.kind == "f" else item[()]
-                    group.create_dataset(key, data=kept, **(packing if kept.ndim > 1 else {}))
+                    saved = item[()].astype(dtype) if item.dtype.kind == "f" else item[()]
+                    group.create_dataset(key, data=saved, **(packing if saved.ndim > 1 else {}))
 
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS)
-def test_a_file_that_kept_only_the_layout_comes_back(robot, tmp_path):
+def test_a_file_without_our_attributes_is_imported(robot, tmp_path):
     made = [make_episode(robot, seed=i, images=True, with_std=True) for i in range(3)]
     foreign, back = tmp_path / "foreign.hdf5", tmp_path / "back.h5"
     _rewritten(write_session(tmp_path / "s.h5", made), foreign, dtype="<f8", compression="gzip", chunks=True)
@@ -158,14 +158,14 @@ def test_a_file_that_kept_only_the_layout_comes_back(robot, tmp_path):
     assert (done.episodes, done.exact) == (3, False)
     with open_session(back) as session:
         for original, episode in zip(made, session, strict=True):
-            told = {"seed": UNKNOWN_SEED, "source": UNKNOWN_SOURCE, "stopped_by": "step_limit", "wall_s": 0.0}
+            defaults = {"seed": UNKNOWN_SEED, "source": UNKNOWN_SOURCE, "stopped_by": "step_limit", "wall_s": 0.0}
             changed = {"outcome": "failure", "start": {}, "provenance": episode.provenance}
             assert original.final_ground_truth.flat_area <= FLAT_AREA
-            assert differences(episode, replace(original, **told, **changed)) == []
+            assert differences(episode, replace(original, **defaults, **changed)) == []
             assert "foreign.hdf5" in episode.provenance.command
 
 
-def test_what_a_file_tells_is_believed_and_rounding_is_all_that_float32_costs(tmp_path):
+def test_attributes_of_a_foreign_file_are_used_and_float32_only_rounds(tmp_path):
     made = make_episode(seed=7, source="gamepad", stopped_by="interrupted", disturbance="push", step_s=0.05)
     keys = ("seed", "source", "stopped_by", "disturbance", "step_s", "cloth", "outcome", "provenance")
     _rewritten(
@@ -185,7 +185,7 @@ def test_what_a_file_tells_is_believed_and_rounding_is_all_that_float32_costs(tm
         assert (got.phase, got.action_std) == ("place", None)
 
 
-def test_an_import_that_was_changed_by_hand_is_no_exact_copy(tmp_path):
+def test_a_changed_file_is_not_copied_exactly(tmp_path):
     path = write_session(tmp_path / "s.h5", [make_episode()])
     with h5py.File(path, "r+") as f:
         f["data/demo_0"].attrs["seed"] = 5  # its checksum no longer fits
@@ -260,7 +260,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_what_cannot_be_an_episode_is_one_sentence_and_no_file(name, tmp_path):
+def test_a_broken_foreign_file_is_refused_in_one_sentence(name, tmp_path):
     change, message = BROKEN[name]
     foreign = tmp_path / "foreign.hdf5"
     _rewritten(write_session(tmp_path / "s.h5", [make_episode()]), foreign, dtype="<f8")
@@ -273,7 +273,7 @@ def test_what_cannot_be_an_episode_is_one_sentence_and_no_file(name, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["foreign.hdf5", "s.h5"]
 
 
-def test_a_cloth_that_no_one_names_must_be_given(tmp_path):
+def test_a_file_that_does_not_name_its_cloth_needs_one(tmp_path):
     foreign = tmp_path / "foreign.hdf5"
     _rewritten(write_session(tmp_path / "s.h5", [make_episode()]), foreign)
     with h5py.File(foreign, "r+") as f:
@@ -286,7 +286,7 @@ def test_a_cloth_that_no_one_names_must_be_given(tmp_path):
 
 
 @pytest.mark.parametrize("content", [None, b"", b"dear diary", b"\x89HDF\r\n\x1a\n" + bytes(100)])
-def test_what_is_no_hdf5_file(content, tmp_path):
+def test_other_bytes_are_not_imported(content, tmp_path):
     path = tmp_path / "x.hdf5"
     if content is not None:
         path.write_bytes(content)
@@ -295,13 +295,13 @@ def test_what_is_no_hdf5_file(content, tmp_path):
     assert not (tmp_path / "back.h5").exists()
 
 
-def test_an_existing_file_is_not_replaced_unasked(tmp_path):
+def test_an_existing_file_is_replaced_only_with_force(tmp_path):
     path = write_session(tmp_path / "s.h5", [make_episode()])
-    taken = write_session(tmp_path / "taken.h5", [make_episode(seed=1)])
-    before = taken.read_bytes()
+    existing = write_session(tmp_path / "taken.h5", [make_episode(seed=1)])
+    before = existing.read_bytes()
     with pytest.raises(DataError, match="exists"):
-        import_robomimic(path, taken)
-    assert taken.read_bytes() == before
-    import_robomimic(path, taken, force=True)
-    with open_session(taken) as session:
+        import_robomimic(path, existing)
+    assert existing.read_bytes() == before
+    import_robomimic(path, existing, force=True)
+    with open_session(existing) as session:
         assert session.info("demo_0").seed == 0

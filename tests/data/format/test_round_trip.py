@@ -1,4 +1,4 @@
-"""What is read back is what was kept, bit by bit, and robomimic can read it as well."""
+"""Saved episodes are read back bit by bit, and robomimic can read the file."""
 
 from __future__ import annotations
 
@@ -128,9 +128,9 @@ def test_any_valid_episode_survives_the_file(episode):
         with SessionRecorder(
             path, robot=episode.robot, cloth=episode.cloth, save_images=True, descriptor=episode.descriptor
         ) as recorder:
-            kept = recorder.save(episode)
+            saved = recorder.save(episode)
         with open_session(path) as session:
-            assert differences(session.episode(kept.name), episode) == []
+            assert differences(session.episode(saved.name), episode) == []
             assert (session.robot, session.cloth, session.step_s) == (episode.robot, episode.cloth, episode.step_s)
 
 
@@ -146,7 +146,7 @@ def test_images_are_left_out_where_not_asked_for(tmp_path):
             assert all(o.rgb is None for o in session.episode("demo_0", images=False).observations())
 
 
-def test_order_is_numeric_and_appending_goes_on(tmp_path):
+def test_episodes_are_ordered_by_number_and_appended(tmp_path):
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i, outcome=OUTCOMES[i % 3], source=["scripted", "gamepad"][i % 2]) for i in range(12)]
     for batch in (made[:5], made[5:]):
@@ -212,7 +212,7 @@ def test_the_file_is_what_robomimic_reads(tmp_path, robot):
         assert not any("true" in key or "node" in key or "area" in key for key in arrays_)
 
 
-def test_what_users_add_to_a_file_stays_when_it_grows(tmp_path):
+def test_additions_of_users_stay_when_a_file_grows(tmp_path):
     path = tmp_path / "s.h5"
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.save(make_episode())
@@ -235,7 +235,7 @@ def _changed(episode, **step_changes):
     return {"steps": steps}
 
 
-def test_an_episode_that_cannot_be_written_truly_is_refused(tmp_path):
+def test_an_episode_that_a_file_cannot_hold_is_refused(tmp_path):
     path = tmp_path / "s.h5"
     good = make_episode(images=True)
     too_far = np.nextafter(ACTION_LIMIT_M, 1)

@@ -27,7 +27,7 @@ def handle(tmp_path) -> JournalHandle:
     return JournalHandle(path=path, uid="a", save_images=True, name="demo_0", session=tmp_path / "s.h5")
 
 
-BEFELL = DisturbanceRecord(name="push", first_step=1, last_step=2, plan={"at": [1, 2]})
+PUSH = DisturbanceRecord(name="push", first_step=1, last_step=2, plan={"at": [1, 2]})
 
 
 @pytest.fixture
@@ -40,14 +40,14 @@ def written(handle):
     pulled = {"drag": DragTarget(node=3, target_m=[0.1, 0, 0.2]), "force_n": [0, -0.1, 1], "phase": "disturb"}
     changes = [pulled, {"phase": "disturb", "intervention": True}, {"hand_m": [0.1, 0.2, 0.3]}]
     steps = [first, *(replace(step, **change) for step, change in zip(others, changes, strict=True))]
-    episode = replace(episode, steps=steps, disturbances=[BEFELL])
+    episode = replace(episode, steps=steps, disturbances=[PUSH])
     journal = handle.open(replace(initial_of(episode), disturbances=()))
     for step_index, step in enumerate(episode.steps):
-        if step_index == BEFELL.first_step:
-            journal.on_disturbance([replace(BEFELL, last_step=None)])
+        if step_index == PUSH.first_step:
+            journal.on_disturbance([replace(PUSH, last_step=None)])
         journal.step(step)
-        if step_index == BEFELL.last_step:
-            journal.on_disturbance([BEFELL])
+        if step_index == PUSH.last_step:
+            journal.on_disturbance([PUSH])
     deadline = time.monotonic() + 10
     size = -1
     while size != handle.path.stat().st_size and time.monotonic() < deadline:
@@ -61,8 +61,8 @@ def written(handle):
 def _left(found, episode):
     """What is to be found of the episode in its first steps; by hand, as in prefix_of."""
     n_steps = len(found.steps)
-    befell = [] if n_steps < 2 else [replace(BEFELL, last_step=None if n_steps == 2 else 2)]
-    return prefix_of(episode, n_steps, wall_s=found.wall_s, disturbances=befell)
+    disturbances = [] if n_steps < 2 else [replace(PUSH, last_step=None if n_steps == 2 else 2)]
+    return prefix_of(episode, n_steps, wall_s=found.wall_s, disturbances=disturbances)
 
 
 def _read(path: Path, content: bytes):
@@ -110,11 +110,11 @@ def test_a_journal_of_an_unreleased_version_is_refused(handle):
 
 
 @pytest.mark.parametrize("content", [b"", b"x", MAGIC, bytes(4096)])
-def test_what_is_no_journal_holds_nothing(handle, content):
+def test_other_bytes_hold_no_episode(handle, content):
     assert _read(handle.path, content) is None
 
 
-def test_what_does_not_fit_is_refused_and_the_rest_stays(handle):
+def test_a_step_that_does_not_fit_is_refused_and_the_rest_stays(handle):
     episode = make_episode(n_steps=3, nodes=5)
     journal = handle.open(initial_of(episode))
     journal.step(episode.steps[0])
@@ -171,7 +171,7 @@ def _until_refused(running, step: Step, most: int = 400) -> str:
     raise AssertionError("nothing was refused")
 
 
-def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(tmp_path):
+def test_a_full_disk_is_reported_at_the_next_step_and_costs_no_earlier_step(tmp_path):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=60, nodes=50, images=True)
     with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
         recorder.save(episode)
@@ -194,7 +194,7 @@ def test_a_full_disk_is_said_at_the_next_step_and_costs_no_step_before(tmp_path)
         assert differences(partial.steps[:5], prefix_of(episode, 5).steps) == []
 
 
-def test_an_error_of_the_disk_is_said(tmp_path, monkeypatch):
+def test_an_error_of_the_disk_is_reported(tmp_path, monkeypatch):
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         recorder.save(episode)
@@ -215,7 +215,7 @@ def _broken(descriptor):
     raise OSError(5, "Input/output error")
 
 
-def test_running_episodes_are_kept_discarded_or_left(tmp_path):
+def test_running_episodes_are_saved_discarded_or_left(tmp_path):
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=4, seed=seed, outcome="failure") for seed in range(3)]
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
@@ -236,8 +236,8 @@ def test_running_episodes_are_kept_discarded_or_left(tmp_path):
         assert differences(session[1], left) == []
 
 
-def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path):
-    """The journal holds the whole episode before it is kept: whichever of the two steps was reached, it is there."""
+def test_a_killed_save_is_completed_once_and_not_twice(tmp_path):
+    """The journal holds the whole episode before it is saved, so that a kill at either moment loses nothing."""
     path, episode = tmp_path / "s.h5", make_episode(n_steps=4)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
         handle = recorder.new_journal()
@@ -255,12 +255,12 @@ def test_a_killed_keep_is_made_up_for_once_and_not_twice(tmp_path):
     parts_folder(path).mkdir()
     handle.path.write_bytes(content)
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
-        assert [(kept.name, kept.outcome) for kept in recorder.recovered] == [("demo_0", "success")]
+        assert [(saved.name, saved.outcome) for saved in recorder.recovered] == [("demo_0", "success")]
     with open_session(path) as session:
         assert [differences(e, episode) for e in session] == [[]]
 
 
-def test_validate_tells_of_a_recording_that_was_cut_short(tmp_path, written, handle):
+def test_validate_reports_an_interrupted_recording(tmp_path, written, handle):
     path = write_session(tmp_path / "s.h5", [make_episode()])
     assert validate(path) == ()
     parts_folder(path).mkdir()
@@ -271,7 +271,7 @@ def test_validate_tells_of_a_recording_that_was_cut_short(tmp_path, written, han
     assert validate(path) == ()
 
 
-def test_the_clock_of_the_wall_may_jump(tmp_path, monkeypatch):
+def test_the_wall_clock_may_jump(tmp_path, monkeypatch):
     path, made = tmp_path / "s.h5", [make_episode(seed=i) for i in range(4)]
     clock = iter([4e9, 0.0, 1e9, 2.5e9] * 1000)
     monkeypatch.setattr(time, "time", lambda: next(clock))
@@ -307,16 +307,16 @@ def test_a_disk_that_fills_up_at_any_moment(small_disk):
     refused, partial, sentences = 0, 0, []
     for free in (4_000, 10_000, 16_000, 22_000, 28_000, 60_000, 110_000, 220_000):
         path = small_disk / f"{free}.h5"
-        kept = _fill_and_record(path, small_disk / "ballast", free, episode, sentences)
-        refused += kept < 4
+        saved = _fill_and_record(path, small_disk / "ballast", free, episode, sentences)
+        refused += saved < 4
         if path.exists() or parts_folder(path).exists():
             report = repair(path)
             assert report.lost == ()
             assert validate(path) == ()
             with open_session(path) as session:
                 whole = [e for e in session if e.outcome == "success"]
-                # One that could not be kept may have had room in its journal for all of it.
-                assert kept <= len(whole) <= kept + 1
+                # One that could not be saved may have had room in its journal for all of it.
+                assert saved <= len(whole) <= saved + 1
                 assert all(differences(e, episode) == [] for e in whole)
                 for e in [e for e in session if e.outcome == "partial"]:
                     same = prefix_of(episode, len(e.steps), stopped_by=e.stopped_by, wall_s=e.wall_s)
@@ -330,10 +330,10 @@ def test_a_disk_that_fills_up_at_any_moment(small_disk):
 
 
 def _fill_and_record(path, ballast, free, episode, sentences) -> int:
-    """How many episodes were kept before the disk was full; leaves the disk with room again."""
+    """How many episodes were saved before the disk was full; leaves the disk with room again."""
     room = os.statvfs(path.parent)
     ballast.write_bytes(bytes(max(0, room.f_bavail * room.f_frsize - free)))
-    kept = 0
+    saved = 0
     try:
         with SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True) as recorder:
             for _ in range(4):
@@ -341,9 +341,9 @@ def _fill_and_record(path, ballast, free, episode, sentences) -> int:
                 for step in episode.steps:
                     running.step(step)
                 running.save(episode)
-                kept += 1
+                saved += 1
     except DataError as error:
         sentences.append(str(error))
     finally:
         ballast.unlink()
-    return kept
+    return saved

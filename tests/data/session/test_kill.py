@@ -1,7 +1,7 @@
-"""A recording process is killed at random moments: nothing kept is lost, nothing is half, repair brings back the rest.
+"""A recording process is killed at random moments: no saved episode is lost, and repair recovers the running one.
 
 The child runs episodes step by step with a journal and keeps them, and tells through a pipe what it has handed over
-and what was kept. Each kill is of the same growing session, so that what one leaves is there for the next.
+and what was saved. Each kill is of the same growing session, so that what one leaves is there for the next.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import pytest
 
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.types import Episode
+from layflat.tests.data.session.children import run_child
 from layflat.tests.factories import HANGER, differences, initial_of, make_episode, prefix_of
 
 STEPS = 12
@@ -38,40 +39,20 @@ def _record(path: Path, report: int, first: int, step_s: float, numbered) -> Non
                 running.step(step)
                 os.write(report, f"step {number} {step_index} {time.monotonic()}\n".encode())
                 time.sleep(step_s)
-            kept = running.save(episode)
-            os.write(report, f"kept {number} {kept.name} {time.monotonic()}\n".encode())
+            saved = running.save(episode)
+            os.write(report, f"saved {number} {saved.name} {time.monotonic()}\n".encode())
 
 
-def _killed(work: Callable[[int], None], after_s: float) -> tuple[list[list[str]], float]:
-    """What a child reported before it was killed ``after_s`` after its first report, and when it was."""
-    reading, writing = os.pipe()
-    pid = os.fork()
-    if pid == 0:
-        try:
-            work(writing)
-        finally:
-            os._exit(1)  # Nothing of pytest may run twice.
-    os.close(writing)
-    with os.fdopen(reading) as pipe:
-        lines = [pipe.readline().split()]
-        time.sleep(after_s)
-        killed_at = time.monotonic()
-        os.kill(pid, signal.SIGKILL)
-        lines += [line.split() for line in pipe if line.endswith("\n")]
-    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
-    return lines, killed_at
-
-
-def _check_whole(path: Path, kept: dict[int, str], numbered) -> dict[int, int]:
-    """All that was kept is equal, and whatever else is there is a true beginning; steps by number."""
+def _check_whole(path: Path, saved: dict[int, str], numbered) -> dict[int, int]:
+    """Check that saved episodes are equal and others are true beginnings; return the steps by number."""
     lengths = {}
     with open_session(path) as session:
         by_seed = {info.seed: name for name, info in session.infos().items()}
-        assert kept.items() <= by_seed.items()
+        assert saved.items() <= by_seed.items()
         for seed, name in by_seed.items():
             found, episode = session.episode(name), numbered(seed)
             lengths[seed] = len(found.steps)
-            if seed not in kept and found.outcome == "partial":
+            if seed not in saved and found.outcome == "partial":
                 episode = prefix_of(episode, len(found.steps), wall_s=found.wall_s)
             assert differences(found, episode) == []
     return lengths
@@ -79,31 +60,32 @@ def _check_whole(path: Path, kept: dict[int, str], numbered) -> dict[int, int]:
 
 def _kill_again_and_again(path, kills, longest_s, step_s, numbered) -> list[float]:
     """Seconds of the running episode that each kill cost."""
-    rng, kept, costs = random.Random(kills), {}, []
+    rng, saved, costs = random.Random(kills), {}, []
     for kill in range(kills):
         first = 1000 * kill
 
         def work(report, first=first):
             _record(path, report, first, step_s, numbered)
 
-        lines, killed_at = _killed(work, rng.uniform(0.0, longest_s))
-        kept |= {int(line[1]): line[2] for line in lines if line[0] == "kept"}
+        status, lines, killed_at = run_child(work, kill_after_s=rng.uniform(0.0, longest_s))
+        assert status == -signal.SIGKILL
+        saved |= {int(line[1]): line[2] for line in lines if line[0] == "saved"}
         if path.exists():
-            _check_whole(path, kept, numbered)
+            _check_whole(path, saved, numbered)
         if kill % 2 and path.exists():
             assert repair(path).lost == ()
         else:
             SessionRecorder(path, robot=HANGER, cloth="towel", save_images=True).close()
         assert [p.name for p in path.parent.iterdir() if p != path] == []
-        lengths = _check_whole(path, kept, numbered) if path.exists() else {}
+        lengths = _check_whole(path, saved, numbered) if path.exists() else {}
         handed = [(int(n), int(step_index), float(when)) for kind, n, step_index, when in lines if kind == "step"]
-        # The step whose outcome nobody has seen yet is not over.
-        missing = [when for n, step_index, when in handed if n not in kept and step_index > lengths.get(n, 0)]
+        # The step whose observation is still missing is not finished.
+        missing = [when for n, step_index, when in handed if n not in saved and step_index > lengths.get(n, 0)]
         costs.append(killed_at - min(missing, default=killed_at))
         if kill % 10 == 0:
             assert validate(path) == ()
             path.unlink()
-            kept = {}
+            saved = {}
     return costs
 
 

@@ -33,7 +33,7 @@ def path(made, tmp_path):
     return write_session(tmp_path / "s.h5", made)
 
 
-def test_it_is_a_sequence_that_reads_what_is_asked_for(path, made):
+def test_a_session_is_a_lazy_sequence(path, made):
     with open_session(path) as session:
         assert len(session) == len(made)
         for which in (0, 5, -1, -6):
@@ -74,7 +74,7 @@ def test_arrays_are_the_steps_one_after_another(path, made):
     np.testing.assert_array_equal(found["step"], [t for e in chosen for t in range(len(e.steps))])
 
 
-def test_rows_of_one_episode_and_keys_that_are_none(path, made):
+def test_rows_of_one_episode_and_unknown_keys(path, made):
     with open_session(path) as session:
         rows = session.array("demo_1", "obs/rgb", slice(1, 3))
         np.testing.assert_array_equal(rows, [step.observation.rgb for step in made[1].steps[1:3]])
@@ -87,7 +87,7 @@ def test_rows_of_one_episode_and_keys_that_are_none(path, made):
         assert session.arrays(["action_m"], []).keys() == {"episode", "step"}
 
 
-def test_infos_say_what_the_episodes_hold(path):
+def test_infos_agree_with_the_episodes(path):
     with open_session(path) as session:
         for name, info in session.infos().items():
             episode = session.episode(name)
@@ -117,7 +117,7 @@ def _wrong_row(f):
 
 
 @pytest.mark.parametrize("change", [_without_index, _fewer, _wrong_row])
-def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, change):
+def test_an_unusable_index_is_ignored(path, made, change):
     with h5py.File(path, "r+") as f:
         change(f)
     wanted = [e for i, e in enumerate(made) if change is not _fewer or i != 3]
@@ -133,7 +133,7 @@ def test_an_index_that_does_not_fit_is_as_good_as_none(path, made, change):
         assert validate(path) == ()
 
 
-def test_an_index_that_lies_is_found_out_when_the_episode_is_read(path):
+def test_a_wrong_index_is_noticed_when_the_episode_is_read(path):
     with h5py.File(path, "r+") as f:
         text = bytes(f["index"][()]).replace(b'"seed":3', b'"seed":8')
         del f["index"]
@@ -147,7 +147,7 @@ def test_an_index_that_lies_is_found_out_when_the_episode_is_read(path):
     assert [violation.path for violation in validate(path)] == ["/index"]
 
 
-def test_every_data_set_says_its_unit_frame_and_columns(path):
+def test_every_data_set_has_unit_frame_and_columns(path):
     with h5py.File(path) as f:
         frames = json.loads(f["data"].attrs["frames"])
         items = []
@@ -203,9 +203,9 @@ def test_memory_stays_flat_while_iterating(tmp_path):
     assert peaks[1] - peaks[0] < 100_000, "sixteen episodes are 1.2 MB"
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody who may not write")
-def test_a_folder_that_may_only_be_read(path, made):
-    """As nobody: reading works and leaves nothing; recording and repair are refused at once, in one sentence."""
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become another user")
+def test_a_write_protected_folder_can_be_read(path, made):
+    """As another user: reading works and leaves nothing; recording and repair are refused at once, in one sentence."""
     folder = Path(tempfile.mkdtemp(dir="/tmp"))
     try:
         shutil.copy(path, folder / "s.h5")
@@ -213,14 +213,14 @@ def test_a_folder_that_may_only_be_read(path, made):
         (folder / "s.h5").chmod(0o444)
         status = os.fork()
         if status == 0:
-            os._exit(_as_nobody(folder / "s.h5", made))
+            os._exit(_without_permissions(folder / "s.h5", made))
         assert os.waitstatus_to_exitcode(os.waitpid(status, 0)[1]) == 0
         assert [p.name for p in folder.iterdir()] == ["s.h5"]
     finally:
         shutil.rmtree(folder)
 
 
-def _as_nobody(path, made) -> int:
+def _without_permissions(path, made) -> int:
     """How many of the expectations failed; runs in a child."""
     os.setgid(65534)
     os.setuid(65534)

@@ -1,4 +1,4 @@
-"""What was reported as kept is there after SIGKILL, a full disk, a second writer."""
+"""Saved episodes are there after SIGKILL, on a full disk, with a second writer."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import os
 import random
 import resource
 import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from layflat.data import SessionRecorder, open_session
 from layflat.data.errors import DataError
 from layflat.data.session.parts import parts_folder
 from layflat.data.types import Episode
+from layflat.tests.data.session.children import run_child
 from layflat.tests.factories import HANGER, PICKERS, differences, make_episode
 
 
@@ -30,62 +30,43 @@ def numbered() -> Callable[[int], Episode]:
 
 
 def _record(path: Path, report: int, first: int, runs: int, per_run: int, numbered: Callable[[int], Episode]) -> None:
-    """Write episodes and, as each has been kept, its name and number to the pipe."""
+    """Write episodes, and the name and number of each saved one to the pipe."""
     number = first
     for _ in range(runs):
         with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
             for _ in range(per_run):
                 name = recorder.save(numbered(number)).name
-                os.write(report, f"kept {name} {number}\n".encode())
+                os.write(report, f"saved {name} {number}\n".encode())
                 number += 1
 
 
-def _child(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple[int, dict[str, int]]:
-    """Run ``work(pipe)`` in a process of its own; its exit status (or -signal) and the reported names and numbers.
-
-    With ``kill_after_s`` it is killed that long after its first report.
-    """
-    reading, writing = os.pipe()
-    pid = os.fork()
-    if pid == 0:
-        status = 1
-        try:
-            work(writing)
-            status = 0
-        finally:
-            os._exit(status)  # Nothing of pytest may run twice.
-    os.close(writing)
-    with os.fdopen(reading) as pipe:
-        lines = [pipe.readline().split()] if kill_after_s is not None else []
-        if kill_after_s is not None:
-            time.sleep(kill_after_s)
-            os.kill(pid, signal.SIGKILL)
-        lines += [line.split() for line in pipe]
-    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    return status, {name: int(number) for _, name, number in lines}
+def _reported(lines: list[list[str]]) -> dict[str, int]:
+    """Return the reported names and numbers."""
+    return {name: int(number) for _, name, number in lines}
 
 
 @pytest.mark.parametrize("series", range(3))
-def test_every_kept_episode_survives_kill_9(tmp_path, numbered, series):
+def test_every_saved_episode_survives_sigkill(tmp_path, numbered, series):
     """Six kills in a row of one growing session; each run first finds what the last left."""
     path, rng = tmp_path / "s.h5", random.Random(series)
-    kept: dict[str, int] = {}
+    saved: dict[str, int] = {}
     for kill in range(6):
         # Numbers far apart, because one episode may have become durable without its line having been written.
         work = functools.partial(_record, path, first=1000 * kill, runs=1000, per_run=7, numbered=numbered)
-        status, reported = _child(work, kill_after_s=rng.uniform(0.0, 0.25))
+        status, lines, _ = run_child(work, kill_after_s=rng.uniform(0.0, 0.25))
+        reported = _reported(lines)
         assert status == -signal.SIGKILL
-        assert not set(kept) & set(reported), "a name was given twice"
-        kept |= reported
-        if kept:
+        assert not set(saved) & set(reported), "a name was given twice"
+        saved |= reported
+        if saved:
             with open_session(path) as session:
-                found = {name: session.episode(name) for name in kept}
-            assert all(differences(found[name], numbered(number)) == [] for name, number in kept.items())
-    assert len(kept) >= 6
+                found = {name: session.episode(name) for name in saved}
+            assert all(differences(found[name], numbered(number)) == [] for name, number in saved.items())
+    assert len(saved) >= 6
     SessionRecorder(path, robot=HANGER, cloth="towel").close()
     assert [p.name for p in tmp_path.iterdir()] == ["s.h5"], "the next recorder tidies up"
     with open_session(path) as session:
-        assert set(kept) <= set(session.names)
+        assert set(saved) <= set(session.names)
 
 
 @pytest.mark.parametrize("call", ["os.replace", "os.unlink", "os.fsync", "os.rmdir", "fcntl.flock"])
@@ -107,7 +88,8 @@ def test_a_death_at_each_system_call_loses_nothing(tmp_path, call, numbered):
             setattr(module, name, deadly)
             _record(path, report, first=0, runs=2, per_run=2, numbered=numbered)
 
-        status, reported = _child(work)
+        status, lines, _ = run_child(work)
+        reported = _reported(lines)
         assert status in (0, 9)
         if reported:
             with open_session(path) as session:
@@ -118,7 +100,7 @@ def test_a_death_at_each_system_call_loses_nothing(tmp_path, call, numbered):
     assert len(reported) == 4
 
 
-def test_a_session_exists_from_the_first_kept_episode_on(tmp_path):
+def test_a_session_exists_from_the_first_saved_episode_on(tmp_path):
     path = tmp_path / "s.h5"
     made = [make_episode(seed=i) for i in range(9)]
     with SessionRecorder(path, robot=HANGER, cloth="towel") as recorder:
@@ -135,7 +117,7 @@ def test_a_session_without_an_episode_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_reader_keeps_its_view_while_the_writer_goes_on(tmp_path):
+def test_a_reader_keeps_its_view_while_a_recorder_writes(tmp_path):
     path = tmp_path / "s.h5"
     recorder = SessionRecorder(path, robot=HANGER, cloth="towel")
     made = [make_episode(seed=i) for i in range(20)]
@@ -148,7 +130,7 @@ def test_a_reader_keeps_its_view_while_the_writer_goes_on(tmp_path):
         assert [differences(a, b) for a, b in zip(session, made[:3], strict=True)] == [[]] * 3
 
 
-def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_path):
+def test_a_part_whose_number_is_used_gets_another(tmp_path):
     path = tmp_path / "s.h5"
     old, new = make_episode(seed=1), make_episode(seed=2)
     for episode in (old, new):
@@ -164,7 +146,7 @@ def test_parts_of_a_killed_run_give_way_to_a_file_that_took_their_number(tmp_pat
         SessionRecorder(path, robot=HANGER, cloth="towel").close()
 
 
-def test_leftovers_of_another_session_are_named(tmp_path):
+def test_parts_of_another_session_are_refused(tmp_path):
     path = tmp_path / "s.h5"
     other = tmp_path / "other.h5"
     for file, robot in ((other, PICKERS), (path, HANGER)):
@@ -209,7 +191,7 @@ def test_no_room_for_an_episode(tmp_path):
 
 
 def test_no_room_to_assemble(tmp_path):
-    """Each part fits, the whole does not: all is kept, reading works, closing says it, and room makes it whole."""
+    """Each part fits, the whole does not: all is saved and readable, closing raises, and with room all is assembled."""
     path = tmp_path / "s.h5"
     made = [make_episode(n_steps=30, nodes=100, seed=i) for i in range(4)]
     recorder = SessionRecorder(path, robot=HANGER, cloth="towel")
@@ -239,7 +221,7 @@ def test_a_second_writer_is_refused(tmp_path):
     SessionRecorder(path, robot=HANGER, cloth="towel").close()
 
 
-def test_interrupted_while_keeping(tmp_path, monkeypatch):
+def test_an_interrupt_while_saving_loses_nothing(tmp_path, monkeypatch):
     path, episode = tmp_path / "s.h5", make_episode()
 
     def interrupted(*_):

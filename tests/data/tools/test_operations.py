@@ -108,7 +108,7 @@ def test_filter_keeps_what_meets_all_conditions(mixed, tmp_path, conditions, cho
 
 
 @pytest.mark.parametrize("conditions", [{"cloth": "silk"}, {"source": "x"}, {"length": (100, 200)}])
-def test_a_filter_that_nothing_passes_writes_nothing(mixed, tmp_path, conditions):
+def test_an_empty_filter_result_is_refused(mixed, tmp_path, conditions):
     with pytest.raises(DataError, match="none of the 7 episodes"):
         filter_session(mixed[0], tmp_path / "f.h5", **conditions)
     assert [p.name for p in tmp_path.iterdir()] == ["mixed.h5"]
@@ -133,7 +133,7 @@ def test_trim(mixed, tmp_path, start, stop):
 
 
 @pytest.mark.parametrize(("start", "stop"), [(-1, 2), (2, 2), (3, 1), (0, 99)])
-def test_a_trim_that_makes_no_sense(mixed, tmp_path, start, stop):
+def test_an_impossible_trim_is_refused(mixed, tmp_path, start, stop):
     with pytest.raises(DataError, match="cannot be kept; the episode has steps 0 to 6"):
         trim(mixed[0], tmp_path / "t.h5", name="demo_4", start=start, stop=stop)
     assert not (tmp_path / "t.h5").exists()
@@ -149,7 +149,7 @@ OPERATIONS = {
 
 
 @pytest.mark.parametrize("operation", OPERATIONS.values(), ids=OPERATIONS.keys())
-def test_no_operation_replaces_a_file_without_force_or_leaves_one_half(mixed, tmp_path, operation, monkeypatch):
+def test_an_operation_replaces_a_file_only_with_force_and_completely(mixed, tmp_path, operation, monkeypatch):
     path, target = mixed[0], tmp_path / "t.h5"
     before = path.read_bytes()
     target.write_bytes(b"precious")
@@ -188,7 +188,7 @@ def test_only_sessions_that_agree_are_merged(tmp_path):
     assert not (tmp_path / "m.h5").exists()
 
 
-def test_what_users_have_added_goes_along(mixed, tmp_path):
+def test_additions_of_users_are_copied(mixed, tmp_path):
     with h5py.File(mixed[0], "r+") as f:
         f["mask/train"] = np.array([b"demo_0", b"demo_3", b"demo_4"])
         f["notes/text"] = "first take"
@@ -204,7 +204,7 @@ def test_what_users_have_added_goes_along(mixed, tmp_path):
         assert set(f["mask/train"][()].tolist()) == {b"demo_0", b"demo_1", b"demo_5"}
 
 
-def test_repair_takes_what_is_whole_and_says_what_is_not(mixed, tmp_path):
+def test_repair_saves_intact_episodes_and_reports_the_others(mixed, tmp_path):
     path, made = mixed
     with h5py.File(path, "r+") as f:
         del f["data/demo_1/actions"]
@@ -245,7 +245,7 @@ def test_a_session_that_is_being_recorded_is_not_repaired(tmp_path):
             repair(path, tmp_path / "r.h5")
 
 
-def test_repair_leaves_nothing_of_a_killed_writer_behind(mixed, tmp_path):
+def test_repair_removes_the_files_of_a_killed_writer(mixed, tmp_path):
     path, folder = mixed[0], parts_folder(mixed[0])
     other = write_session(tmp_path / "other.h5", [make_episode(seed=50)])
     folder.mkdir()
@@ -274,8 +274,8 @@ def test_a_damaged_part_is_set_aside(mixed, tmp_path):
     assert not folder.exists()
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become somebody who may not write")
-def test_what_may_only_be_read_is_repaired_elsewhere(mixed):
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to become another user")
+def test_a_write_protected_session_is_repaired_elsewhere(mixed):
     folder = Path(tempfile.mkdtemp(dir="/tmp"))
     try:
         (folder / "s.h5").write_bytes(mixed[0].read_bytes())
@@ -293,19 +293,11 @@ def test_what_may_only_be_read_is_repaired_elsewhere(mixed):
         shutil.rmtree(folder)
 
 
-def test_nothing_to_repair(tmp_path):
-    (tmp_path / "s.h5").write_bytes(b"no session")
-    with pytest.raises(DataError, match="holds no episode that can be read"):
-        repair(tmp_path / "s.h5")
-    assert (tmp_path / "s.h5").read_bytes() == b"no session"
-    assert [p.name for p in tmp_path.iterdir()] == ["s.h5"]
-
-
-def test_what_befell_the_cloth_is_counted_from_the_steps_that_are_kept(tmp_path):
+def test_disturbances_are_counted_from_the_trimmed_start(tmp_path):
     """Of three disturbances in the steps 1 to 2, 4 to 6, and from 8 on."""
     lasting = [(1, 2), (4, 6), (8, None)]
-    befell = [DisturbanceRecord(name=str(n), first_step=a, last_step=b) for n, (a, b) in enumerate(lasting)]
-    path = write_session(tmp_path / "s.h5", [make_episode(n_steps=10, disturbances=befell)])
+    disturbances = [DisturbanceRecord(name=str(n), first_step=a, last_step=b) for n, (a, b) in enumerate(lasting)]
+    path = write_session(tmp_path / "s.h5", [make_episode(n_steps=10, disturbances=disturbances)])
     for (start, stop), wanted in {
         (0, 10): [("0", 1, 2), ("1", 4, 6), ("2", 8, None)],
         (3, 10): [("1", 1, 3), ("2", 5, None)],
@@ -318,7 +310,7 @@ def test_what_befell_the_cloth_is_counted_from_the_steps_that_are_kept(tmp_path)
             assert [(r.name, r.first_step, r.last_step) for r in session[0].disturbances] == wanted
 
 
-def test_what_few_episodes_have_costs_the_others_nothing(tmp_path):
+def test_optional_columns_are_absent_where_no_step_has_any(tmp_path):
     plain, pulled = make_episode(n_steps=4), make_episode(n_steps=4, seed=1)
     steps = [
         *pulled.steps[:3],
