@@ -41,22 +41,17 @@ FRAME_S = 0.25
 
 PRINTED_MM = 17.0
 """8 pixels where a 0.35 m cloth is 165 pixels wide, as in a camera of 320x240 (figure 3-1 does not give its scale)."""
+_PRINTED = replace(THESIS_CONFIG, wavelength_mm=PRINTED_MM, zero_mean=False)
+_FILLED = replace(THESIS_CONFIG, fill=True, erosion_mm=14.0)
+_UNCUT = replace(AXIAL_CONFIG, max_contrast=math.inf, rms=False)
 ABLATION: Mapping[str, WordDescriptor] = {
-    "Algorithm 1, kernel of Eq. 3-1 as it stands, lambda 17 mm (8 px)": WordDescriptor(
-        config=replace(THESIS_CONFIG, wavelength_mm=PRINTED_MM, zero_mean=False)
-    ),
+    "Algorithm 1, kernel of Eq. 3-1 as it stands, lambda 17 mm (8 px)": WordDescriptor(config=_PRINTED),
     "the same, lambda 60 mm": WordDescriptor(config=replace(THESIS_CONFIG, zero_mean=False)),
     "`word`: the same, kernel of mean zero": WordDescriptor(),
-    "outline filled, edge left out": WordDescriptor(config=replace(THESIS_CONFIG, fill=True, erosion_mm=14.0)),
-    "the same responses, mean axis": WordDescriptor(
-        config=replace(THESIS_CONFIG, fill=True, erosion_mm=14.0), axial=True
-    ),
-    "round even kernel": WordDescriptor(
-        config=replace(AXIAL_CONFIG, relief=False, max_contrast=math.inf, rms=False), axial=True
-    ),
-    "relief beside brightness": WordDescriptor(
-        config=replace(AXIAL_CONFIG, max_contrast=math.inf, rms=False), axial=True
-    ),
+    "outline filled, edge left out": WordDescriptor(config=_FILLED),
+    "the same responses, mean axis": WordDescriptor(config=_FILLED, axial=True),
+    "round even kernel": WordDescriptor(config=replace(_UNCUT, relief=False), axial=True),
+    "relief beside brightness": WordDescriptor(config=_UNCUT, axial=True),
     "local contrast, cut": WordDescriptor(config=replace(AXIAL_CONFIG, rms=False), axial=True),
     "`word-axial`: root mean square instead of the sum": WordDescriptor(config=AXIAL_CONFIG, axial=True),
 }
@@ -195,10 +190,7 @@ def study(out: Path, *, phases: int = PHASES) -> pd.DataFrame:
 
 def tables(ablation: pd.DataFrame, frame: pd.DataFrame) -> str:
     """Return Markdown tables: the ablation, then every condition."""
-    lines = [
-        "| what is computed | n | error, degrees: median | mean | largest | no direction |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = ["| what is computed | n | error, degrees: median | mean | largest | no direction |", "|---" * 6 + "|"]
     for name in ABLATION:
         errors = ablation[ablation.descriptor == name].error_deg
         size = errors.abs()

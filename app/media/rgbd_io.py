@@ -81,8 +81,8 @@ def _read(path: Path, what: str) -> tuple[str, NDArray[Any]]:
         raise UsageError(f"{path} has {width}x{height} px; no camera frame has over {MAX_PIXELS // 10**6} million")
     try:
         pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except DECODE_ERRORS as error:
-        raise UsageError(f"{path} cannot be decoded; give {what}") from error
+    except DECODE_ERRORS:
+        pixels = None
     if pixels is None:
         raise UsageError(f"{path} cannot be decoded; give {what}")
     return mode, pixels

@@ -22,16 +22,11 @@ from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.tests.scenes import CLOTHS, Scene, shoot, stand
 
-CONTRACT = {
-    "schema",
-    "word",
-    "word_axial",
-    "coherence",
-    "strength",
-    "cloth_pixels",
-    "contact_pixels",
-    "contact_portion",
-}
+CONTRACT = set(
+    ["schema", "word", "word_axial", "coherence", "strength", "cloth_pixels", "contact_pixels", "contact_portion"]
+)
+GOOD = ("good-rgb.png", "good-depth.png")
+NO_PICTURES = ("empty", "half", "no-end", "flipped", "short-data", "bad-data", "no-data")
 
 
 @pytest.fixture
@@ -142,11 +137,6 @@ def test_a_frame_in_the_contracts_form(frames, run):
     assert len(list(Path("new").iterdir())) == 2
 
 
-def test_nothing_is_written_unasked(frames, run, tmp_path):
-    assert run(frames / "good-rgb.png", frames / "good-depth.png")[0] == 0
-    assert not list(tmp_path.iterdir())
-
-
 def test_flat_cloth_has_no_direction_and_counts_for_the_portion(analyze):
     flat = analyze("flat")
     assert flat["word"] is flat["word_axial"] is None
@@ -188,9 +178,11 @@ def test_the_seed_decides_and_hardly_matters(analyze):
     assert other["contact_pixels"] == pytest.approx(one["contact_pixels"], rel=0.01)
 
 
-def test_transparency_is_dropped(frames, run):
-    outputs = [run(frames / name, frames / "good-depth.png")[1] for name in ("rgba.png", "good-rgb.png")]
+def test_transparency_is_dropped_and_nothing_is_written_unasked(frames, run, tmp_path):
+    outputs = [run(frames / name, frames / "good-depth.png") for name in ("rgba.png", "good-rgb.png")]
     assert outputs[0] == outputs[1]
+    assert outputs[0][0] == 0
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", DESCRIPTORS)
@@ -205,14 +197,8 @@ def test_every_descriptor_gives_its_vector(name, analyze):
 def test_the_simulators_camera_rolled_and_with_noise(width, run):
     """Wrinkles of known direction in the simulator's own picture; the command knows nothing of the camera."""
     height, roll = width * 9 // 16 if width > 1000 else width * 3 // 4, math.radians(-15)
-    pinhole = PinholeCamera.look_at(
-        (0.25, -0.55, 0.75),
-        TARGET_M,
-        (math.sin(roll), 0, math.cos(roll)),
-        width=width,
-        height=height,
-        fx=615 / 480 * height,
-    )
+    up, size = (math.sin(roll), 0, math.cos(roll)), {"width": width, "height": height, "fx": 615 / 480 * height}
+    pinhole = PinholeCamera.look_at((0.25, -0.55, 0.75), TARGET_M, up, **size)
     spec = cloth_spec("towel")
     nodes = spec.flat_nodes(x_m=0.1)
     normal = math.radians(25)
@@ -237,9 +223,6 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
     expected = math.degrees(math.atan2(seen @ np.cross(up, x), seen @ x))
     angle = math.degrees(math.atan2(result["word_axial"][1], result["word_axial"][0]))
     assert abs((angle - expected + 90) % 180 - 90) < 8.0
-
-
-GOOD = ("good-rgb.png", "good-depth.png")
 
 
 @pytest.mark.parametrize(
@@ -293,19 +276,11 @@ GOOD = ("good-rgb.png", "good-depth.png")
         ((*GOOD, "--json", "."), "is a folder"),
         ((*GOOD, "--json", "/proc/nowhere/x.json"), "cannot be written"),
         ((*GOOD, "--overlay", "text.png/x.png"), "cannot be written"),
+        *(((f"{name}.png", "good-depth.png"), "not a whole picture") for name in NO_PICTURES),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
 def test_bad_input_is_one_sentence(arguments, hint, frames, run, monkeypatch):
-    _refused(arguments, hint, frames, run, monkeypatch)
-
-
-@pytest.mark.parametrize("name", ["empty", "half", "no-end", "flipped", "short-data", "bad-data", "no-data"])
-def test_a_picture_that_is_none_is_one_sentence(name, frames, run, monkeypatch):
-    _refused((f"{name}.png", "good-depth.png"), "not a whole picture", frames, run, monkeypatch)
-
-
-def _refused(arguments, hint, frames, run, monkeypatch) -> None:
     monkeypatch.chdir(frames)
     before = {path: path.read_bytes() for path in frames.rglob("*") if path.is_file()}
     status, out, err = run(*arguments)
@@ -316,13 +291,10 @@ def _refused(arguments, hint, frames, run, monkeypatch) -> None:
     assert {path: path.read_bytes() for path in frames.rglob("*") if path.is_file()} == before
 
 
-def test_a_failure_leaves_no_file(frames, run, tmp_path):
+def test_a_failure_leaves_no_file_and_force_replaces_one(frames, run, tmp_path):
     status, _, _ = run(frames / "cut-rgb.png", frames / "cut-depth.png", "--json", "a.json", "--overlay", "a.png")
     assert status == 2
     assert not list(tmp_path.iterdir())
-
-
-def test_force_replaces(frames, run, tmp_path):
     (tmp_path / "a.json").write_text("old")
     assert run(frames / "good-rgb.png", frames / "good-depth.png", "--json", "a.json", "--force")[0] == 0
     assert json.loads((tmp_path / "a.json").read_text())["schema"] == 1
