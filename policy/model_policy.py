@@ -9,9 +9,8 @@ from layflat.policy.base import Decision
 from layflat.policy.stopping import AnyOf, NoContactGain, RuleStoppedPolicy, StopRule, below_threshold, x_limit
 from layflat.policy.trained_model import RegressionModel, TrainedModel
 
-NO_GAIN_STEPS = 10
-NO_GAIN_FROM_CONTACT = 0.8
-"""Contact portion from which a missing gain counts; before, a part of the cloth is still in the air."""
+NO_GAIN_STEPS, NO_GAIN_FROM_CONTACT = 10, 0.8
+"""Steps, and contact portion from which a missing gain counts; before, a part of the cloth is still in the air."""
 
 
 def model_stop_rule(model: TrainedModel, guard: StopRule | None) -> StopRule:

@@ -85,8 +85,7 @@ class DisturbanceScheduler:
     def remaining_after_stop(self) -> Iterator[DueDisturbance]:
         """Yield the disturbances that start after the policy has stopped, in the schedule's order.
 
-        One whose step was not reached starts now: the cloth lies as it would then. One whose contact portion was
-        never reached does not start.
+        One whose step was not reached starts now; one whose contact portion was never reached does not start.
         """
         missed = [due for trigger, due in self._waiting if trigger.kind == "step"]
         self._waiting.clear()

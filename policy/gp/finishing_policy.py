@@ -32,13 +32,10 @@ PULL_BELOW_CONTACT = 0.5
 """Above this contact portion the cloth lies on the table, and a way back would push it into folds."""
 USEFUL_M = 0.004
 """Smallest useful move; the scripted demonstrator's slowest drag is 3 mm."""
-ON_TABLE_CONTACT = 0.8
-FLAT_CONTACT = 0.99
-FLAT_STEPS = 6
+ON_TABLE_CONTACT, FLAT_CONTACT, FLAT_STEPS = 0.8, 0.99, 6
 NO_GAIN_STEPS = 25
 """Ten centimetres of the smallest useful move: slack that is drawn together may hide contact for as long as that."""
-STUCK_STEPS = 40
-STUCK_M = 0.02
+STUCK_STEPS, STUCK_M = 40, 0.02
 """So many smallest useful moves make 16 cm."""
 NOISE_M = 2e-4
 """Output below which its direction is noise."""

@@ -26,8 +26,8 @@ from layflat.policy.trained_model import Progress, ignore_progress
 from layflat.policy.training_set import MIN_POINTS, OUTPUT_SCALE_M, TrainingSet
 
 LENGTH_SCALE_BOUNDS = (0.1, 5.0)
-"""In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade before the robot has left the
-table; below, it would remember steps instead of learning from them."""
+"""In units of an input's scale: 1 cm to 50 cm of position. Above, a model would not fade on the table; below, it would
+remember steps instead of learning from them."""
 VARIANCE_BOUNDS = (0.01, 25.0)
 """Prior deviation of 1 mm to 50 mm a step."""
 NOISE_BOUNDS = (1e-4, 0.25)

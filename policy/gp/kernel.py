@@ -76,9 +76,8 @@ def held_out_errors(
 ) -> FloatArray:
     """Return (N, A) targets minus the predictions of a model trained without each target's own group.
 
-    The hyperparameters stay the same. With P = (K + noise I)^-1 the error on group b is (P_bb)^-1 (P y)_b (Rasmussen
-    and Williams, section 5.4.2, for blocks), so that nothing is trained again. With a single group the errors are the
-    targets.
+    With P = (K + noise I)^-1 the error on group b is (P_bb)^-1 (P y)_b (Rasmussen and Williams, section 5.4.2, for
+    blocks), so that nothing is trained again. With a single group the errors are the targets.
     """
     labels = np.asarray(groups)
     errors = np.empty_like(targets)

@@ -33,27 +33,19 @@ TAUT = 0.82
 """Least distance of the held from the free edge while a small cloth is laid, share of its length. Straight to its goal
 the holder leaves up to 28 % slack, so that a napkin bulges, turns its hem over in the air and stays folded (3 of 10
 demonstrations)."""
-LAND_GAIN = 0.3
-LAND_STEP_M = 0.0015
+LAND_GAIN, LAND_STEP_M = 0.3, 0.0015
 ASIDE_X_M = (-0.07, 0.08)
 """Range of x in which the descent begins, drawn for each demonstration: from a single x everything would happen at the
 same x, and a learner could not tell what was done because of x from what was done because of contact."""
 ASIDE_STEP_M = (0.008, 0.004)
 """Sideways and down in one step on the way there."""
 ASIDE_STEPS = 12
-TREMOR_M = 0.0015
-TREMOR_MEMORY = 0.8
+TREMOR_M, TREMOR_MEMORY = 0.0015, 0.8
 """A hand wanders by about 2 mm a step, for about 5 steps to the same side, and comes back. Without tremor, five
 demonstrations lie on one narrow path, and a policy that leaves it never returns."""
-STEADY_M = 0.10
-HELD_HEIGHT_M = 0.005
-DRAG_STEP_M = (0.004, 0.010)
-DRAG_GAIN_M = 0.06
-FLAT_CONTACT = 0.98
-GAIN_STEPS = 12
-DRAG_LIMIT_M = 0.10
-HOLD_STEPS = 12
-ALIGN_STEP_M = 0.006
+STEADY_M, HELD_HEIGHT_M, ALIGN_STEP_M = 0.10, 0.005, 0.006
+DRAG_STEP_M, DRAG_GAIN_M, DRAG_LIMIT_M = (0.004, 0.010), 0.06, 0.10
+FLAT_CONTACT, GAIN_STEPS, HOLD_STEPS = 0.98, 12, 12
 
 
 class ScriptedDemonstrator:
@@ -127,8 +119,8 @@ class ScriptedDemonstrator:
     def _descend(self, observation: Observation, lowest_m: float) -> Decision:
         """Lower fast, then slower and more and more to the front, so that the free edge touches and trails behind.
 
-        The cloth is laid onto an edge that lands before the holder: without this 13 of 20 starts ended folded. The
-        speed depends on height alone and never pauses, so that a policy that sees only the position can learn it.
+        Without this 13 of 20 starts ended folded. The speed depends on height alone and never pauses, so that a policy
+        that sees only the position can learn it.
         """
         high = float(np.clip((lowest_m - TOUCH_HEIGHT_M) / BRAKE_ABOVE_M, 0.0, 1.0))
         dx = (1.0 - high) * TRAIL_STEP_M[0]

@@ -17,18 +17,16 @@ from layflat.policy.stopping import AnyOf, RuleStoppedPolicy, StopRule, contact_
 
 STEP_M = 0.010
 """Displacement of a picker in one step."""
-FLAT_CONTACT = 0.99
-FLAT_STEPS = 6
-"""Algorithm 2 continues while contact is below 100 %, of which the camera's noise takes some tenths of a percent. Here
-it ends when contact has been 99 % for six steps: a taut cloth seemed to be flat while a wrinkle was left."""
+FLAT_CONTACT, FLAT_STEPS = 0.99, 6
+"""Algorithm 2 ends at 100 % contact, of which noise takes some tenths of a percent; here 99 % for six steps, since
+a taut cloth seemed to be flat while a wrinkle was left."""
 
 
 class WordFlatten(RuleStoppedPolicy):
     """Algorithm 2: while the contact portion is below 100 %, move the picker on WORD's side along WORD.
 
-    With W = (W_x, W_y) = ``observation.word``, from any descriptor: if W_y > 0, picker 1 (at +y) moves by ``step_m``
-    in the direction of W, else picker 2 does. The thesis does not say what happens where there is no direction (W = 0,
-    wrinkles too faint for the camera); here both pickers move along +x, the direction in which the cloth is laid.
+    With W = ``observation.word``, from any descriptor: if W_y > 0, picker 1 (at +y) moves by ``step_m`` along W,
+    else picker 2. Where there is no direction (W = 0), which the thesis leaves open, both move along +x.
     """
 
     def __init__(self, robot: RobotSpec, *, step_m: float = STEP_M) -> None:

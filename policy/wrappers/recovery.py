@@ -26,8 +26,7 @@ SMOOTH_STEPS = 10
 SMOOTH_STRENGTH = 0.012
 """Where cloth is missing and no wrinkle is seen (mean strength of WORD below this), so long a plateau is enough:
 wrinkles have 0.014 to 0.136 (10th to 90th percentile, n = 52), folds 0 to 0.058 (n = 60)."""
-STUCK_STEPS = 25
-STUCK_M = 0.02
+STUCK_STEPS, STUCK_M = 25, 0.02
 """A holder that has stayed within this while most of the cloth is in the air is stuck."""
 PLACE_STEPS = 160
 TURN_CONTACT = (0.85, 0.935)
@@ -38,13 +37,10 @@ HOME_X_M = 0.0
 """x at which a placing begins."""
 CLEAR_M = 0.11
 """Height of the free edge of a cloth that hangs in the air."""
-TOP_M = 0.53
-LIFT_M = 0.012
-BACK_M = 0.010
+TOP_M, LIFT_M, BACK_M = 0.53, 0.012, 0.010
 GATHER_M = 0.001
 """Most by which a move may grow in one step: 0.1 m/s^2 hardly make a cloth swing."""
-NEAR_M = 0.01
-LIFT_STEPS = 90
+NEAR_M, LIFT_STEPS = 0.01, 90
 WIPE_BELOW_M = 0.035
 """Part of a hanging cloth that is let down onto the table to be wiped over it."""
 WIPE_M = 0.12

@@ -19,13 +19,10 @@ AHEAD_M = 0.03
 """The demonstrator's free edge is behind the holder when it touches; random moves of a start swing it 1 cm ahead."""
 CLEAR_M = 0.06
 """Height to which the free edge is lifted."""
-HANGING_CONTACT = 0.02
-"""Camera contact below which the cloth hangs."""
-HELD_UP_M = 0.15
-"""Height above which the holder of a hanging cloth is."""
-STILL_STEPS = 5
-STILL_M = 0.012
-"""Range of the free edge's x relative to the holder: the camera's noise and a swing of 6 mm."""
+HANGING_CONTACT, HELD_UP_M = 0.02, 0.15
+"""Camera contact below which, and height of the holder above which, a cloth hangs."""
+STILL_STEPS, STILL_M = 5, 0.012
+"""Steps, and range of the free edge's x relative to the holder: the camera's noise and a swing of 6 mm."""
 WAIT_STEPS = 40
 """Most steps of waiting in an episode; air drag stops a swing in a second or two."""
 

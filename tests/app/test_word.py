@@ -22,9 +22,8 @@ from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.tests.scenes import CLOTHS, Scene, shoot, stand
 
-CONTRACT = set(
-    ["schema", "word", "word_axial", "coherence", "strength", "cloth_pixels", "contact_pixels", "contact_portion"]
-)
+CONTRACT = {"schema", "word", "word_axial", "coherence", "strength"}
+CONTRACT |= {"cloth_pixels", "contact_pixels", "contact_portion"}
 GOOD = ("good-rgb.png", "good-depth.png")
 NO_PICTURES = ("empty", "half", "no-end", "flipped", "short-data", "bad-data", "no-data")
 
