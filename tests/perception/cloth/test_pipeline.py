@@ -126,12 +126,6 @@ def test_deeper_wrinkles_are_stronger():
     assert strengths[3] == pytest.approx(1.5 * strengths[2], rel=0.2)
 
 
-def test_exposure_leaves_word():
-    one, two = (perceive({"exposure": exposure}, amplitude=0.002, normal=0.5) for exposure in (1.0, 0.6))
-    np.testing.assert_allclose(two.word, one.word, atol=0.02)
-    assert two.strength == pytest.approx(one.strength, rel=0.05)
-
-
 def test_out_of_view_at_the_image_and_at_the_grid():
     assert perceive(centre=(0.65, 0.0)).out_of_view
     assert perceive(centre=(0.25, -0.35)).out_of_view

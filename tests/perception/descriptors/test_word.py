@@ -134,9 +134,8 @@ def test_flat_cloth_with_sensor_noise_has_no_direction(config, noise):
 
 
 def test_noise_hardly_turns_a_wrinkle():
-    clean = compute_word(striped_view(0.5), AXIAL_CONFIG)
-    noisy = compute_word(striped_view(0.5, noise=6.0), AXIAL_CONFIG)
-    assert axis_error(noisy.axial, math.atan2(clean.axial[1], clean.axial[0])) < 2.0
+    clean, noisy = (compute_word(striped_view(0.5, noise=noise), AXIAL_CONFIG).axial for noise in (0.0, 6.0))
+    assert axis_error(noisy, clean) < 2.0
 
 
 def test_the_outline_of_the_cloth_is_a_wrinkle_to_the_letter_only():
@@ -159,18 +158,6 @@ def test_turning_the_table_by_90_degrees_rolls_the_weights():
     one, other = compute_word(view, AXIAL_CONFIG), compute_word(turned, AXIAL_CONFIG)
     np.testing.assert_allclose(other.weights, np.roll(one.weights, 4), atol=2e-3)
     assert axis_error(other.axial, math.atan2(one.axial[1], one.axial[0]) + math.pi / 2) < 0.1
-
-
-def test_mirroring_y_mirrors_the_axis():
-    up, down = compute_word(striped_view(0.6), AXIAL_CONFIG), compute_word(striped_view(-0.6), AXIAL_CONFIG)
-    assert axis_error(up.axial, -math.atan2(down.axial[1], down.axial[0])) < 2.0
-
-
-@pytest.mark.parametrize("exposure", [0.5, 0.8, 1.1])
-def test_exposure_cancels(exposure):
-    one, two = (compute_word(striped_view(0.7, exposure=factor), AXIAL_CONFIG) for factor in (1.0, exposure))
-    np.testing.assert_allclose(two.direction, one.direction, atol=0.02)
-    assert two.strength == pytest.approx(one.strength, rel=0.05)
 
 
 def test_wrinkles_far_from_contact_or_high_up_do_not_count():
@@ -239,6 +226,7 @@ def test_a_finer_camera_sees_the_same(descriptor):
 def test_axial_mean_does_not_care_for_signs(angles):
     vectors = np.column_stack([np.cos(angles), np.sin(angles)])
     weights = np.arange(1.0, len(angles) + 1)
+    assert axial_mean(np.ones(8), AXIAL_CONFIG.normals)[1] < 1e-9
     one, coherence = axial_mean(weights, vectors)
     other, same = axial_mean(weights, -vectors)
     np.testing.assert_allclose(one, other)
@@ -246,10 +234,6 @@ def test_axial_mean_does_not_care_for_signs(angles):
     if len(angles) == 1:
         np.testing.assert_allclose(one, vectors[0], atol=1e-9)
         assert coherence == pytest.approx(1.0)
-
-
-def test_equal_weights_have_no_coherence():
-    assert axial_mean(np.ones(8), AXIAL_CONFIG.normals)[1] < 1e-9
 
 
 def test_descriptor_is_the_direction():
