@@ -36,7 +36,7 @@ class StepLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentSpec:
-    """What policies and recorders need to know of an environment before it starts."""
+    """Properties of an environment that policies and recorders need before it starts."""
 
     robot: RobotSpec
     cloth: str
@@ -50,6 +50,6 @@ class EnvironmentSpec:
     limits: StepLimits = StepLimits()
     """Step limits of the task."""
     cloth_shape: ClothShape | None = None
-    """None where nobody has measured the cloth."""
+    """None for a cloth that has not been measured."""
     config: Mapping[str, str | float | bool] = field(default_factory=dict)
     """Further settings, by name, that make the same environment again."""

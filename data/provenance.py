@@ -1,4 +1,4 @@
-"""Who made a result, with what: versions, git revision, platform, time, command line."""
+"""Provenance of a result: versions, git revision, platform, time, command line."""
 
 from __future__ import annotations
 

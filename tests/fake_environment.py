@@ -83,7 +83,7 @@ class FakeEnvironment(Environment):
         self._drag = None
 
     def guide(self, hand_m: FloatArray | None) -> FloatArray:
-        """Give way by half of the distance, whatever the action before."""
+        """Give way by half of the distance, independent of the action before."""
         action = self.spec.robot.pack(np.clip(0.5 * (np.atleast_2d(hand_m) - self.holder_m), -0.02, 0.02))
         self.wrinkles += 0.001  # A compliant arm trembles: the same displacement by command is not the same.
         self.step(action)

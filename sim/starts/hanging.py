@@ -10,7 +10,7 @@ from layflat.sim.starts.base import Start, StartScene
 
 START_MOVES = 20
 SWING_STEP_M = (0.016, 0.020)
-"""Displacement back and forth in one step, drawn: 0.2 m/s is too fast for a hanging cloth."""
+"""Displacement to and fro in one step, drawn: 0.2 m/s is too fast for a hanging cloth."""
 SWING_STEPS = (5, 4)
 """Steps to the front for half the cloth's period, then back: it swings to the front while the robot moves back."""
 SWING_CLEARANCE_M = (0.0, 0.012)

@@ -286,7 +286,7 @@ def _not_three_per_node(f):
 
 DEMO = "data/demo_0"
 PIPE = h5py.ExternalLink("PIPE", "/x")
-"""A pipe that nobody writes to: a program that opens it waits for ever."""
+"""A pipe without a writer: a program that opens it waits for ever."""
 WRONG = {
     "float32 actions": (_remade(f"{DEMO}/actions", data=np.zeros((3, 2), "<f4")), "actions"),
     "text actions": (_remade(f"{DEMO}/actions", data=np.zeros((3, 2), "S3")), "actions"),

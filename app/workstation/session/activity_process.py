@@ -73,7 +73,7 @@ class Activity(Protocol):
         """Return the state, as JSON values."""
 
     def close(self) -> None:
-        """End it now, with everything durable that is to be saved; may be called twice."""
+        """End it now and save its results durably; may be called twice."""
 
 
 ActivityFactory: TypeAlias = Callable[[ActivityRequest, Endpoint], Activity]
@@ -126,7 +126,7 @@ def _serve(activity: Activity, endpoint: Endpoint) -> None:
 
 
 def _close(activity: Activity, endpoint: Endpoint) -> None:
-    """Save what is to be saved, and report it where that fails."""
+    """Save the results, and report it where that fails."""
     try:
         activity.close()
     except Exception as error:

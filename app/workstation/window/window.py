@@ -133,7 +133,7 @@ class Window:
             pygame.key.set_repeat(*(REPEAT_MS if wanted else ()))
 
     def close(self) -> None:
-        """End everything that was started, with everything durable that is to be saved; may be called twice."""
+        """End everything that was started and save its results durably; may be called twice."""
         self.open = False
         if self._closed:
             return

@@ -315,7 +315,7 @@ WRONG = {
     ("split", "hanger.h5", "--out", "o", "--share", "a=1", "--share", "a=2"): "twice",
     ("split", "more.h5", "--out", "o"): "too few",
     ("filter", "hanger.h5", "--out", "o.h5", "--outcome", "partial"): "partial",
-    ("filter", "hanger.h5", "--out", "o.h5", "--source", "nobody"): "none of the 4",
+    ("filter", "hanger.h5", "--out", "o.h5", "--source", "somebody"): "none of the 4",
     ("filter", "hanger.h5", "--out", "o.h5", "--min-steps", "9", "--max-steps", "3"): "nothing can pass",
     ("filter", "hanger.h5", "--out", "o.h5", "--min-steps", "-2"): "--min-steps is -2",
     ("merge", "hanger.h5", "pickers.h5", "--out", "o.h5"): "robot",

@@ -1,4 +1,4 @@
-"""The running episode's journal: what was handed over comes back, whatever ends it."""
+"""The running episode's journal: what was handed over comes back, however it ends."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def written(handle):
 
 
 def _left(found, episode):
-    """What is to be found of the episode in its first steps; by hand, as in prefix_of."""
+    """Return the part of the episode that its first steps hold; by hand, as in prefix_of."""
     n_steps = len(found.steps)
     disturbances = [] if n_steps < 2 else [replace(PUSH, last_step=None if n_steps == 2 else 2)]
     return prefix_of(episode, n_steps, wall_s=found.wall_s, disturbances=disturbances)

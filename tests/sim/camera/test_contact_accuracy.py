@@ -57,7 +57,7 @@ def test_contact_of_a_half_laid_cloth(view: View, share: float) -> None:
 
 @pytest.mark.parametrize("share", LAID)
 def test_stretch_that_is_not_seen_is_all_that_is_wrong(view: View, share: float) -> None:
-    """The limit: while part of the cloth hangs out of sight, how far it is stretched cannot be told."""
+    """The limit: while part of the cloth hangs out of sight, how far it is stretched cannot be seen."""
     stretch = 1.025
     nodes = laid(view.spec, share, stretch=stretch)
     most = view.cloth.contact_portion_true(nodes) * (stretch**2 - 1)
@@ -69,7 +69,7 @@ def test_stretch_that_is_not_seen_is_all_that_is_wrong(view: View, share: float)
 @pytest.mark.parametrize("height_m", [-0.0007, 0.0005, 0.004])
 @pytest.mark.parametrize("stretch", [(1.0, 1.0), (1.03, 1.02)])
 def test_a_flat_cloth_is_all_contact(view: View, height_m: float, stretch: tuple[float, float]) -> None:
-    """Whatever it is stretched to, and however deep Bullet lets it sink."""
+    """For any stretch, and any depth to which Bullet lets it sink."""
     nodes = view.spec.flat_nodes(z_m=height_m) * [*stretch, 1.0]
     assert np.abs(view.errors(nodes)).max() < 0.012
 

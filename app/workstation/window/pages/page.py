@@ -43,7 +43,7 @@ class Page:
         self.build()
 
     def leave(self) -> None:
-        """Handle that another tab was chosen: end what runs, with everything saved that is to be saved."""
+        """Handle that another tab was chosen: end what runs and save its results."""
         self.context.client.end()
         self.context.client.frame, self.context.client.status = None, {}
 
