@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,7 +14,7 @@ import pybullet as bullet
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.config import SimConfig
-from layflat.sim.physics.base import Cloth
+from layflat.sim.physics.base import Cloth, World
 from layflat.sim.physics.bullet.cloth import BulletCloth, bullet_cloth
 from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.simulation import ClothSimulation
@@ -55,6 +55,20 @@ def set_nodes(cloth: Cloth, nodes: FloatArray) -> None:
     body = bullet_cloth(cloth)
     bullet.resetMeshData(body.body, nodes.tolist(), physicsClientId=body._client)
     body._nodes = body._last = None
+
+
+def run(world: World, substeps: int, *before: Callable[[], None]) -> None:
+    """Simulate substeps; ``before`` are called first in each, after the air."""
+    for _ in range(substeps):
+        world.begin_substep()
+        for call in before:
+            call()
+        world.step()
+
+
+def n_bodies(world: Any) -> int:
+    """Return the number of bodies in a Bullet world."""
+    return int(bullet.getNumBodies(physicsClientId=world.client))
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from layflat.data.arrays import FloatArray
 from layflat.perception.descriptors.base import axial_mean
 from layflat.sim.cloth.spec import ClothSpec
-from layflat.tests.sim.helpers import cloth_in_world
+from layflat.tests.sim.helpers import cloth_in_world, run
 
 CENTRE_M = (0.20, 0.0)
 """Middle of a wrinkled cloth."""
@@ -68,8 +68,7 @@ def settled_wrinkles(spec: ClothSpec, wrinkling: Wrinkling, *, table_friction: f
     Nodes that are set are the shape at rest: the wrinkles stay, eased by gravity and the table.
     """
     with cloth_in_world(spec, wrinkled_nodes(spec, wrinkling), table_friction=table_friction) as cloth:
-        for _ in range(round(0.3 * spec.rate_hz)):
-            cloth.world.step()
+        run(cloth.world, round(0.3 * spec.rate_hz))
         assert cloth.divergence_reason(cloth.nodes()) is None
         return cloth.nodes()
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +9,7 @@ import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.physics.base import Cloth, Vector
-from layflat.sim.physics.bullet.cloth import bullet_cloth
+from layflat.sim.physics.bullet.cloth import bullet_cloth, temporary_file
 
 POSITION_GAIN = 0.3
 """Share of a joint's error that a stiff motor takes back in one substep."""
@@ -31,14 +29,9 @@ class BulletArm:
 
     def _load(self, urdf: bytes, base_position_m: Vector) -> int:
         client = self._client
-        handle, path = tempfile.mkstemp(suffix=".urdf")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(urdf)
+        with temporary_file(".urdf", urdf) as path:
             flags = bullet.URDF_USE_INERTIA_FROM_FILE
             arm = bullet.loadURDF(path, base_position_m, useFixedBase=True, flags=flags, physicsClientId=client)
-        finally:
-            os.unlink(path)
         for link in (-1, *self._joints):
             # Bullet damps every multibody a little by default, which would add to the impedance.
             bullet.changeDynamics(
@@ -102,12 +95,8 @@ class BulletArm:
             arm, self._wrist, self._tip, angles, zeros, zeros, physicsClientId=client
         )
         inertia = np.array(bullet.calculateMassMatrix(arm, angles, physicsClientId=client))
-        return (
-            linear,
-            angular,
-            inertia,
-            bullet.calculateInverseDynamics(arm, angles, speeds, zeros, physicsClientId=client),
-        )
+        bias = bullet.calculateInverseDynamics(arm, angles, speeds, zeros, physicsClientId=client)
+        return linear, angular, inertia, bias
 
     def grasp(self, cloth: Cloth, nodes: Sequence[int]) -> None:
         # All anchors sit on the last link; each keeps the offset at which its node is now.

@@ -30,7 +30,7 @@ class BulletCloth(Cloth):
 
     def _load(self, nodes: FloatArray) -> int:
         spec, client = self.spec, self._client
-        with mesh_file(nodes, self._triangles) as path:
+        with temporary_file(".obj", obj_mesh(nodes, self._triangles)) as path:
             body = bullet.loadSoftBody(
                 path,
                 scale=1.0,
@@ -79,17 +79,22 @@ class BulletCloth(Cloth):
 
 
 @contextmanager
-def mesh_file(nodes: FloatArray, triangles: np.ndarray) -> Iterator[str]:
-    """Write an OBJ file to a name that was never used, since Bullet caches such files by path, and give the path."""
-    lines = [f"v {x:.9f} {y:.9f} {z:.9f}\n" for x, y, z in nodes]
-    lines += [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in triangles]
-    handle, path = tempfile.mkstemp(suffix=".obj")
+def temporary_file(suffix: str, content: bytes) -> Iterator[str]:
+    """Write a file that Bullet reads, and give its path, which was never used: Bullet caches meshes by path."""
+    handle, path = tempfile.mkstemp(suffix=suffix)
     try:
-        with os.fdopen(handle, "w") as file:
-            file.writelines(lines)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
         yield path
     finally:
         os.unlink(path)
+
+
+def obj_mesh(nodes: FloatArray, triangles: np.ndarray) -> bytes:
+    """Return nodes (N, 3) m and triangles (T, 3) as an OBJ file."""
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}\n" for x, y, z in nodes]
+    lines += [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in triangles]
+    return "".join(lines).encode()
 
 
 def bullet_cloth(cloth: Cloth) -> BulletCloth:

@@ -22,7 +22,7 @@ import pybullet_data
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import ClothSpec
-from layflat.sim.physics.bullet.cloth import mesh_file
+from layflat.sim.physics.bullet.cloth import obj_mesh, temporary_file
 from layflat.sim.physics.bullet.world import BulletWorld
 
 Situation = Literal["held", "flat"]
@@ -104,7 +104,8 @@ def reference_cloth(settings: SolverSettings, across: int, situation: Situation)
     spec, margin = grid(settings.length_m, across), {}
     if settings.margin_of_edge is not None:
         margin = {"collisionMargin": settings.margin_of_edge * settings.length_m / (across - 1)}
-    with mesh_file(_nodes(spec, situation, margin.get("collisionMargin", 0.0)), spec.triangles()) as path:
+    nodes = _nodes(spec, situation, margin.get("collisionMargin", 0.0))
+    with temporary_file(".obj", obj_mesh(nodes, spec.triangles())) as path:
         body = bullet.loadSoftBody(
             path,
             scale=1.0,

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pybullet as bullet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,7 +19,7 @@ from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.physics.bullet.force_anchors import HAND_MASS_KG
 from layflat.sim.robots.pickers import FreePickers
-from layflat.tests.sim.helpers import cloth_in_world, set_nodes, small_cloth
+from layflat.tests.sim.helpers import cloth_in_world, n_bodies, run, set_nodes, small_cloth
 
 SMALL = small_cloth()
 FLYING = SMALL.flat_nodes(z_m=0.6)
@@ -29,10 +28,6 @@ SEEDS = st.integers(min_value=0, max_value=2**32 - 1)
 
 def _started(cloth: BulletCloth, spec: DisturbanceSpec, seed: int = 0) -> DisturbanceController:
     return DisturbanceController(cloth, spec.sample(np.random.default_rng(seed), cloth.spec))
-
-
-def _n_bodies(cloth: BulletCloth) -> int:
-    return bullet.getNumBodies(physicsClientId=cloth.world.client)
 
 
 def _run(cloth: BulletCloth, disturbance: DisturbanceController, limit_s: float = 5.0) -> None:
@@ -116,18 +111,18 @@ def test_hands_follow_their_path() -> None:
 
 def test_nothing_is_left_behind_in_the_end_or_after_a_stop() -> None:
     with cloth_in_world(SMALL, SMALL.flat_nodes()) as cloth:
-        bodies, gravity = _n_bodies(cloth), cloth.world.gravity_m_s2
+        bodies, gravity = n_bodies(cloth.world), cloth.world.gravity_m_s2
         for name in ("thesis", "wind", "none", "lift-drop"):
             disturbance = _started(cloth, replace(disturbance_spec(name), settle_s=0.05))
             if name == "lift-drop":
                 _run(cloth, disturbance, 20 / 240)
-                assert _n_bodies(cloth) > bodies
+                assert n_bodies(cloth.world) > bodies
                 disturbance.stop()
             else:
                 _run(cloth, disturbance)
                 assert disturbance.done
             assert len(disturbance.hand_positions()) == 0
-            assert _n_bodies(cloth) == bodies
+            assert n_bodies(cloth.world) == bodies
             assert cloth.world.gravity_m_s2 == gravity
 
 
@@ -136,10 +131,7 @@ def test_none_touches_nothing() -> None:
     for disturbed in (False, True):
         with cloth_in_world(SMALL, SMALL.flat_nodes()) as cloth:
             disturbance = _started(cloth, disturbance_spec("none"))
-            for _ in range(24):
-                if disturbed:
-                    disturbance.before_substep()
-                cloth.world.step()
+            run(cloth.world, 24, *([disturbance.before_substep] if disturbed else []))
             assert disturbance.done == disturbed
             results.append(cloth.nodes())
     assert np.abs(results[0] - results[1]).max() < 1e-6
@@ -151,9 +143,7 @@ def test_wind_moves_the_cloth_by_half_a_t_squared() -> None:
         cloth.world.set_gravity((0.0, 0.0, 0.0))
         before = cloth.nodes().mean(axis=0)
         disturbance = _started(cloth, spec)
-        for _ in range(round(0.5 / cloth.world.substep_s)):
-            disturbance.before_substep()
-            cloth.world.step()
+        run(cloth.world, round(0.5 / cloth.world.substep_s), disturbance.before_substep)
         moved = cloth.nodes().mean(axis=0) - before
         np.testing.assert_allclose(moved, [0.0, 0.5 * 2.0 * 0.5**2, 0.0], atol=0.05 * 0.25)
         np.testing.assert_allclose(disturbance.impulse_n_s, [0.0, SMALL.mass_kg * 2.0 * 0.5, 0.0], rtol=0.01, atol=1e-9)
@@ -200,11 +190,7 @@ def test_the_stick_makes_wrinkles_that_a_drag_pulls_out() -> None:
 
         def step(dx: float, disturbance: DisturbanceController | None = None) -> None:
             pickers.start_step(np.array([dx, 0.0, 0.0] * 2), substeps)
-            for _ in range(substeps):
-                pickers.before_substep()
-                if disturbance is not None:
-                    disturbance.before_substep()
-                cloth.world.step()
+            run(cloth.world, substeps, pickers.before_substep, *([disturbance.before_substep] if disturbance else []))
 
         camera = Camera(cloth, noise=None, seed=0)
         blank = PerceptionPipeline(camera.pinhole)

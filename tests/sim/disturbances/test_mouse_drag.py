@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import pybullet as bullet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +14,7 @@ from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SP
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.bullet.cloth import BulletCloth
-from layflat.tests.sim.helpers import cloth_in_world, fold_corner, simulation, small_cloth
+from layflat.tests.sim.helpers import cloth_in_world, fold_corner, n_bodies, run, simulation, small_cloth
 
 SMALL = small_cloth()
 MIDDLE = 24
@@ -33,9 +32,7 @@ def cloth() -> Iterator[BulletCloth]:
 
 def run_step(cloth: BulletCloth, drag: MouseDrag, target: np.ndarray) -> None:
     drag.start_step(target, STEP_S)
-    for _ in range(24):
-        drag.before_substep()
-        cloth.world.step()
+    run(cloth.world, 24, drag.before_substep)
 
 
 @pytest.mark.parametrize(
@@ -85,13 +82,12 @@ def test_the_node_comes_to_its_target_and_stays(cloth: BulletCloth) -> None:
 
 
 def test_letting_go_leaves_nothing_behind_and_there_is_no_node_49(cloth: BulletCloth) -> None:
-    client = cloth.world.client
-    bodies = bullet.getNumBodies(physicsClientId=client)
+    bodies = n_bodies(cloth.world)
     drag = MouseDrag(cloth, 0)
     run_step(cloth, drag, np.array([0.1, 0.1, 3.1]))
-    assert bullet.getNumBodies(physicsClientId=client) == bodies + 1
+    assert n_bodies(cloth.world) == bodies + 1
     drag.release()
-    assert bullet.getNumBodies(physicsClientId=client) == bodies
+    assert n_bodies(cloth.world) == bodies
     for node in (-1, 49):
         with pytest.raises(SimError, match="0 to 48"):
             MouseDrag(cloth, node)
@@ -122,12 +118,11 @@ def test_flinging_the_mouse_tears_nothing(robot: str, cloth_name: str, where: st
 
 def test_another_node_is_another_hand_and_forces_add_up() -> None:
     with simulation() as sim:
-        client = sim.world.client  # type: ignore[union-attr]
-        bodies = bullet.getNumBodies(physicsClientId=client)
+        bodies = n_bodies(sim.world)
         place = sim.ground_truth().nodes[60]
         sim.drag(30, place)
         sim.drag(60, place + np.array([0.1, 0.0, 0.0]))
-        assert bullet.getNumBodies(physicsClientId=client) == bodies + 1
+        assert n_bodies(sim.world) == bodies + 1
         sim.step(np.zeros(6))
         assert sim.force_n()[0] > 0.001
         record, drag = sim.disturb("wind"), sim._drag

@@ -12,7 +12,7 @@ from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.physics.base import GRAVITY_M_S2, World
 from layflat.sim.physics.registry import PHYSICS, make_world
 from layflat.sim.robots.hanger import PandaHanger
-from layflat.tests.sim.helpers import small_cloth
+from layflat.tests.sim.helpers import run, small_cloth
 
 SMALL = small_cloth()
 
@@ -24,17 +24,11 @@ def world(request: pytest.FixtureRequest) -> Iterator[World]:
     made.close()
 
 
-def _run(world: World, steps: int) -> None:
-    for _ in range(steps):
-        world.begin_substep()
-        world.step()
-
-
 def test_a_cloth_falls_by_gravity_and_comes_to_rest_on_the_table(world: World) -> None:
     cloth = world.add_cloth(SMALL, SMALL.flat_nodes(z_m=0.1))
-    _run(world, 24)
+    run(world, 24)
     assert 0.1 - cloth.nodes()[:, 2].mean() == pytest.approx(0.5 * GRAVITY_M_S2 * 0.1**2, rel=0.1)
-    _run(world, 120)
+    run(world, 120)
     assert cloth.flat_area(cloth.nodes()) == pytest.approx(1.0, abs=0.02)
     assert cloth.contact_portion_true(cloth.nodes()) == 1.0
     assert not cloth.nodes().flags.writeable
@@ -44,7 +38,7 @@ def test_wind_accelerates_the_cloth(world: World) -> None:
     cloth = world.add_cloth(SMALL, SMALL.flat_nodes(z_m=1.0))
     before = cloth.nodes().mean(axis=0)
     world.set_wind((0.0, 2.0, 0.0))
-    _run(world, 48)
+    run(world, 48)
     world.set_wind(None)
     assert cloth.nodes().mean(axis=0)[1] - before[1] == pytest.approx(0.5 * 2.0 * 0.2**2, rel=0.05)
     assert world.gravity_m_s2[1] == 0.0
@@ -62,7 +56,7 @@ def test_holders_carry_their_nodes_until_they_release_them(world: World) -> None
         world.step()
     np.testing.assert_allclose(cloth.nodes()[list(SMALL.corners)], at, atol=0.003)
     holders.release()
-    _run(world, 24)
+    run(world, 24)
     assert cloth.nodes()[list(SMALL.corners), 2].max() < at[0, 2] - 0.01
 
 

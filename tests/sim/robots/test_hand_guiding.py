@@ -22,25 +22,18 @@ def world() -> Iterator[BulletWorld]:
         yield made
 
 
-def test_without_a_hand_it_stays(world: BulletWorld) -> None:
-    hanger = bare_hanger(world)
-    start = hanger.position()
-    for _ in range(20):
-        guided_step(world, hanger)
-        assert np.abs(hanger.position() - start).max() < 1e-4
-
-
 @pytest.mark.parametrize("axis", AXES)
-def test_it_yields_to_more_than_its_friction_along_x_and_z(world: BulletWorld, axis: int) -> None:
+def test_it_stays_without_a_hand_and_yields_to_more_than_its_friction_along_x_and_z(
+    world: BulletWorld, axis: int
+) -> None:
     """1 N would move the springs of the impedance by 2.5 mm, and 0.25 N is less than friction."""
     moved = {}
-    for newtons in (0.25, 1.0):
+    for newtons in (0.0, 0.25, 1.0):
         hanger = bare_hanger(world)
         before = hanger.position()
-        push = [0.0, 0.0, 0.0]
-        push[axis] = newtons
-        for _ in range(10):
-            guided_step(world, hanger, push_n=(push[0], push[1], push[2]))
+        for _ in range(10 if newtons else 20):
+            guided_step(world, hanger, push_n=tuple(newtons * np.eye(3)[axis]))
+            assert newtons or np.abs(hanger.position() - before).max() < 1e-4
         moved[newtons] = hanger.position()[axis] - before[axis]
     assert 0 < moved[0.25] < 0.002
     # Steady speed: (1 N - friction) / damping.
@@ -121,11 +114,6 @@ def test_the_springs_take_over_without_a_jump(world: BulletWorld) -> None:
     assert hanger.position()[0] - before[0] == pytest.approx(0.005, abs=0.002)
 
 
-def test_stiff_joints_do_not_yield(world: BulletWorld) -> None:
-    with pytest.raises(SimError, match="impedance"):
-        bare_hanger(world, control="position").start_guided_step(None, 20, 0.0)
-
-
 def test_the_displacements_are_what_happened_and_can_be_repeated() -> None:
     with simulation("hanger", 1) as sim:
         start = sim.robot.position()
@@ -170,7 +158,9 @@ def test_pickers_follow_their_hands_at_a_bounded_speed() -> None:
 
 
 @pytest.mark.parametrize("robot", ["hanger", "pickers"])
-def test_invalid_hands_are_refused(robot: str) -> None:
+def test_invalid_hands_are_refused_and_stiff_joints_do_not_yield(world: BulletWorld, robot: str) -> None:
+    with pytest.raises(SimError, match="impedance"):
+        bare_hanger(world, control="position").start_guided_step(None, 20, 0.0)
     with simulation(robot) as sim:
         for wrong in (np.zeros(2), np.full(sim.spec.robot.hand_shape, np.nan)):
             with pytest.raises(SimError, match="hand's target"):

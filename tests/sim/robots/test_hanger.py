@@ -10,11 +10,10 @@ import pytest
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import GRAVITY_M_S2
-from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots import panda
 from layflat.sim.robots.hanger import MAX_LEAD_M, PandaHanger
-from layflat.tests.sim.helpers import bullet_world, set_nodes
+from layflat.tests.sim.helpers import bullet_world, run, set_nodes
 from layflat.tests.sim.robots.hangers import AXES, START, bare_hanger, run_step, watched
 
 RATES_HZ = (200, 240, 300)
@@ -75,11 +74,8 @@ def test_critically_damped(world: BulletWorld) -> None:
     start = hanger.position()[0]
     for _ in range(20):
         run_step(world, hanger, push_n=(4.0, 0.0, 0.0))
-    path = []
-    for _ in range(240):
-        hanger.before_substep()
-        world.step()
-        path.append(hanger.position()[0] - start)
+    path: list[float] = []
+    run(world, 240, hanger.before_substep, lambda: path.append(hanger.position()[0] - start))
     assert min(path) > -0.0005
     assert abs(path[-1]) < 0.0002
     # Not sluggish either: half the way within a quarter of a second.
@@ -180,22 +176,13 @@ def test_follows_and_does_not_yield(world: BulletWorld) -> None:
     assert (torques <= panda.TORQUE_LIMIT_N_M + 1e-9).all()
 
 
-def gripped(world: BulletWorld, name: str, hem_m: float = 0.0, top_m: float = 0.1) -> tuple[BulletCloth, PandaHanger]:
-    """A cloth in the clips, its lower edge ``top_m`` above the table and all but its corners ``hem_m`` along x."""
-    spec = cloth_spec(name)
-    cloth = world.add_cloth(spec)
-    hanger = watched(PandaHanger(cloth, spec.corners_at(0.0, spec.length_m + top_m)))
-    nodes = spec.hanging_nodes(hanger.corner_positions())
-    free = np.setdiff1d(np.arange(len(nodes)), spec.corners)
-    nodes[free, 0] += hem_m
-    set_nodes(cloth, nodes)
-    hanger.grasp()
-    return cloth, hanger
-
-
 def test_carries_a_towel(world: BulletWorld) -> None:
     """It sags by weight / stiffness, level, and the clips keep their corners, each its own."""
-    cloth, hanger = gripped(world, "towel")
+    spec = cloth_spec("towel")
+    cloth = world.add_cloth(spec)
+    hanger = watched(PandaHanger(cloth, spec.corners_at(0.0, spec.length_m + 0.1)))
+    set_nodes(cloth, spec.hanging_nodes(hanger.corner_positions()))
+    hanger.grasp()
     start = hanger.position()
     for step_index in range(12):
         run_step(world, hanger, (0.01, 0.0) if 5 <= step_index < 8 else (0.0, 0.0))
@@ -206,27 +193,3 @@ def test_carries_a_towel(world: BulletWorld) -> None:
     assert sag < 0.002
     left, right = hanger.corner_positions()
     assert abs(left[2] - right[2]) < 0.001
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["towel", "napkin"])
-@pytest.mark.parametrize("hem_m", [-0.002, 0.002])
-def test_lays_it_flat(name: str, hem_m: float) -> None:
-    """Whole placement, whichever side the hem has flopped to; x starts before the free edge touches."""
-    spec = cloth_spec(name)
-    with bullet_world(spec.rate_hz) as world:
-        cloth, hanger = gripped(world, name, hem_m)
-        for _ in range(20):
-            run_step(world, hanger)
-        while cloth.nodes()[:, 2].min() > 0.04:
-            run_step(world, hanger, (0.0, -0.01))
-        while hanger.position()[2] > 0.0065:
-            run_step(world, hanger, (0.0095, -0.01))
-        for _ in range(10):
-            run_step(world, hanger, (0.005, 0.0))
-        for _ in range(10):
-            run_step(world, hanger)
-        nodes = cloth.nodes()
-        assert cloth.divergence_reason(nodes) is None
-        assert cloth.flat_area(nodes) > 0.95
-        assert cloth.contact_portion_true(nodes) > 0.95

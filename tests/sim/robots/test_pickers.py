@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from layflat.sim.cloth.spec import HELD_STRETCH
 from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.robots.pickers import MAX_SPREAD, FreePickers
-from layflat.tests.sim.helpers import cloth_in_world, small_cloth
+from layflat.tests.sim.helpers import cloth_in_world, run, small_cloth
 
 SMALL = small_cloth(0.15, 6, 6, mass_kg=0.015)
 HOME = np.array([[0.0, 0.5, 0.4 / 0.15], [0.0, -0.5, 0.4 / 0.15]]) * 0.15 * np.array([1.0, HELD_STRETCH, 1.0])
@@ -32,9 +32,7 @@ def held() -> Iterator[tuple[BulletCloth, FreePickers]]:
 def _step(held: tuple[BulletCloth, FreePickers], action: np.ndarray, substeps: int = 24) -> None:
     cloth, pickers = held
     pickers.start_step(action, substeps)
-    for _ in range(substeps):
-        pickers.before_substep()
-        cloth.world.step()
+    run(cloth.world, substeps, pickers.before_substep)
 
 
 def test_corners_follow_within_a_substep_of_motion(held: tuple[BulletCloth, FreePickers]) -> None:

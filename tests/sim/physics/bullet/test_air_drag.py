@@ -8,7 +8,7 @@ import pytest
 from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.bullet.air_drag import DRAG_LIMIT_M_S2, DRAG_RATE_PER_S, AirDrag
 from layflat.sim.robots.pickers import FreePickers
-from layflat.tests.sim.helpers import cloth_in_world, set_nodes, small_cloth
+from layflat.tests.sim.helpers import cloth_in_world, run, set_nodes, small_cloth
 
 SMALL = small_cloth(0.15, 6, 6, mass_kg=0.015)
 
@@ -43,8 +43,7 @@ def test_drag_is_rate_times_velocity_and_horizontal() -> None:
     with cloth_in_world(SMALL, SMALL.flat_nodes(z_m=2.0)) as cloth:
         world = cloth.world
         world.set_gravity((5.0, -2.0, 0.0))
-        for _ in range(25):  # about 0.5 m/s along x and -0.2 m/s along y
-            world.step()
+        run(world, 25)
         world.set_gravity((0.0, 0.0, 0.0))
         air = AirDrag(cloth, world.set_gravity)
         while world.substeps_done < 31:
@@ -60,9 +59,7 @@ def test_drag_is_bounded_and_spares_a_still_cloth() -> None:
     with cloth_in_world(SMALL, SMALL.flat_nodes()) as cloth:
         world = cloth.world
         world.add_air(cloth)
-        for _ in range(24):
-            world.begin_substep()
-            world.step()
+        run(world, 24)
         assert np.abs(world.gravity_m_s2[:2]).max() < 0.02
         set_nodes(cloth, SMALL.flat_nodes(x_m=0.4))  # a jump: as if at 20 m/s
         while world.substeps_done % 5:

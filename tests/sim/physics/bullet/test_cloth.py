@@ -13,7 +13,7 @@ from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec, cloth_spec
 from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
 from layflat.sim.robots.pickers import FreePickers
 from layflat.sim.starts.base import attach
-from layflat.tests.sim.helpers import bullet_world, cloth_in_world, small_cloth
+from layflat.tests.sim.helpers import bullet_world, cloth_in_world, run, small_cloth
 
 PRESETS = ["towel", "napkin", pytest.param("towel-fine", marks=pytest.mark.slow)]
 EDGE_M = TABLE_CENTRE_M[0] + TABLE_SIZE_M[0] / 2
@@ -119,8 +119,7 @@ def test_nodes_that_are_set_are_the_shape_at_rest() -> None:
     with cloth_in_world(spec, wanted) as cloth:
         np.testing.assert_allclose(cloth.nodes(), wanted, atol=1e-12)
         cloth.world.set_gravity((0.0, 0.0, 0.0))
-        for _ in range(400):
-            cloth.world.step()
+        run(cloth.world, 400)
         assert np.ptp(cloth.nodes()[:, 1]) == pytest.approx(1.2 * spec.width_m, abs=1e-4)
 
 
@@ -136,7 +135,7 @@ def test_a_cloth_that_was_hung_up_is_at_rest_as_large_as_its_spec(name: str) -> 
         assert np.ptp(cloth.nodes()[list(spec.corners), 1]) == pytest.approx(spec.held_width_m, abs=1e-3)
         world.set_gravity((0.0, 0.0, 0.0))
         for _ in range(200):
-            world.step()
+            world.step()  # without the air, which would set the gravity again
         # Loose in the air; what is left of its motion bends it by a little.
         assert np.mean(cloth.stretch(cloth.nodes())) == pytest.approx(1.0, abs=0.002)
         assert np.ptp(cloth.nodes()[-spec.columns :, 1]) == pytest.approx(spec.width_m, rel=0.01)
