@@ -1,4 +1,4 @@
-"""Recorded cloth is shown as the bench's own camera showed it."""
+"""Recorded cloth is shown as the simulation's own camera showed it."""
 
 from __future__ import annotations
 
