@@ -137,6 +137,15 @@ def test_out_of_view_at_the_image_and_at_the_grid():
     assert not lifted.out_of_view
 
 
+def test_cloth_that_hovers_near_the_table_is_out_of_view_at_a_border_although_it_has_no_contact():
+    small = PerceptionPipeline(TILTED, PerceptionConfig(grid=TableGrid(x_max=0.35)), FLAT)
+    for by, centre in ((small, (0.25, 0.0)), (PIPELINE, (0.65, 0.0))):  # the grid's border, the image's
+        near, far = (perceive(by=by, centre=centre, rest=height) for height in (0.02, 0.06))
+        assert near.out_of_view
+        assert near.contact_pixels == far.contact_pixels == 0
+        assert not far.out_of_view
+
+
 def test_the_descriptor_can_be_chosen():
     letter = PerceptionPipeline(TILTED, PerceptionConfig(descriptor=WordDescriptor()), FLAT)
     sheet = {"amplitude": 0.002, "normal": 1.2}
