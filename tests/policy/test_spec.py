@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from layflat.policy.base import PolicyError
+from layflat.data.types import ACTION_LIMIT_M
+from layflat.policy.base import PolicyError, max_extra_steps
 from layflat.policy.spec import BUILTIN_NAMES, PolicySpec, builtin_names
 from layflat.sim.config import SimConfig
 from layflat.sim.tasks import TASKS
 from layflat.tests.fake_environment import FakeEnvironment
+from layflat.tests.policy.factories import gp_model, observe
 
 
 def make_env(robot="pickers", task="place") -> FakeEnvironment:
@@ -45,6 +47,24 @@ def test_every_built_in_policy_of_a_task_can_be_made(task):
 def test_the_scripted_policy_is_the_demonstrator_of_the_task():
     assert PolicySpec(builtin="scripted").make(make_env(task="place")).name == "scripted"
     assert PolicySpec(builtin="scripted").make(make_env(task="smooth")).name == TASKS["smooth"].demonstrator
+
+
+@pytest.mark.parametrize("rule", [None, "drag-rule"])
+def test_a_trained_policy_acts_inside_its_wrappers(rule):
+    env = make_env("hanger")
+    bare, wrapped = (
+        PolicySpec(model=gp_model(), builtin=rule, wrappers=wrappers).make(env)
+        for wrappers in ((), ("recovery", "steady"))
+    )
+    assert wrapped.name.startswith(bare.name)
+    assert wrapped.name.endswith("+recovery+steady")
+    assert max_extra_steps(wrapped) > max_extra_steps(bare) == 0
+    # A low free edge that swings ahead, for which ``steady`` waits; the policy alone does not see it.
+    swinging = observe(0.0, 0.4, free_edge_m=[0.05, 0.0, 0.03])
+    for policy in (bare, wrapped):
+        policy.reset(0)
+    assert wrapped.act(swinging).action.tolist() == pytest.approx([0.0, ACTION_LIMIT_M])
+    assert bare.act(swinging).action.tolist() != pytest.approx([0.0, ACTION_LIMIT_M])
 
 
 @pytest.mark.parametrize(("name", "task"), [("hold", "smooth"), ("drag-rule", "smooth"), ("word", "place")])
