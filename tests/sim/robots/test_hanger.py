@@ -193,3 +193,30 @@ def test_carries_a_towel(world: BulletWorld) -> None:
     assert sag < 0.002
     left, right = hanger.corner_positions()
     assert abs(left[2] - right[2]) < 0.001
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["towel", "napkin"])
+@pytest.mark.parametrize("hem_m", [-0.002, 0.002])
+def test_lays_it_flat_to_whichever_side_the_hem_has_flopped(name: str, hem_m: float) -> None:
+    """A whole placement; x starts before the free edge touches."""
+    spec = cloth_spec(name)
+    with bullet_world(spec.rate_hz) as world:
+        cloth = world.add_cloth(spec)
+        hanger = watched(PandaHanger(cloth, spec.corners_at(0.0, spec.length_m + 0.1)))
+        nodes = spec.hanging_nodes(hanger.corner_positions())
+        nodes[np.setdiff1d(np.arange(len(nodes)), spec.corners), 0] += hem_m
+        set_nodes(cloth, nodes)
+        hanger.grasp()
+        for _ in range(20):
+            run_step(world, hanger)
+        while cloth.nodes()[:, 2].min() > 0.04:
+            run_step(world, hanger, (0.0, -0.01))
+        while hanger.position()[2] > 0.0065:
+            run_step(world, hanger, (0.0095, -0.01))
+        for action in [(0.005, 0.0)] * 10 + [(0.0, 0.0)] * 10:
+            run_step(world, hanger, action)
+        nodes = cloth.nodes()
+        assert cloth.divergence_reason(nodes) is None
+        assert cloth.flat_area(nodes) > 0.95
+        assert cloth.contact_portion_true(nodes) > 0.95
