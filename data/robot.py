@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.arrays import FloatArray
 from layflat.data.errors import DataError
 
 _NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
@@ -127,14 +126,6 @@ class RobotSpec:
         """Return the coordinates that an action displaces, (A,) m, world."""
         return self.pack(self.points(observation))
 
-    def has_axis(self, axis: int) -> bool:
-        """Whether the robot can move along an axis of the world (0, 1, 2)."""
-        return any(own.axis == axis for own in self.axes)
-
-    def check_hand(self, value: ArrayLike) -> FloatArray:
-        """Return the place of a guiding hand as a read-only array of `hand_shape`, m, world."""
-        return frozen_array(value, self.hand_shape, "hand")
-
     def axes_json(self) -> str:
         """Return the axes as JSON, for files."""
         return json.dumps([[axis.name, axis.point, axis.axis] for axis in self.axes])
@@ -167,10 +158,3 @@ def two_points(name: str) -> RobotSpec:
         ActionAxis(name=f"d{'xyz'[axis]}{point + 1}", point=point, axis=axis) for point in (0, 1) for axis in (0, 1, 2)
     )
     return RobotSpec(name=name, axes=tuple(axes))
-
-
-def known_robot(name: str, robots: Mapping[str, RobotSpec]) -> RobotSpec:
-    """Return the robot of that name; DataError lists the known ones."""
-    if name not in robots:
-        raise DataError(f"robot is {name!r}; it must be one of {', '.join(robots)}")
-    return robots[name]

@@ -74,11 +74,11 @@ def repair(path: str | Path, target: str | Path | None = None, *, force: bool = 
         if aim.exists() and not in_place and not force:
             raise DataError(f"{aim} exists; give another name, or force to replace it")
         with ExitStack() as locks:
-            locks.enter_context(_locked(aim))
+            locks.enter_context(WriterLock(parts_folder(aim.resolve()), aim))
             if not in_place:
                 # In a write-protected folder there is no other writer either.
                 with suppress(OSError):
-                    locks.enter_context(_locked(source))
+                    locks.enter_context(WriterLock(parts_folder(source.resolve()), source))
                 if part_files(aim.resolve()):
                     raise DataError(f"{aim} has episodes that are not yet in it; choose another target")
             return _Repair(source, aim).run(in_place=in_place)
@@ -197,12 +197,6 @@ class _Repair:
     def _free_name(self, name: str) -> str:
         used = set(self.names.values())
         return name if name not in used else schema.demo_name(1 + max(schema.demo_number(n) for n in used))
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    with WriterLock(parts_folder(path.resolve()), path):
-        yield
 
 
 def _names(file: h5py.File) -> list[str]:
