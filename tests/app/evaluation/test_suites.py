@@ -93,7 +93,7 @@ WRONG = {
     "unknown disturbance": ("unknown disturbance 'soap'", _changed('"push"', '"soap"')),
     "neither kind nor like": ("neither a kind nor", _changed('kind = "wind"', "")),
     "unknown kind": ("kind is 'storm'", _changed('kind = "wind"', 'kind = "storm"')),
-    "a range that falls": ("scale is 1.5..0.5; it must rise", _changed("[0.5, 1.5]", "[1.5, 0.5]")),
+    "a range that falls": (r"scale is \(1.5, 0.5\); it must rise", _changed("[0.5, 1.5]", "[1.5, 0.5]")),
     "not a number": ("wind_m_s2 is 'much'", _changed("wind_m_s2 = 2", 'wind_m_s2 = "much"')),
     "not finite": ("wind_m_s2 is inf", _changed("wind_m_s2 = 2", "wind_m_s2 = inf")),
     "no moment": ('when is "later"|when is .later.; it must be', _changed("{ step = 30 }", '"later"')),
