@@ -39,10 +39,15 @@ def test_a_task_begins_with_its_first_start_unless_another_is_named(task) -> Non
         assert SimConfig(robot="pickers", task=task.name, start=start).start_spec is STARTS[start]
 
 
+@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
+def test_an_environment_has_the_step_limits_of_its_task(task) -> None:
+    assert SimConfig(robot="pickers", task=task.name).environment_spec().limits == task.limits
+    assert TASKS["smooth"].limits != TASKS["place"].limits
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_environment_spec_makes_the_same_settings_again(robot: str) -> None:
     config = SimConfig(robot=robot, cloth="napkin", descriptor="how", table_friction=0.9, noise=False, step_s=0.05)
     spec = config.environment_spec()
     own = {"task": spec.task, "physics": spec.physics, "descriptor": spec.descriptor, "step_s": spec.step_s}
     assert SimConfig(robot=spec.robot.name, cloth=spec.cloth, **own, **spec.config) == config
-    assert spec.limits == TASKS["place"].limits
