@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from layflat.app.workers.interrupts import defer_interrupts
+from layflat.app.workers.process import configure_child, run_in_fork
 
 
 @pytest.fixture(autouse=True)
@@ -73,3 +74,17 @@ def test_in_other_threads_nothing_is_touched():
     thread.start()
     thread.join()
     assert seen == [signal.default_int_handler]
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, -signal.SIGTERM)])
+def test_a_worker_leaves_ctrl_c_to_its_parent_and_ends_when_it_is_asked_to(number, status):
+    def work() -> int:
+        configure_child()
+        os.kill(os.getpid(), number)
+        return 0
+
+    before = signal.signal(signal.SIGTERM, lambda *_: None)  # A handler of the parent's own is not the worker's.
+    try:
+        assert run_in_fork(work) == status
+    finally:
+        signal.signal(signal.SIGTERM, before)
