@@ -74,7 +74,7 @@ class PolicySpec:
             raise PolicyError(f"{self.label} was trained for robot {self.model.layout.robot}, not {robot}")
         policy = registry.from_model(self.model)
         if self.builtin is not None:
-            policy = SequentialPolicy(policy, _builtin(self.builtin, env), name=self.label)
+            policy = SequentialPolicy(policy, _builtin(self.builtin, env), name=f"{policy.name}+{self.builtin}")
         return registry.wrap(policy, self.wrappers)
 
     def check_task(self, task: str) -> None:

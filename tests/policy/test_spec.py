@@ -52,12 +52,10 @@ def test_the_scripted_policy_is_the_demonstrator_of_the_task():
 @pytest.mark.parametrize("rule", [None, "drag-rule"])
 def test_a_trained_policy_acts_inside_its_wrappers(rule):
     env = make_env("hanger")
-    bare, wrapped = (
-        PolicySpec(model=gp_model(), builtin=rule, wrappers=wrappers).make(env)
-        for wrappers in ((), ("recovery", "steady"))
-    )
-    assert wrapped.name.startswith(bare.name)
-    assert wrapped.name.endswith("+recovery+steady")
+    specs = [PolicySpec(model=gp_model(), builtin=rule, wrappers=wrappers) for wrappers in ((), ("recovery", "steady"))]
+    bare, wrapped = (spec.make(env) for spec in specs)
+    assert [bare.name, wrapped.name] == [spec.label for spec in specs]
+    assert wrapped.name == f"{bare.name}+recovery+steady"
     assert max_extra_steps(wrapped) > max_extra_steps(bare) == 0
     # A low free edge that swings ahead, for which ``steady`` waits; the policy alone does not see it.
     swinging = observe(0.0, 0.4, free_edge_m=[0.05, 0.0, 0.03])
