@@ -19,6 +19,7 @@ def run_child(
     pid = os.fork()
     if pid == 0:
         status = 1
+        os.close(reading)  # A child whose parent was killed must not wait for a reader.
         try:
             work(writing)
             status = 0
