@@ -204,7 +204,9 @@ def test_a_file_without_its_last_bytes_is_repaired(tmp_path, missing, least):
 
 
 @pytest.mark.parametrize(
-    ("batches", "per_batch"), [(2, 60), pytest.param(20, 100, marks=pytest.mark.slow)], ids=["few", "many"]
+    ("batches", "per_batch"),
+    [(2, 60), pytest.param(20, 100, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
+    ids=["few", "many"],
 )
 def test_a_wrong_bit_is_never_read_as_something_else(tmp_path, batches, per_batch):
     """In batches that share a process, for speed; one that crashes or hangs would fail its whole batch."""
