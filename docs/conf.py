@@ -34,8 +34,8 @@ python_maximum_signature_line_length = 88
 add_module_names = False
 toc_object_entries_show_parents = "hide"
 nitpicky = True
-nitpick_ignore_regex = [("py:.*", r"(?!layflat\.).*"), ("py:.*", r"layflat\.data\.tools\.sandbox\.Result")]
-"""Names of other libraries (their pages are not at hand), and a type variable."""
+nitpick_ignore_regex = [("py:.*", r"(?!layflat\.).*"), ("py:class", r"layflat\..*\.T")]
+"""Names of other libraries (their pages are not at hand), and type variables."""
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 

@@ -59,7 +59,7 @@ def validate(path: Path, *, json: Path | None, force: bool) -> None:
         write_json(json, {"file": str(path), "valid": not found, "violations": violations})
     if found:
         count = "one violation" if len(found) == 1 else f"{len(found)} violations"
-        raise UsageError(f"{path} has {count}; `layflat data repair` saves the intact episodes")
+        raise UsageError(f"{path} has {count}; `layflat data repair` saves the intact episodes, if there are any")
     print(f"valid {path}")
 
 

@@ -16,14 +16,14 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 
 class CallError(Exception):
     """The function did not return a value; the message says why."""
 
 
-def call_in_sandbox(function: Callable[[], Result], *, limit_s: float, memory_bytes: int) -> Result:
+def call_in_sandbox(function: Callable[[], T], *, limit_s: float, memory_bytes: int) -> T:
     """Return what ``function()`` returns in a forked process; CallError where it crashed, raised or took too long.
 
     ``memory_bytes`` is its limit on top of the memory of this process.

@@ -205,7 +205,7 @@ def test_a_file_without_its_last_bytes_is_repaired(tmp_path, missing, least):
 
 @pytest.mark.parametrize(
     ("batches", "per_batch"),
-    [(2, 60), pytest.param(20, 100, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
+    [(2, 60), pytest.param(20, 100, marks=[pytest.mark.slow, pytest.mark.timeout(1800)])],
     ids=["few", "many"],
 )
 def test_a_wrong_bit_is_never_read_as_something_else(tmp_path, batches, per_batch):

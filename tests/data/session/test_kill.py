@@ -96,7 +96,7 @@ def test_twenty_kills(tmp_path, numbered):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_two_hundred_kills(tmp_path, numbered):
     """With steps as long as real ones (scaled by half), so that a second of the running episode could be lost."""
     path = tmp_path / "s.h5"
