@@ -88,9 +88,8 @@ def run_demo(config: DemoConfig, *, workers: int, force: bool) -> Path:
         results = run_evaluation(plan, out, workers=workers, progress=progress)
         progress.phase("report")
         _write_frames(out / "frames.png", results, robots[0])
-        options = PageOptions(
-            title=TITLE, thesis_tables=True, has_video=_has_video, sections=(_field_section(store, robots, cloth),)
-        )
+        sections = (_field_section(store, results.rows, robots, cloth),)
+        options = PageOptions(title=TITLE, thesis_tables=True, has_video=_has_video, sections=sections)
         write_evaluation(results, options, on_progress=progress.status)
     print(f"report: {report}")
     return report
@@ -132,8 +131,8 @@ def _phases(robots: Sequence[str], episodes: int, workers: int) -> dict[str, flo
     return phases | {"evaluation": evaluation_s, "report": REPORT_S}
 
 
-def _field_section(store: ArtifactStore, robots: Sequence[str], cloth: str) -> Section:
-    """Show the fields of the thesis's models; gp-finish has the same field as gp-word."""
+def _field_section(store: ArtifactStore, rows: pd.DataFrame, robots: Sequence[str], cloth: str) -> Section:
+    """Show the fields of the thesis's models, also for a disturbed cloth; gp-finish has the same field as gp-word."""
 
     def blocks() -> Iterator[Block]:
         for robot in robots:
@@ -142,7 +141,8 @@ def _field_section(store: ArtifactStore, robots: Sequence[str], cloth: str) -> S
             recorded, learned = store.attempts(robot, cloth), store.demonstrations(robot, cloth, DEMONSTRATIONS)
             line = f"{robot}: {len(recorded)} demonstrations were recorded; {len(learned)} that ended flat are learned."
             yield Text(lines=(line,))
-            yield field_figure(models, learned)
+            disturbed = rows.loc[rows["robot"] == robot, "contact_disturbed"].astype(float).mean()
+            yield field_figure(models, learned, contact=None if pd.isna(disturbed) else float(disturbed))
 
     return Section(id="field", title="Learned attractor fields", short="Fields", blocks=tuple(blocks()))
 

@@ -21,6 +21,8 @@ from layflat.policy.features import FeatureLayout
 BANDWIDTH_M = 0.02
 """Width of the Gaussian that averages the other inputs over the demonstrations' steps near a point of the plane."""
 MARGIN_M = 0.06
+CONTACT = "contact"
+"""Name of the contact portion among a model's inputs."""
 GRID = (27, 17)
 DEMONSTRATION_COLOR = "#3b82c4"
 UNCERTAINTY = LinearSegmentedColormap.from_list("uncertainty", ["#ffffff", "#dfe5ea", "#b9c3cd"])
@@ -57,10 +59,13 @@ def plane_of(robot: RobotSpec) -> tuple[str, str, int, int]:
     return robot.coordinates[x], robot.coordinates[z], x, z
 
 
-def vector_field(model: VectorFieldModel, demonstrations: Sequence[Episode]) -> VectorField:
+def vector_field(
+    model: VectorFieldModel, demonstrations: Sequence[Episode], *, contact: float | None = None
+) -> VectorField:
     """Evaluate a model around its demonstrations in the plane of the robot's first point.
 
-    Inputs outside the plane are, at each point, the average over the demonstrations' steps near it.
+    Inputs outside the plane are, at each point, the average over the demonstrations' steps near it; ``contact``, if
+    given, is the contact portion everywhere.
     """
     layout = model.layout
     column_x, column_z, out_x, out_z = plane_of(layout.robot)
@@ -72,6 +77,8 @@ def vector_field(model: VectorFieldModel, demonstrations: Sequence[Episode]) -> 
     squared = ((points[:, None, :] - known[None, :, plane]) ** 2).sum(axis=2)
     inputs = softmax(-0.5 * squared / BANDWIDTH_M**2, axis=1) @ known
     inputs[:, plane] = points
+    if contact is not None:
+        inputs[:, layout.names.index(CONTACT)] = contact
     mean, std = model.predict(inputs)
     both = np.sqrt((std[:, [out_x, out_z]] ** 2).mean(axis=1))
     columns = (mean[:, out_x], mean[:, out_z], both, np.sqrt(squared.min(axis=1)))
@@ -79,14 +86,24 @@ def vector_field(model: VectorFieldModel, demonstrations: Sequence[Episode]) -> 
     return VectorField(x=x, z=z, dx=dx, dz=dz, std=std, distance=distance)
 
 
-def field_figure(models: Mapping[str, VectorFieldModel], demonstrations: Sequence[Episode]) -> Figure:
-    """Draw the field of each model by its name: arrows over the standard deviation, with the demonstrations."""
+def field_figure(
+    models: Mapping[str, VectorFieldModel], demonstrations: Sequence[Episode], *, contact: float | None = None
+) -> Figure:
+    """Draw the field of each model by its name: arrows over the standard deviation, with the demonstrations.
+
+    ``contact``: portion at which the contact is held in one more panel of each model that sees it, or None.
+    """
     robot = next(iter(models.values())).layout.robot
-    fields = {name: vector_field(model, demonstrations) for name, model in models.items()}
+    fields: dict[str, VectorField] = {}
+    for name, model in models.items():
+        fields[name] = vector_field(model, demonstrations)
+        if contact is not None and CONTACT in model.layout.names:
+            title = f"{name}, contact held at {100 * contact:.0f} %"
+            fields[title] = vector_field(model, demonstrations, contact=contact)
     max_std_mm = max(1000 * float(field.std.max()) for field in fields.values())
     longest_m = max(float(np.hypot(field.dx, field.dz).max()) for field in fields.values())
-    with styled_figure(10.4, 3.5 if len(models) > 1 else 4.2) as figure:
-        axes = list(figure.subplots(1, len(models), squeeze=False, sharey=True)[0])
+    with styled_figure(10.4, 3.5 if len(fields) > 1 else 4.2) as figure:
+        axes = list(figure.subplots(1, len(fields), squeeze=False, sharey=True)[0])
         for axis, (name, field) in zip(axes, fields.items(), strict=True):
             levels = np.linspace(0, max_std_mm, 13)
             shade = axis.contourf(field.x, field.z, 1000 * field.std, levels=levels, cmap=UNCERTAINTY, zorder=0)
@@ -108,6 +125,8 @@ def field_figure(models: Mapping[str, VectorFieldModel], demonstrations: Sequenc
         f"{len(demonstrations)} demonstrations it learned from. Inputs outside the plane are, at each point, those of "
         "the demonstrations' steps near it."
     )
+    if len(fields) > len(models):
+        caption += f" Where the contact is held, the cloth counts as {100 * contact:.0f} % flat everywhere."
     return Figure(png=png, alt=f"attractor field, {robot}", caption=caption)
 
 

@@ -56,3 +56,14 @@ def test_the_figure_has_a_panel_for_each_model(model, demonstrations):
         widths.append(np.count_nonzero((image.max(axis=2) < 90).any(axis=0)))
         assert "2 demonstrations" in figure.caption
     assert widths[1] > 1.2 * widths[0]
+
+
+def test_a_held_contact_adds_a_panel_to_the_models_that_see_it(make_model, model, demonstrations):
+    baseline = make_model("pickers", "position", demonstrations)
+    held = vector_field(model, demonstrations, contact=0.5)
+    free = vector_field(model, demonstrations)
+    np.testing.assert_array_equal(held.x, free.x)
+    assert np.abs(held.dx - free.dx).max() > 1e-6
+    alike = field_figure({"gp-baseline": baseline}, demonstrations)
+    assert field_figure({"gp-baseline": baseline}, demonstrations, contact=0.5) == alike
+    assert "50 % flat" in field_figure({"gp-word": model}, demonstrations, contact=0.5).caption
