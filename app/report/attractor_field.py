@@ -125,7 +125,7 @@ def field_figure(
         f"{len(demonstrations)} demonstrations it learned from. Inputs outside the plane are, at each point, those of "
         "the demonstrations' steps near it."
     )
-    if len(fields) > len(models):
+    if contact is not None and len(fields) > len(models):
         caption += f" Where the contact is held, the cloth counts as {100 * contact:.0f} % flat everywhere."
     return Figure(png=png, alt=f"attractor field, {robot}", caption=caption)
 
