@@ -42,6 +42,8 @@ class EnvironmentSpec:
     cloth: str
     """Name of the cloth."""
     task: str = "place"
+    demonstrator: str = "scripted"
+    """Name of the built-in policy that ``scripted`` stands for in the task."""
     physics: str = "bullet"
     descriptor: str = "word"
     """What the observations' WORD comes from."""

@@ -122,8 +122,8 @@ def builtin_names(task: str) -> tuple[str, ...]:
 
 
 def _builtin(name: str, env: Environment) -> Policy:
-    if name == SCRIPTED and env.spec.task == SMOOTH:
-        name = WORD_CONTROLLER
+    if name == SCRIPTED:
+        name = env.spec.demonstrator
     if name == SCRIPTED:
         shape = env.spec.cloth_shape
         if shape is None:
@@ -137,7 +137,7 @@ def _builtin(name: str, env: Environment) -> Policy:
             held_width_m=shape.held_width_m,
             ground_truth=env.ground_truth,
         )
-    if env.spec.task == SMOOTH:
+    if env.spec.task == SMOOTH:  # whose controllers share names with those of other tasks
         return wrinkle_removal.controller(name, env.spec.robot)
     return registry.make(name, env.spec.robot)
 

@@ -71,6 +71,7 @@ class SimConfig:
             robot=self.robot_spec,
             cloth=self.cloth,
             task=self.task,
+            demonstrator=self.task_spec.demonstrator,
             physics=self.physics,
             limits=self.task_spec.limits,
             descriptor=self.descriptor,

@@ -35,7 +35,6 @@ SEED = 4100
 TOLERANCE = 1e-9
 UNIT = 1e-11
 """Files hold whole multiples of it."""
-WORDS = {"p": "place", "d": "disturb", "r": "repair"}
 ARRAYS = ("nodes", "actions", "corners", "word", "strength", "contact", "lowest", "contact_true", "flat", "force")
 RUNS = [
     (robot, cloth, who)

@@ -40,8 +40,9 @@ def test_a_task_begins_with_its_first_start_unless_another_is_named(task) -> Non
 
 
 @pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
-def test_an_environment_has_the_step_limits_of_its_task(task) -> None:
-    assert SimConfig(robot="pickers", task=task.name).environment_spec().limits == task.limits
+def test_an_environment_has_the_step_limits_and_the_demonstrator_of_its_task(task) -> None:
+    spec = SimConfig(robot="pickers", task=task.name).environment_spec()
+    assert (spec.limits, spec.demonstrator) == (task.limits, task.demonstrator)
     assert TASKS["smooth"].limits != TASKS["place"].limits
 
 
