@@ -111,6 +111,7 @@ def test_demonstrations_train_a_policy_that_is_evaluated_by_the_camera_alone(tmp
     assert rows["flat_area_final"].isna().all()
     assert not rows["crashed"].any()
     assert pd.notna(results.summary["groups"][0]["contact_final"]["mean"])
+    assert results.summary["groups"][0]["success_rate"] == np.mean(rows["contact_final"] > 0.97)
     assert write_evaluation(results).exists()
 
 

@@ -18,9 +18,13 @@ MEASURES = ("contact_final", "gain", "flat_area_final", "contact_final_true")
 
 
 def with_measures(rows: pd.DataFrame) -> pd.DataFrame:
-    """Add ``gain`` unless there is one, and ``success``: flat at the end, and neither unstable nor crashed."""
+    """Add ``gain`` unless there is one, and ``success``: flat at the end, and neither unstable nor crashed.
+
+    The camera's contact portion says whether the cloth is flat where there is no mesh.
+    """
     lost = rows["unstable"].fillna(False).astype(bool) | rows["crashed"].astype(bool)
-    success = (rows["flat_area_final"].astype(float) > FLAT_AREA) & ~lost
+    flat = rows["flat_area_final"].astype(float).fillna(rows["contact_final"].astype(float))
+    success = (flat > FLAT_AREA) & ~lost
     if "gain" in rows:
         return rows.assign(success=success)
     gain = rows["contact_final"].astype(float) - rows["contact_disturbed"].astype(float)

@@ -55,6 +55,12 @@ def test_a_group_has_the_mean_the_range_and_an_interval_as_wide_as_the_central_l
     assert group["gain"] == {"n": 0, "mean": None, "min": None, "max": None, "ci95": [None, None]}
 
 
+def test_without_a_mesh_the_cameras_contact_says_whether_the_cloth_is_flat():
+    unknown = {"contact_final_true": math.nan, "flat_area_final": math.nan}
+    (group,) = summary_of(_rows(*({**unknown, "contact_final": contact} for contact in (0.99, 0.98, 0.9))))["groups"]
+    assert group["success_rate"] == pytest.approx(2 / 3)
+
+
 def test_success_is_flat_and_neither_unstable_nor_crashed():
     crashed = {"contact_final": math.nan, "contact_final_true": math.nan, "flat_area_final": math.nan, "crashed": True}
     (group,) = summary_of(_rows({}, {}, {"flat_area_final": 0.9}, {"unstable": True}, {**crashed, "attempts": 2}))[
