@@ -19,7 +19,7 @@ GROUP_NOTE = (
     "Means over the episodes that have the value; contact is the camera's contact portion (Eq. 4-7), mesh contact and "
     "flat area (of the area on the table, reverse side negative) are the simulator's, all three at the end. Intervals "
     "of means are 95 % bootstrap intervals over episodes, that of a share is Wilson's; flat counts flat area above "
-    "0.97, and an episode that diverged or crashed (lost) as not flat."
+    "0.97 (contact, where there is no simulator), and an episode that diverged or crashed (lost) as not flat."
 )
 EPISODE_HEADER = (
     "policy", "seed", "start", "placed", "disturbed", "final", "regained", "mesh contact", "flat area", "steps",
