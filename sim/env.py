@@ -29,6 +29,8 @@ SPACE_LIMIT_M = 2.0
 """Bound of all positions: robots keep to workspaces of less than 1 m."""
 STRENGTH_LIMIT = 10.0
 """Bound of ``word_strength``, so that its space is finite; Gabor responses stay below 1."""
+TIME_LIMIT_S = 3600.0
+"""Bound of ``time_s``: an hour, where an environment without a step limit is used."""
 DISTURB_STEP = 100
 
 ObsDict = dict[str, NDArray[Any]]
@@ -55,7 +57,8 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     Action: Box(-1, 1, (A,)), displacement of this step / ACTION_LIMIT_M in the order of the robot's axes; cut off at
     the limits. SimError for a wrong shape or a value that is not finite.
 
-    Observation: what a policy may see (`layflat.data.types.Observation`), float64.
+    Observation: what a policy may see, with the names, shapes and units of one row of ``obs`` in a session file
+    (docs/reference/session-file.md): ``corner_positions`` (6,), ``depth`` (H, W, 1), numbers as (1,).
 
     Reward: gain of the camera's contact portion in this step, so that an episode's rewards add up to the portion at its
     end less that at its start. The flat area, which decides success, is in ``info`` and not in the reward: it is the
@@ -97,7 +100,8 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
 
     def _make_spaces(self) -> dict[str, spaces.Box[Any]]:
         boxes: dict[str, spaces.Box[Any]] = {
-            "corner_positions": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (2, 3), np.float64),
+            "time_s": spaces.Box(0.0, TIME_LIMIT_S, (1,), np.float64),
+            "corner_positions": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (6,), np.float64),
             "holder_position": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (3,), np.float64),
             "word": spaces.Box(-1.0, 1.0, (2,), np.float64),
             "word_strength": spaces.Box(0.0, STRENGTH_LIMIT, (1,), np.float64),
@@ -106,7 +110,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         if self._images:
             pinhole = default_pinhole()
             boxes["rgb"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
-            boxes["depth"] = spaces.Box(0.0, 10.0, (pinhole.height, pinhole.width), np.float32)
+            boxes["depth"] = spaces.Box(0.0, 10.0, (pinhole.height, pinhole.width, 1), np.float32)
         return boxes
 
     def reset(
@@ -137,7 +141,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         return self._as_dict(), reward, False, False, self._info(None)
 
     def _as_dict(self) -> ObsDict:
-        values = {name: np.atleast_1d(getattr(self._observation, name)) for name in self._spaces}
+        values = {name: np.asarray(getattr(self._observation, name)).reshape(b.shape) for name, b in self._spaces.items()}
         return {name: np.clip(values[name].astype(b.dtype), b.low, b.high) for name, b in self._spaces.items()}
 
     def _info(self, unstable: str | None) -> dict[str, Any]:
