@@ -141,7 +141,9 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         return self._as_dict(), reward, False, False, self._info(None)
 
     def _as_dict(self) -> ObsDict:
-        values = {name: np.asarray(getattr(self._observation, name)).reshape(b.shape) for name, b in self._spaces.items()}
+        values = {
+            name: np.asarray(getattr(self._observation, name)).reshape(b.shape) for name, b in self._spaces.items()
+        }
         return {name: np.clip(values[name].astype(b.dtype), b.low, b.high) for name, b in self._spaces.items()}
 
     def _info(self, unstable: str | None) -> dict[str, Any]:
