@@ -63,8 +63,8 @@ def write_bytes(target: Path, payload: bytes) -> None:
 
 
 def write_text(target: Path, text: str) -> None:
-    """Write UTF-8 text durably, completely or not at all."""
-    write_bytes(target, text.encode("utf-8"))
+    """Write UTF-8 text durably, completely or not at all; lone surrogates are written out."""
+    write_bytes(target, text.encode("utf-8", "backslashreplace"))
 
 
 def fsync_write(target: Path, payload: bytes) -> None:

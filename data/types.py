@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from layflat.data.arrays import FloatArray, frozen_array
 from layflat.data.errors import DataError
+from layflat.data.names import storable
 from layflat.data.robot import RobotSpec
 
 Phase: TypeAlias = Literal["place", "disturb", "repair"]
@@ -177,6 +178,10 @@ class Provenance:
     command: str = ""
     operator: str = ""
     """Person who demonstrated, or who ran the program."""
+
+    def __post_init__(self) -> None:
+        for name in ("platform", "command", "operator"):
+            object.__setattr__(self, name, storable(str(getattr(self, name))))
 
 
 @dataclass(frozen=True, kw_only=True)

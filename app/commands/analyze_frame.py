@@ -7,15 +7,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.app.media.png import write_png
 from layflat.app.media.rgbd_io import check_same_size, read_depth, read_rgb
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
-from layflat.data.atomic_files import atomic_path
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import hue_name
@@ -79,9 +78,7 @@ def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
     result = result_json(frame, descriptor, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
     result |= {"depth_scale_mm": config.depth_scale, "seed": config.seed}
     if config.overlay is not None:
-        with atomic_path(config.overlay) as temporary:
-            if not cv2.imwrite(str(temporary), _overlay(rgb, frame, descriptor)[..., ::-1]):
-                raise LayflatError(f"{config.overlay} could not be written; is the disc full?")
+        write_png(config.overlay, _overlay(rgb, frame, descriptor))
     if config.json is not None:
         write_json(config.json, result)
     print_results(result)

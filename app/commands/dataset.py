@@ -14,6 +14,7 @@ from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
 from layflat.data.format import schema
+from layflat.data.names import storable
 from layflat.data.session.reader import Session, open_session
 from layflat.data.types import Outcome
 from layflat.sim.robots.registry import ROBOTS, robot_spec
@@ -95,7 +96,7 @@ def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
             session.info(name)
         validators.writable_file(out, force=force)
         what = f"{len(names)} episodes" if episode is None else names[0]
-        title = f"{path.name}: {what}, {session.robot}, {session.cloth}"
+        title = f"{storable(path.name)}: {what}, {session.robot}, {session.cloth}"
         count = plot_session(out, title, (curves_of(name, session.episode(name, images=False)) for name in names))
     print(f"plotted {count} episodes {out}")
 

@@ -40,7 +40,7 @@ class ResultsCsv:
         text = _text([[_cell(row[name]) for name in ALL_COLUMNS] for row in new])
         descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
         try:
-            _append(descriptor, text.encode("utf-8"))
+            _append(descriptor, text.encode("utf-8", "backslashreplace"))
         finally:
             os.close(descriptor)
         self.runs.update(row["run"] for row in new)

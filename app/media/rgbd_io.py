@@ -80,7 +80,7 @@ def _read(path: Path, what: str) -> tuple[str, NDArray[Any]]:
     if width * height > MAX_PIXELS:
         raise UsageError(f"{path} has {width}x{height} px; no camera frame has over {MAX_PIXELS // 10**6} million")
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        pixels = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
     except DECODE_ERRORS:
         pixels = None
     if pixels is None:

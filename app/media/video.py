@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
-from layflat.data.atomic_files import atomic_path
+from layflat.data.atomic_files import PART_SUFFIX, atomic_path
+from layflat.data.names import ascii_folder
 from layflat.data.types import Episode
 
 FOURCC = "VP80"
@@ -29,7 +30,7 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
     """
     if path.suffix != ".webm":
         raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
-    with atomic_path(path) as aside:
+    with atomic_path(path, path.with_name(f".video.{os.getpid()}{PART_SUFFIX}.webm")) as aside:
         count = _encode(aside, frames, fps)
         readable = count_frames(aside)
         if readable != count:
@@ -53,7 +54,8 @@ def write_episode_video(path: Path, frames: Iterable[NDArray[np.uint8]], episode
 
 def count_frames(path: Path) -> int:
     """Count the frames of a video that decode."""
-    capture = cv2.VideoCapture(str(path))
+    with ascii_folder(path) as name:
+        capture = cv2.VideoCapture(name)
     count = 0
     while capture.read()[0]:
         count += 1
@@ -83,8 +85,8 @@ def _encode(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
 
 
 def _open(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWriter:
-    with _quiet_stderr():
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*FOURCC), fps, size)
+    with _quiet_stderr(), ascii_folder(path) as name:
+        writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*FOURCC), fps, size)
     if not writer.isOpened():
         raise LayflatError("this OpenCV cannot write .webm films; install opencv-python-headless")
     return writer

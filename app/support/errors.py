@@ -6,6 +6,7 @@ Exit status: 0 done; 1 the work failed; 2 the call or the input is wrong; 130 in
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 import traceback
@@ -44,6 +45,9 @@ def run_command(work: Callable[[], int | None], *, debug: bool = False) -> int:
 
     With ``debug`` the traceback comes first. A reader may close stdout early, as in ``layflat doctor | head``.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # Text that the terminal cannot show is no error.
     try:
         status = work() or 0
         sys.stdout.flush()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,8 +81,9 @@ def crashed_metrics(policy: str, config: SimConfig, seed: int, disturbance: str,
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write one JSON object with the schema number first; whole or not at all; numpy numbers and arrays are fine."""
-    text = json.dumps({"schema": JSON_SCHEMA, **content}, indent=1, allow_nan=False, default=_plain)
-    write_text(path, text + "\n")
+    text = json.dumps({"schema": JSON_SCHEMA, **content}, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
+    # A lone surrogate, of a file name that is not UTF-8, is no JSON: many parsers refuse its escape.
+    write_text(path, re.sub("[\ud800-\udfff]", lambda found: f"\\\\u{ord(found[0]):x}", text) + "\n")
 
 
 def _plain(value: object) -> Any:

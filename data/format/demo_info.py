@@ -10,6 +10,7 @@ from typing import Any, get_args, get_type_hints
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object
+from layflat.data.names import storable
 from layflat.data.types import Outcome, StoppedBy
 
 
@@ -76,13 +77,13 @@ def info_of(attributes: Mapping[str, Attribute], *, images: bool) -> DemoInfo:
     provenance = json_object(attributes, schema.PROVENANCE)
     values: dict[str, Any] = dict.fromkeys(schema.GROUND_TRUTH_ATTRIBUTES)
     values |= {name: attributes[name] for name in FIELD_NAMES if name in attributes}
-    values |= {key: str(provenance.get(key, "")) for key in ("created_utc", "operator")}
+    values |= {key: storable(str(provenance.get(key, ""))) for key in ("created_utc", "operator")}
     return DemoInfo(**values | {"n_steps": attributes[schema.NUM_SAMPLES], "images": images})
 
 
 def info_from_row(row: Mapping[str, Any]) -> DemoInfo:
     """Return the info of an untrusted row of the index; DataError where a value is of the wrong type."""
-    values = {name: row.get(name) for name in FIELD_NAMES}
+    values = {name: storable(value) if isinstance(value := row.get(name), str) else value for name in FIELD_NAMES}
     if any(type(value) not in _TYPES[name] for name, value in values.items()):
         raise DataError(f"{json.dumps(values)[:80]} is no row of an index")
     return DemoInfo(**values)  # type: ignore[arg-type]

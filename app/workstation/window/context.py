@@ -14,6 +14,7 @@ from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.window import settings, style
 from layflat.app.workstation.window.layout import WindowLayout
 from layflat.app.workstation.window.settings import Settings
+from layflat.data.names import storable
 
 
 class KeyHint(NamedTuple):
@@ -94,5 +95,6 @@ class WindowContext:
 
 
 def _newest(folder: Path, pattern: str) -> list[str]:
-    found = [path for path in folder.glob(pattern) if path.is_file()]
+    # pygame-menu cannot show a name that is not UTF-8.
+    found = [path for path in folder.glob(pattern) if path.is_file() and path.name == storable(path.name)]
     return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]

@@ -10,6 +10,8 @@ import pygame
 import pygame_menu.font as fonts
 from numpy.typing import NDArray
 
+from layflat.data.names import storable
+
 Color: TypeAlias = tuple[int, int, int]
 
 BACKGROUND: Color = (17, 21, 28)
@@ -43,7 +45,7 @@ def font(size: int, face: str = REGULAR) -> pygame.font.Font:
 @lru_cache(maxsize=600)
 def render_text(text: str, size: int, color: Color, face: str = REGULAR) -> pygame.Surface:
     """Return a line of text as a picture; most of a frame's lines are those of the last."""
-    return font(size, face).render(text, True, color)
+    return font(size, face).render(storable(text), True, color)
 
 
 def clear_cache() -> None:

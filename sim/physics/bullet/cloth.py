@@ -7,11 +7,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
+from layflat.data.names import ascii_folder
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.base import Cloth, World
 from layflat.sim.physics.bullet.solid_renderer import HIDDEN
@@ -85,7 +87,8 @@ def temporary_file(suffix: str, content: bytes) -> Iterator[str]:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
-        yield path
+        with ascii_folder(Path(path)) as name:
+            yield name
     finally:
         os.unlink(path)
 

@@ -10,6 +10,7 @@ from layflat.app.workstation.window.menu_style import Form
 from layflat.app.workstation.window.pages.command import CommandPage
 from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.data.format.schema import demo_number
+from layflat.data.names import storable
 from layflat.data.types import OUTCOMES
 
 INTRO = (
@@ -112,7 +113,10 @@ class DataPage(CommandPage):
         files = self.context.sessions()
         if self.operation != "import":
             return files
-        return [*sorted(path.name for path in self.context.folder.glob("*.hdf5")), *files]
+        return [
+            *sorted(path.name for path in self.context.folder.glob("*.hdf5") if path.name == storable(path.name)),
+            *files,
+        ]
 
     def _add_field(self, form: Form, item: Field) -> None:
         value = self.values.setdefault(item.name, self._default(item))
