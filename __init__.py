@@ -12,7 +12,6 @@ Everything heavy is imported when it is first used.
 from __future__ import annotations
 
 import sys
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 # Before any import that an older interpreter could not parse; pip refuses these, `python3 -m ...doctor` does not.
@@ -131,6 +130,8 @@ def load_policy(text: str) -> PolicySpec:
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
+        from importlib import metadata  # It imports much, before `layflat.app.cli.entry` has put PYTHONPATH last.
+
         return metadata.version("layflat")
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from layflat.app.support.child_python import own_imports_only
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.fork_server import ONE_THREAD, ForkServer
 from layflat.app.workers.simulated_episode import EpisodeFactory
@@ -58,8 +59,9 @@ def _connect(ray: Any, workers: int, address: str | None) -> None:
         os.environ.setdefault(name, value)
     own = {"num_cpus": workers, "include_dashboard": False} if address is None else {"address": address}
     try:
-        # "local": not a cluster that the environment or an earlier start has left somewhere.
-        ray.init(**{"address": "local", **own}, log_to_driver=False, logging_level="error")
+        with own_imports_only():  # Ray has its workers import from the current folder first.
+            # "local": not a cluster that the environment or an earlier start has left somewhere.
+            ray.init(**{"address": "local", **own}, log_to_driver=False, logging_level="error")
     except (ConnectionError, RuntimeError, ValueError) as error:
         words = " ".join(str(error).split())[:200]
         raise LayflatError(f"the Ray cluster at {address or 'this machine'} does not answer: {words}") from error

@@ -1,26 +1,42 @@
-"""Python processes that never import from the user's current folder, which may hold its own ``data/`` or ``numpy.py``.
+"""Python processes that import exactly what this one does: nothing of the user's current folder or PYTHONPATH first.
 
-``python -m`` and ``python -c`` put the current folder first on ``sys.path``, and Python 3.10 has no ``-P``.
+``python -m`` and ``python -c`` put the current folder first on ``sys.path``, and Python 3.10 has no ``-P``; PYTHONPATH
+comes before the standard library, already while the interpreter starts.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing import forkserver
+from pathlib import Path
 from typing import Any
 
-# '' stands for the current folder; with -P or PYTHONSAFEPATH it is not there.
-_RUN_MODULE = "import sys; sys.path[:] = filter(None, sys.path); import runpy; runpy.run_module(sys.argv.pop(1), "
-_RUN_MODULE += "run_name='__main__', alter_sys=True)"
+from layflat.app.support.errors import LayflatError
+
+_RUN_MODULE = (
+    "import sys; sys.path[:] = {path!a}; import runpy; runpy.run_module(sys.argv.pop(1), run_name='__main__', "
+    "alter_sys=True)"
+)
+PYTHON_PATH = "PYTHONPATH"
+SOCKET_PATH_MAX = 107
+"""Bytes of the path of a socket, by Linux."""
+SOCKET_NAME = "/pymp-xxxxxxxx/listener-xxxxxxxx"
+"""What multiprocessing adds to the folder for temporary files."""
 
 
-def python_command(module: str, *arguments: str) -> list[str]:
-    """Return the command line that runs a module as ``python -m`` does, without the current folder on its path."""
-    return [sys.executable, "-c", _RUN_MODULE, module, *arguments]
+def start_python(
+    module: str, *arguments: str, env: Mapping[str, str] | None = None, **options: Any
+) -> subprocess.Popen[Any]:
+    """Start a module as ``python -m`` does, with this process's path; ``env`` is added to the environment."""
+    code = _RUN_MODULE.format(path=_own_path())
+    environment = {name: value for name, value in os.environ.items() if name != PYTHON_PATH} | dict(env or {})
+    return subprocess.Popen([sys.executable, "-c", code, module, *arguments], env=environment, **options)
 
 
 def fork_server_context(preload: Sequence[str]) -> Any:
@@ -30,16 +46,44 @@ def fork_server_context(preload: Sequence[str]) -> Any:
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(preload))
-    with _current_folder(os.path.dirname(os.__file__)):  # Where '' finds nothing but the standard library
+    with own_imports_only(), _short_temporary_folder():
         forkserver.ensure_running()
     return context
 
 
 @contextmanager
-def _current_folder(path: str) -> Iterator[None]:
-    before = os.getcwd()
-    os.chdir(path)
+def own_imports_only() -> Iterator[None]:
+    """Have Python processes that a library starts meanwhile import what this one does."""
+    folder, path = os.getcwd(), os.environ.get(PYTHON_PATH)
+    os.environ[PYTHON_PATH] = os.pathsep.join(_own_path())
+    os.chdir(os.path.dirname(os.__file__))  # Here '' finds nothing but the standard library.
     try:
         yield
     finally:
-        os.chdir(before)
+        os.chdir(folder)
+        del os.environ[PYTHON_PATH]
+        os.environ.update({} if path is None else {PYTHON_PATH: path})
+
+
+def _own_path() -> list[str]:
+    """Return this process's path for imports without '' and other names that depend on the current folder."""
+    return [path for path in sys.path if os.path.isabs(path)]
+
+
+@contextmanager
+def _short_temporary_folder() -> Iterator[None]:
+    """Have sockets made where their path is short enough; LayflatError where there is no such folder."""
+    before, wanted = tempfile.tempdir, tempfile.gettempdir()
+    folders = [wanted, *filter(None, [os.environ.get("XDG_RUNTIME_DIR")]), "/tmp", "/var/tmp", "/dev/shm"]
+    fitting = (path for path in folders if len(os.fsencode(path + SOCKET_NAME)) <= SOCKET_PATH_MAX)
+    short = next((path for path in fitting if Path(path).is_dir() and os.access(path, os.W_OK | os.X_OK)), None)
+    if short is None:
+        raise LayflatError(
+            f"the folder for temporary files, {wanted}, has too long a path for a socket; set TMPDIR to a folder whose"
+            f" path has at most {SOCKET_PATH_MAX - len(SOCKET_NAME)} bytes"
+        )
+    tempfile.tempdir = short
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before

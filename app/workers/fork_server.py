@@ -6,7 +6,6 @@ socket that it inherits as that descriptor, and ends when its owner does.
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
 import sys
@@ -14,7 +13,7 @@ import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from layflat.app.support.child_python import python_command
+from layflat.app.support.child_python import start_python
 from layflat.app.workers.process import configure_child
 from layflat.app.workers.simulated_episode import EpisodeFactory
 from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
@@ -28,10 +27,10 @@ class ForkServer:
 
     def __init__(self) -> None:
         ours, theirs = socket.socketpair()
-        paths = os.pathsep.join(path for path in sys.path if path)
-        self._process = subprocess.Popen(
-            python_command("layflat.app.workers.fork_server", str(theirs.fileno())),
-            env={**os.environ, **ONE_THREAD, "PYTHONPATH": paths},
+        self._process = start_python(
+            "layflat.app.workers.fork_server",
+            str(theirs.fileno()),
+            env=ONE_THREAD,
             pass_fds=[theirs.fileno()],
             stdin=subprocess.DEVNULL,
         )

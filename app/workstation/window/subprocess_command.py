@@ -7,7 +7,6 @@ and what is shown can be repeated in a terminal.
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 import shlex
 import signal
@@ -17,7 +16,7 @@ from collections import deque
 from pathlib import Path
 from typing import IO
 
-from layflat.app.support.child_python import python_command
+from layflat.app.support.child_python import start_python
 from layflat.app.support.errors import INTERRUPTED
 
 MAX_LINES = 400
@@ -40,14 +39,15 @@ class SubprocessCommand:
         self.activity = ""
         """Newest line of progress."""
         self.cancelled = False
-        self._process = subprocess.Popen(
-            python_command("layflat.app.cli.main", *arguments),
+        self._process = start_python(
+            "layflat.app.cli.main",
+            *arguments,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=folder,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", "COLUMNS": "100"},
-            text=True,
+            env={"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8", "COLUMNS": "100"},
+            encoding="utf-8",
             errors="replace",
         )
         self._threads = [

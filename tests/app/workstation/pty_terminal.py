@@ -10,28 +10,33 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Sequence
+from typing import Any
 
 PATIENCE_S = 60.0
+PROGRAM = (sys.executable, "-m", "layflat.app.cli.main")
 
 
 class Terminal:
     """A pseudo-terminal with the program in it."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: object, program: Sequence[str] = PROGRAM, **options: Any) -> None:
         self._mine, theirs = pty.openpty()
         self.before = termios.tcgetattr(theirs)
         self._theirs = theirs
         self.text = ""
         self._read = 0
-        environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+        environment = options.pop("env", os.environ)
+        environment = {name: value for name, value in environment.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
         self.child = subprocess.Popen(
-            [sys.executable, "-m", "layflat.app.cli.main", *map(str, arguments)],
+            [*program, *map(str, arguments)],
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,
             env=environment,
             start_new_session=True,
             preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # So that Ctrl-C typed there interrupts.
+            **options,
         )
 
     def type(self, keys: str) -> None:
