@@ -1,5 +1,6 @@
 """Episodes, and recording them safely; numpy and h5py only. docs/how-to/sessions.md shows the package in use."""
 
+from layflat.data.camera import CameraModel
 from layflat.data.environment_spec import EnvironmentSpec
 from layflat.data.errors import DataError
 from layflat.data.format.demo_info import DemoInfo
@@ -17,6 +18,7 @@ from layflat.data.types import DisturbanceRecord, DragTarget, Episode, GroundTru
 
 __all__ = [
     "ActionAxis",
+    "CameraModel",
     "ColumnStats",
     "DataError",
     "DemoInfo",

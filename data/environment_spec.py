@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from layflat.data.camera import CameraModel
 from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
 
@@ -53,5 +54,7 @@ class EnvironmentSpec:
     """Step limits of the task."""
     cloth_shape: ClothShape | None = None
     """None for a cloth that has not been measured."""
+    camera: CameraModel | None = None
+    """Camera that the observations come from; None where it is not known, or there is none."""
     config: Mapping[str, str | float | bool] = field(default_factory=dict)
     """Further settings, by name, that make the same environment again."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.camera import CameraModel
 from layflat.data.errors import DataError
 from layflat.data.names import storable
 from layflat.data.robot import RobotSpec
@@ -219,6 +220,10 @@ class Episode:
     """Disturbances in their order; dragging by a person is in the steps."""
     first_step: int = 0
     """Number of steps that were cut off before the first one; action replay needs 0."""
+    camera: CameraModel | None = None
+    """Camera that the observations come from; None where it is not known, or there is none."""
+    mesh_shape: tuple[int, int] | None = None
+    """Rows and columns of the ground truth's nodes, the free edge first; None without ground truth."""
 
     def __post_init__(self) -> None:
         _set(self, "steps", tuple(self.steps))

@@ -151,7 +151,8 @@ class EpisodeRunner:
 
     def _describe_beginning(self) -> Episode:
         """Return the episode as far as it is known before its first step."""
-        spec = self.env.spec
+        spec, truth, shape = self.env.spec, self.ground_truth, self.env.spec.cloth_shape
+        meshed = truth is not None and shape is not None and len(truth.nodes) == shape.rows * shape.columns
         return Episode(
             robot=spec.robot,
             task=spec.task,
@@ -170,6 +171,8 @@ class EpisodeRunner:
             start=self.env.start,
             sim_config=spec.config,
             initial_joints=self.env.joint_angles(),
+            camera=spec.camera,
+            mesh_shape=(shape.rows, shape.columns) if shape is not None and meshed else None,
             provenance=capture_provenance(),
         )
 

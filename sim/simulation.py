@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
+
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.camera import CameraModel
 from layflat.data.types import DisturbanceRecord, DragTarget, GroundTruth, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import make_descriptor
@@ -34,11 +37,12 @@ class ClothSimulation:
 
     def __init__(self, config: SimConfig) -> None:
         self.config = config
-        self.spec = config.environment_spec()
         self.world: World | None = None
         self.cloth_state: ClothState | None = None
         """Output of the perception for the last observation; None without a camera."""
         self._pinhole = default_pinhole()
+        camera = CameraModel(**asdict(self._pinhole)) if config.camera else None
+        self.spec = replace(config.environment_spec(), camera=camera)
         self._perception = PerceptionPipeline(
             self._pinhole, PerceptionConfig(descriptor=make_descriptor(config.descriptor))
         )

@@ -17,6 +17,7 @@ from typing import Any
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
 from layflat.data.atomic_files import write_text
+from layflat.data.columns import write_legend
 
 EXTRA = ("run", "start", "attempts", "reason")
 """The episode's name, its start, how often it was tried, and why it crashed if it did."""
@@ -33,6 +34,7 @@ class ResultsCsv:
         rows = {line[_RUN]: line for line in reversed(_whole_lines(path))}
         self.runs = set(rows)
         write_text(path, _text([ALL_COLUMNS, *reversed(rows.values())]))
+        write_legend(path.parent, {path.name: ALL_COLUMNS})
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Add rows, durable on return; after an OSError, of a full disk, none of them is there."""

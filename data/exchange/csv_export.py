@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.atomic_files import atomic_path
+from layflat.data.columns import write_legend
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.opening import errors_name
@@ -51,7 +52,7 @@ def step_columns(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
 
 
 def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None) -> int:
-    """Write ``episodes.csv`` and ``steps.csv`` into ``folder``, which is created; return the number of steps.
+    """Write ``episodes.csv``, ``steps.csv`` and their legend into a folder; return the number of steps.
 
     Numbers have as many digits as it takes to read back the same bits; unknown values are empty. Each episode has one
     more row than steps: the last, without phase and action, is the final observation. Images and cloth nodes are left
@@ -68,15 +69,20 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
         steps_path.open("x", newline="", encoding="utf-8") as steps_file,
     ):
         episodes, steps = csv.writer(episodes_file), csv.writer(steps_file)
-        episodes.writerow(["episode", *(name.removeprefix("n_") for name in _INFO)])
         columns = step_columns(session.robot)
-        steps.writerow(["episode", "step", "phase", *chain.from_iterable(columns.values())])
+        titles = {
+            EPISODES_CSV: ["episode", *(name.removeprefix("n_") for name in _INFO)],
+            STEPS_CSV: ["episode", "step", "phase", *chain.from_iterable(columns.values())],
+        }
+        episodes.writerow(titles[EPISODES_CSV])
+        steps.writerow(titles[STEPS_CSV])
         for name in chosen:
             info = session.info(name)
             # The csv module writes None as an empty cell, and floats by their repr.
             episodes.writerow([name, *(getattr(info, attribute) for attribute in _INFO)])
             with errors_name(session.path):
                 steps.writerows(_step_rows(name, demo_rows(session.group(name), images=False), columns))
+        write_legend(folder, titles, session.robot)
     return sum(session.info(name).n_steps for name in chosen)
 
 

@@ -20,15 +20,16 @@ from layflat.data.atomic_files import atomic_path
 from layflat.data.errors import DataError
 from layflat.data.exchange.robomimic_import import import_episode
 from layflat.data.format import schema
+from layflat.data.format.attributes import texts_violations
 from layflat.data.format.encode import LIBVER, shared_attributes
 from layflat.data.format.masks import write_masks
 from layflat.data.format.opening import demo_names, errors_name, open_file
 from layflat.data.format.structure_checks import check_hard_links
 from layflat.data.robot import RobotSpec
+from layflat.data.sandbox import CallError, call_in_sandbox
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.tools.operations import filter_session, new_session
-from layflat.data.tools.sandbox import CallError, call_in_sandbox
 
 TRAIN, VALID = "train", "valid"
 """robomimic's names of the two filter keys."""
@@ -125,9 +126,16 @@ def _is_intact(path: Path) -> bool:
     """Return whether every episode reads as one of ours."""
     try:
         with open_session(path) as session:
-            return sum(1 for _ in session.episodes()) > 0
-    except DataError:
+            read = sum(1 for _ in session.episodes())
+        return read > 0 and call_in_sandbox(partial(_texts_agree, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
+    except (DataError, CallError):
         return False
+
+
+def _texts_agree(path: Path) -> bool:
+    """Return whether no tool has changed a text attribute."""
+    with h5py.File(path, "r") as file:
+        return not any(texts_violations(group) for group in (file[schema.DATA], *_demos(file)))
 
 
 def _probe(path: Path) -> None:

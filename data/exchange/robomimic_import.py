@@ -31,6 +31,7 @@ UNKNOWN_SOURCE = "imported"
 _READ = (
     *schema.SESSION_KEYS, schema.SEED, schema.SOURCE, schema.DISTURBANCE, schema.DISTURBANCES, schema.OUTCOME,
     schema.STOPPED_BY, schema.WALL_S, schema.START, schema.SIM_CONFIG, schema.FIRST_STEP, schema.PROVENANCE,
+    *schema.OPTIONAL_ATTRIBUTES,
 )  # fmt: skip
 """Attributes that are read; all others follow from the arrays, or are written again."""
 
@@ -95,10 +96,11 @@ def _attributes(group: h5py.Group) -> dict[str, Attribute]:
     kwargs = env.get("env_kwargs")
     keys = (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)
     found: dict[str, Attribute] = {}
+    types = {**schema.DEMO_ATTRIBUTES, **schema.OPTIONAL_ATTRIBUTES}
     if isinstance(kwargs, dict):
         found |= {key: kwargs[key] for key in keys if isinstance(kwargs.get(key), str)}
     for attributes in (data.attrs, group.attrs):
-        found |= {key: _plain(attributes, key, schema.DEMO_ATTRIBUTES[key]) for key in _READ if key in attributes}
+        found |= {key: _plain(attributes, key, types[key]) for key in _READ if key in attributes}
     return found
 
 

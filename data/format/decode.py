@@ -13,7 +13,7 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, json_object, json_objects, robot_of
 from layflat.data.format.rows import demo_rows
-from layflat.data.format.structure_checks import stored_attributes
+from layflat.data.format.structure_checks import camera_of, mesh_shape_of, stored_attributes
 from layflat.data.types import (
     ACTION_LIMIT_M,
     DisturbanceRecord,
@@ -83,6 +83,8 @@ def decode_episode(
         initial_joints=np.array(joints, dtype=np.float64),
         disturbances=disturbances_of(attributes),
         first_step=int(attributes[schema.FIRST_STEP]),
+        camera=camera_of(attributes),
+        mesh_shape=mesh_shape_of(attributes),
     )
 
 

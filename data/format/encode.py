@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, digest, robot_of, set_attribute
+from layflat.data.format.attributes import Attribute, digest, robot_of, set_attributes, set_trusted_attributes
 from layflat.data.format.rows import default_rows
+from layflat.data.format.structure_checks import check_camera, check_mesh
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, DisturbanceRecord, Episode, GroundTruth, Observation, Step
 
@@ -69,6 +70,10 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
     if episode.final_ground_truth is not None:
         attributes[schema.CONTACT_TRUE_FINAL] = float(episode.final_ground_truth.contact_portion_true)
         attributes[schema.FLAT_AREA_FINAL] = float(episode.final_ground_truth.flat_area)
+    if episode.camera is not None:
+        attributes[schema.CAMERA] = episode.camera.to_json()
+    if episode.mesh_shape is not None:
+        attributes[schema.MESH_ROWS], attributes[schema.MESH_COLUMNS] = episode.mesh_shape
     for key, value in attributes.items():
         _check_storable(key, value)
     return attributes
@@ -140,7 +145,10 @@ def arrays_of(episode: Episode, *, save_images: bool) -> dict[str, NDArray[Any]]
             check_step(step, episode.robot)
         except DataError as error:
             raise DataError(f"step {index}: {error}") from None
-    ground_truths = (*(step.ground_truth for step in steps), episode.final_ground_truth)
+    last, truth = episode.final_observation, episode.final_ground_truth
+    check_camera(episode.camera, *(image.shape[:2] for image in (last.rgb, last.depth) if image is not None))
+    check_mesh(episode.mesh_shape, None if truth is None else len(truth.nodes))
+    ground_truths = (*(step.ground_truth for step in steps), truth)
     moments = _stacked(
         [
             moment_values(observation, ground_truth, save_images=save_images)
@@ -183,9 +191,6 @@ def _stacked(values: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
 
 def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Fill an empty group."""
-    for key, value in {**attributes, schema.DIGEST: digest(attributes)}.items():
-        set_attribute(group.attrs, key, value)
-    robot = robot_of(attributes)
     for field in schema.FIELDS.values():
         if field.key not in arrays:
             continue
@@ -196,9 +201,24 @@ def write_demo(group: h5py.Group, attributes: Mapping[str, Attribute], arrays: M
         earlier = field.key.replace(f"{schema.NEXT_OBS}/", f"{schema.OBS}/")
         follows = packed and earlier != field.key and np.array_equal(arrays[earlier][1:], rows[:-1])
         _fill(dataset, rows, group[earlier] if follows else None)
-        set_attribute(dataset.attrs, schema.UNIT, field.unit)
-        set_attribute(dataset.attrs, schema.FRAME, field.frame)
-        set_attribute(dataset.attrs, schema.COLUMNS, json.dumps(schema.columns_of(field, robot)))
+    describe_demo(group, attributes)
+
+
+def describe_demo(group: h5py.Group, attributes: Mapping[str, Attribute]) -> None:
+    """Write the attributes of a demo and of its data sets."""
+    set_trusted_attributes(group, {**attributes, schema.DIGEST: digest(attributes)})
+    robot = robot_of(attributes)
+    for key in schema.FIELDS.keys() & set(_members(group)):
+        field = schema.FIELDS[key]
+        columns = json.dumps(schema.columns_of(field, robot))
+        values = (field.unit, field.frame, columns, field.description)
+        set_attributes(group[key], dict(zip(schema.DATASET_ATTRIBUTES, values, strict=True)))
+
+
+def _members(group: h5py.Group) -> list[str]:
+    """Return the paths of the data sets of a demo."""
+    inner = (schema.OBS, schema.NEXT_OBS, schema.GROUND_TRUTH)
+    return [*group, *(f"{key}/{member}" for key in inner if key in group for member in group[key])]
 
 
 def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None) -> None:
@@ -215,10 +235,9 @@ def _fill(dataset: h5py.Dataset, rows: NDArray[Any], before: h5py.Dataset | None
 
 def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *, total: int) -> None:
     """Describe the session after the attributes of its first demo."""
-    for key in (*schema.SESSION_KEYS, schema.ACTION_LIMIT, schema.VERSION):
-        set_attribute(data.attrs, key, first[key])
-    set_attribute(data.attrs, schema.SCHEMA_NAME, schema.SCHEMA)
-    set_attribute(data.attrs, schema.FRAMES, json.dumps(dict(schema.FRAME_TEXTS)))
+    attributes = {key: first[key] for key in (*schema.SESSION_KEYS, schema.ACTION_LIMIT, schema.VERSION)}
+    attributes |= {schema.SCHEMA_NAME: schema.SCHEMA, schema.FRAMES: json.dumps(dict(schema.FRAME_TEXTS))}
+    set_trusted_attributes(data, attributes)
     data.attrs[schema.TOTAL] = total
     versions = json.loads(str(first[schema.PROVENANCE]))["versions"]
     env_args = {

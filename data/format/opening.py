@@ -74,8 +74,9 @@ def check_session(file: h5py.File) -> dict[str, Attribute]:
 
 def _schema_name(data: h5py.Group) -> str:
     stored = data.attrs.get_id(schema.SCHEMA_NAME)
-    if isinstance(stored.get_type(), h5py.h5t.TypeStringID) and stored.get_type().is_variable_str():
-        # The first unreleased version stored all text so; reading it is avoided, see layflat.data.format.attributes.
+    kind, trusted = stored.get_type(), schema.TEXTS in data.attrs
+    if not trusted and isinstance(kind, h5py.h5t.TypeStringID) and kind.is_variable_str():
+        # The first unreleased version stored all text only so; reading it is avoided, see `schema.TEXTS`.
         return schema.UNRELEASED_SCHEMA
     return str(typed_attributes(data, {schema.SCHEMA_NAME: str})[schema.SCHEMA_NAME])
 

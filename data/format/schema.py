@@ -70,12 +70,20 @@ CONTACT_TRUE_FINAL, FLAT_AREA_FINAL = "contact_final_true", "flat_area_final"
 two are absent without ground truth."""
 PROVENANCE = "provenance"
 """JSON object: versions, platform, created_utc, command, operator."""
+CAMERA = "camera"
+"""JSON object: pinhole camera of the observations, see layflat.data.camera; absent where it is not known."""
+MESH_ROWS, MESH_COLUMNS = "mesh_rows", "mesh_columns"
+"""Shape of the grid of nodes; absent where it is not known."""
 UID = "uid"
 """Hexadecimal identity of the recording: distinguishes a copy from another episode of the same number."""
 DIGEST = "attributes_sha256"
 """SHA-256 of the canonical JSON of all other attributes: HDF5 itself does not check the strings among them."""
-UNIT, FRAME, COLUMNS = "unit", "frame", "columns"
-"""Attributes of every data set: its unit, its frame of reference, and the names of its columns."""
+TEXTS = "texts"
+"""JSON object of all text attributes, stored at its length: the only text that is read here. Text attributes
+themselves are of variable length, so that other programs get text and not bytes; HDF5 keeps it in its global heap,
+which has no checksum, and in which a few wrong bytes keep the library in an endless loop."""
+UNIT, FRAME, COLUMNS, DESCRIPTION = DATASET_ATTRIBUTES = ("unit", "frame", "columns", "description")
+"""Attributes of every data set: its unit, its frame of reference, the names of its columns, and what it is."""
 
 FRAME_TEXTS: Mapping[str, str] = {
     "world": "right-handed, z up, table top at z = 0, x to the robot's front, y to its left",
@@ -97,6 +105,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     SUCCESS: bool,
 }
 GROUND_TRUTH_ATTRIBUTES = (CONTACT_TRUE_FINAL, FLAT_AREA_FINAL)
+OPTIONAL_ATTRIBUTES: dict[str, type] = {CAMERA: str, MESH_ROWS: int, MESH_COLUMNS: int}
 
 
 @dataclass(frozen=True)
@@ -118,6 +127,13 @@ class Field:
     optional: bool = False
     default: float | None = None
     """Value of every step where the data set is absent."""
+
+    @property
+    def description(self) -> str:
+        """What the data set holds, in a sentence for its attribute."""
+        text = DESCRIPTIONS[self.key.removeprefix(f"{NEXT_OBS}/").removeprefix(f"{OBS}/")]
+        moment = {OBS: "before the step: ", NEXT_OBS: "after the step: "}
+        return moment.get(self.key.partition("/")[0], "") + text
 
 
 HAND_SHAPE = "hand shape"
@@ -146,6 +162,35 @@ INTERVENTION = "intervention"
 HAND = "hand_m"
 """NaN in a step in which no hand guides the robot."""
 RGB, DEPTH = "rgb", "depth"
+INDEX_DESCRIPTION = "one line of JSON for each demo: a summary, so that opening need not read them all"
+DESCRIPTIONS: Mapping[str, str] = {
+    "time_s": "simulated time since the first step",
+    "corner_positions": "where the robot holds the two corners: the one at +y, then the one at -y",
+    "holder_position": "centre of the robot's holder, or the midpoint of its two points",
+    "word": "wrinkle contraction direction: unit vector on the table, x >= 0; (0, 0) where there is none",
+    "word_strength": "strength of word, at least 0",
+    "contact_portion": "share of the flat cloth's area that the camera sees resting on the table; 1 is all of it",
+    RGB: "camera image",
+    DEPTH: "depth image; points follow from attribute camera of the demo",
+    ACTIONS: "action_m over action_limit_m, within -1 to 1",
+    ACTION_M: "displacement of the robot in the step",
+    ACTION_STD: "standard deviation of the policy's action; NaN where it is unknown",
+    PHASE: "place: until the policy stops; disturb: the robot rests while a disturbance acts; repair: after that",
+    REWARDS: "gain of contact_portion in the step",
+    DONES: "1 on the last step, 0 before",
+    STATES: "nodes of the cloth before the step, x y z of each; rows of the mesh (mesh_rows x mesh_columns) from the"
+    " free edge to the held edge",
+    FINAL_STATE: "nodes of the cloth after the last step, as in states",
+    CONTACT_TRUE: "share of the cloth's area that rests on the table, by the mesh; 1 is all of it",
+    FLAT_AREA: "signed area of the cloth on the table over all of it, by the mesh; 1 is flat, a reverse side negative",
+    JOINTS: "joint angles of the arm before the first step",
+    FORCE: "mean total force of disturbances and drags on the cloth",
+    DRAG_NODE: "node that a person dragged; -1 for none",
+    DRAG_TARGET: "where a person dragged it; NaN for none",
+    HAND: "where a hand guided the robot; NaN for none",
+    INTERVENTION: "1 where a person decided although a policy was in control",
+}
+"""What each data set holds, by key, or by its name under ``obs`` and ``next_obs``."""
 
 _XYZ = ("x", "y", "z")
 _CORNERS = ("x1", "y1", "z1", "x2", "y2", "z2")

@@ -9,6 +9,7 @@ from math import prod
 
 import h5py
 
+from layflat.data.camera import CameraModel
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest, robot_of, typed_attributes
@@ -19,6 +20,8 @@ EXPANSION_MAX = 1100
 """Bytes in memory per byte on disk: above deflate's limit of 1032. A small file that claims more is not believed."""
 CHUNK_BYTES_MAX = 1 << 28
 """HDF5 unpacks a chunk as a whole; ours are of about a megabyte, a large image's its size."""
+IMAGE_SIDES = (("H", "W"), ("H of depth", "W of depth"))
+"""Letters of the heights and widths of rgb and depth in the schema."""
 FILTERS = frozenset({h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32, h5py.h5z.FILTER_LZF})
 """Filters that come with h5py. For any other, HDF5 looks for a program library on this machine and runs it."""
 
@@ -84,6 +87,32 @@ def inspect_demo(
     return info_of(attributes, images=images)
 
 
+def camera_of(attributes: Mapping[str, Attribute]) -> CameraModel | None:
+    """Return the camera of an episode, or None where it is not known."""
+    return CameraModel.from_json(str(attributes[schema.CAMERA])) if schema.CAMERA in attributes else None
+
+
+def check_camera(camera: CameraModel | None, *sizes: tuple[int | None, int | None]) -> None:
+    """Raise a DataError where an image has another height and width than those of the camera."""
+    for height, width in sizes if camera is not None else ():
+        if camera is not None and height is not None and (height, width) != (camera.height, camera.width):
+            raise DataError(f"images are {width}x{height} px, but the camera has {camera.width}x{camera.height}")
+
+
+def mesh_shape_of(attributes: Mapping[str, Attribute]) -> tuple[int, int] | None:
+    """Return rows and columns of the cloth's nodes, or None where they are not known."""
+    found = [int(attributes[key]) for key in (schema.MESH_ROWS, schema.MESH_COLUMNS) if key in attributes]
+    if len(found) == 1:
+        raise DataError(f"there must be {schema.MESH_ROWS} and {schema.MESH_COLUMNS}, or neither")
+    return (found[0], found[1]) if found else None
+
+
+def check_mesh(shape: tuple[int, int] | None, nodes: int | None) -> None:
+    """Raise a DataError where a mesh of this shape cannot have so many nodes."""
+    if shape is not None and (min(shape) < 1 or (nodes is not None and shape[0] * shape[1] != nodes)):
+        raise DataError(f"the mesh has {shape[0]} x {shape[1]} nodes, but the states have {nodes}")
+
+
 def stored_attributes(group: h5py.Group) -> dict[str, Attribute]:
     """Return the attributes of a demo once their checksum fits; DataError where one is wrong."""
     found = Violations()
@@ -143,6 +172,7 @@ def _attributes(group: h5py.Group, found: Violations) -> dict[str, Attribute] | 
     wanted = {**schema.DEMO_ATTRIBUTES, schema.DIGEST: str}
     if not any(key in group.attrs for key in schema.GROUND_TRUTH_ATTRIBUTES):
         wanted = {key: kind for key, kind in wanted.items() if key not in schema.GROUND_TRUTH_ATTRIBUTES}
+    wanted |= {key: kind for key, kind in schema.OPTIONAL_ATTRIBUTES.items() if key in group.attrs}
     try:
         attributes = typed_attributes(group, wanted)
     except DataError:
@@ -201,6 +231,10 @@ def _inspect_consistency(
     with found.at(f"{group.name}/{schema.STATES}"):
         if lengths.get("D", 0) % 3:
             raise DataError(f"{group.name}/{schema.STATES} has {lengths['D']} columns; it must be three for each node")
+    with found.at(f"{group.name}@{schema.MESH_ROWS}"):
+        check_mesh(mesh_shape_of(attributes), lengths["D"] // 3 if "D" in lengths else None)
+    with found.at(f"{group.name}@{schema.CAMERA}"):
+        check_camera(camera_of(attributes), *((lengths.get(h), lengths.get(w)) for h, w in IMAGE_SIDES))
     with found.at(f"{group.name}/{schema.GROUND_TRUTH}"):
         present = [field.key for field in schema.GROUND_TRUTH_FIELDS if field.key in group]
         if present and schema.FLAT_AREA_FINAL not in attributes:

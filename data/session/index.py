@@ -16,6 +16,7 @@ import numpy as np
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
+from layflat.data.format.attributes import set_attributes
 from layflat.data.format.demo_info import DemoInfo, info_from_row
 from layflat.data.format.encode import PACKING
 from layflat.data.format.structure_checks import check_claim, check_demo, check_stored_here, stored_digest
@@ -63,6 +64,7 @@ def append_index(file: h5py.File, rows: Mapping[str, IndexRow]) -> None:
             fletcher32=True,
             **PACKING,
         )
+        set_attributes(file[schema.INDEX], {schema.DESCRIPTION: schema.INDEX_DESCRIPTION})
     index = file[schema.INDEX]
     end = len(index)
     index.resize((end + len(text),))

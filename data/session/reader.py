@@ -15,13 +15,14 @@ from typing import Any, overload
 import h5py
 from numpy.typing import NDArray
 
+from layflat.data.camera import CameraModel
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.decode import disturbances_of, read_demo
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.opening import errors_name
 from layflat.data.format.rows import concatenated, read_rows
-from layflat.data.format.structure_checks import stored_attributes
+from layflat.data.format.structure_checks import camera_of, stored_attributes
 from layflat.data.robot import RobotSpec
 from layflat.data.session.catalog import Catalog
 from layflat.data.types import DisturbanceRecord, Episode, Outcome
@@ -76,6 +77,16 @@ class Session(Sequence[Episode]):
         self.task, self.physics = str(self.shared[schema.TASK]), str(self.shared[schema.PHYSICS])
         self.cloth, self.descriptor = str(self.shared[schema.CLOTH]), str(self.shared[schema.DESCRIPTOR])
         self.step_s = float(self.shared[schema.STEP_S])
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """Camera of the first episode, or None where it is not known; `episode` has that of each episode."""
+        return self.camera_of(self.names[0]) if self.names else None
+
+    def camera_of(self, name: str) -> CameraModel | None:
+        """Return the camera of an episode, or None where it is not known; its arrays are not read."""
+        with errors_name(self.catalog.entry(name).file):
+            return camera_of(stored_attributes(self.group(name)))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 from layflat.data.atomic_files import os_reason
 from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, digest
+from layflat.data.format.attributes import Attribute, digest, user_attributes
 from layflat.data.format.demo_info import DemoInfo, info_of
-from layflat.data.format.encode import LIBVER, arrays_of, attributes_of, write_demo, write_session_attributes
+from layflat.data.format.encode import (
+    LIBVER,
+    arrays_of,
+    attributes_of,
+    describe_demo,
+    write_demo,
+    write_session_attributes,
+)
 from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks, write_masks
 from layflat.data.format.structure_checks import stored_attributes, stored_digest
 from layflat.data.session.index import IndexRow, append_index
@@ -37,10 +44,15 @@ class SessionFile:
         self._indexed = indexed
 
     def copy(self, name: str, group: h5py.Group, info: DemoInfo) -> None:
-        """Add a checked demo, byte by byte."""
-        group.file.copy(group, self._data, name=name)
-        if schema.SCHEMA_NAME not in self._data.attrs:
-            self._describe(stored_attributes(group))
+        """Add a checked demo: its data sets byte by byte, its attributes by their checked values."""
+        attributes = stored_attributes(group)
+        # HDF5 would read text from its global heap, which has no checksum.
+        group.file.copy(group, self._data, name=name, without_attrs=True)
+        copied = self._data[name]
+        describe_demo(copied, attributes)
+        for key, value in user_attributes(group).items():
+            copied.attrs[key] = value
+        self._describe(attributes)
         self._added[name] = IndexRow(info=info, digest=stored_digest(group))
 
     def add(self, name: str, episode: Episode, uid: str, *, save_images: bool = True) -> None:
@@ -78,9 +90,8 @@ class SessionFile:
         for key in source:
             if key not in (schema.DATA, schema.MASK, schema.INDEX):
                 source.copy(key, self._file)
-        for key in source[schema.DATA].attrs:
-            if key not in self._data.attrs:
-                self._data.attrs[key] = source[schema.DATA].attrs[key]
+        for key, value in user_attributes(source[schema.DATA]).items():
+            self._data.attrs[key] = value
 
     def _describe(self, attributes: Mapping[str, Attribute]) -> None:
         if schema.SCHEMA_NAME not in self._data.attrs:

@@ -10,16 +10,16 @@ import h5py
 
 from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute
+from layflat.data.format.attributes import Attribute, texts_violations
 from layflat.data.format.decode import read_demo
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks
 from layflat.data.format.opening import DAMAGE, check_session, errors_name, first_line, open_file
 from layflat.data.format.structure_checks import Violation, Violations, check_hard_link, inspect_demo, inspect_links
 from layflat.data.format.value_checks import inspect_contents
+from layflat.data.sandbox import CallError, call_in_sandbox
 from layflat.data.session.index import read_index
 from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
-from layflat.data.tools.sandbox import CallError, call_in_sandbox
 
 MIN_LIMIT_S = 60.0
 BYTES_PER_S = 2e5
@@ -96,15 +96,22 @@ def _inspect_demo(data: h5py.Group, name: str, found: Violations) -> DemoInfo | 
     info = inspect_demo(group, found, file_bytes=data.file.id.get_filesize())
     if info is not None:
         inspect_contents(group, info, found)
+        _inspect_texts(group, found)
         if len(found) == before:
             read_demo(group, images=False)
     return info
+
+
+def _inspect_texts(group: h5py.Group, found: Violations) -> None:
+    for key, message in texts_violations(group):
+        found.append(Violation(path=f"{group.name}@{key}", message=f"{message}; repair writes it again"))
 
 
 def _inspect_session(
     file: h5py.File, session: dict[str, Attribute], infos: dict[str, DemoInfo], found: Violations
 ) -> None:
     """Check relations between the demos; totals only where all of them could be read."""
+    _inspect_texts(file[schema.DATA], found)
     complete = len(infos) == len(file[schema.DATA])
     n_steps = sum(info.n_steps for info in infos.values())
     if complete and n_steps != session[schema.TOTAL]:

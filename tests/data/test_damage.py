@@ -16,8 +16,8 @@ import pytest
 from layflat.data import SessionRecorder, open_session, repair, validate
 from layflat.data.atomic_files import PART_SUFFIX
 from layflat.data.errors import DataError
+from layflat.data.sandbox import CallError, call_in_sandbox
 from layflat.data.session.parts import parts_folder
-from layflat.data.tools.sandbox import CallError, call_in_sandbox
 from layflat.data.tools.validate import violations
 from layflat.tests.factories import HANGER, PICKERS, differences, make_episode, write_session
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import pytest
 
 from layflat.data import open_session
+from layflat.data.columns import LEGEND
 from layflat.data.errors import DataError
 from layflat.data.exchange.csv_export import EPISODES_CSV, STEPS_CSV, export_csv
 from layflat.tests.factories import ROBOT_SPECS, make_episode, write_session
@@ -17,6 +19,13 @@ def test_csv_reads_back_to_the_same_bits(robot, tmp_path):
     made = [make_episode(robot, n_steps=3 + i, seed=i, with_std=i % 2 == 0) for i in range(3)]
     with open_session(write_session(tmp_path / "s.h5", made)) as session:
         assert export_csv(session, tmp_path / "out") == 3 + 4 + 5
+    legend = json.loads((tmp_path / "out" / LEGEND).read_text())["tables"]
+    for table in (EPISODES_CSV, STEPS_CSV):
+        with (tmp_path / "out" / table).open(newline="") as file:
+            assert list(legend[table]) == next(csv.reader(file))
+        for name, column in legend[table].items():
+            assert column["is"]
+            assert name.endswith(f"_{column['unit']}".lower()) == (column["unit"] not in ("", "1"))
     with (tmp_path / "out" / STEPS_CSV).open(newline="") as file:
         rows = list(csv.DictReader(file))
     with (tmp_path / "out" / EPISODES_CSV).open(newline="") as file:

@@ -153,13 +153,13 @@ def test_every_data_set_has_unit_frame_and_columns(path):
         items = []
         f["data"].visititems(lambda name, item: items.append(item) if isinstance(item, h5py.Dataset) else None)
         for item in items:
-            unit, frame, columns = (item.attrs[key].decode() for key in ("unit", "frame", "columns"))
+            unit, frame, columns = (item.attrs[key] for key in ("unit", "frame", "columns"))
             assert unit in ("1", "m", "s", "rad")
             assert frame in frames
             columns = json.loads(columns)
             assert not columns or len(columns) == item.shape[-1]
         units = {item.name.rpartition("/")[2]: item.attrs["unit"] for item in items}
-        assert units["action_m"] == units["depth"] == units["states"] == b"m"
+        assert units["action_m"] == units["depth"] == units["states"] == "m"
         assert json.loads(f["data/demo_0/action_m"].attrs["columns"]) == ["dx", "dz"]
         assert f["data"].attrs["schema_version"] == SCHEMA_VERSION
 
