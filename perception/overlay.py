@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import cv2
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 
 from layflat.perception.arrays import BoolArray, Float64Array, RgbArray, bounding_window
 from layflat.perception.camera.pinhole import PinholeCamera
+from layflat.perception.camera.table_grid import TableGrid
 from layflat.perception.cloth.pipeline import ClothState
+from layflat.perception.cloth.wrinkle_regions import WrinkleRegion
 from layflat.perception.errors import PerceptionError
 
 Color: TypeAlias = tuple[int, int, int]
@@ -26,6 +29,8 @@ TINT = 0.38
 """Opacity of the contact's tint."""
 ARROW_M = 0.12
 """Length of WORD's arrow on the table."""
+REGION_ARROW_M = 0.06
+"""Length of a region's arrow."""
 REFERENCE_WIDTH = 320
 """Width of an image with the thinnest lines and the smallest letters; both grow with the image."""
 MIN_OUTLINE_AREA_PX = 30
@@ -53,6 +58,20 @@ def draw_cloth_state(
     _outline(canvas, state.contact_mask, to_canvas, CONTACT, pen)
     _draw_word(canvas, state, to_canvas, pen)
     _write_numbers(canvas, state, pen, label)
+    return canvas
+
+
+def draw_regions(image: RgbArray, regions: Sequence[WrinkleRegion], grid: TableGrid, camera: PinholeCamera) -> RgbArray:
+    """Return the image (H, W, 3) with each region of ``grid`` outlined and its direction as an arrow."""
+    canvas, to_canvas = image.copy(), camera.table_to_pixel @ grid.pixel_to_table
+    pen = max(1, round(canvas.shape[1] / REFERENCE_WIDTH))
+    for region in regions:
+        _outline(canvas, region.mask, to_canvas, ARROW, 1)
+    for region in regions:
+        half = REGION_ARROW_M / 2 * region.wrinkles.axis
+        tail, head = _warp(grid.to_pixel([region.place_m - half, region.place_m + half]), to_canvas)
+        for color, rim in ((INK, 1), (ARROW, 0)):
+            _arrow(canvas, tail, head, color, width=pen, rim=rim)
     return canvas
 
 

@@ -81,6 +81,7 @@ def word(
     contact_mm: Annotated[
         float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
     ] = None,
+    regions: Annotated[bool, typer.Option("--regions", help="Also the direction of each part of the cloth.")] = False,
     descriptor: Descriptor = None,
     seed: Seed = 0,
     force: Force = False,

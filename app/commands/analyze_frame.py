@@ -16,13 +16,16 @@ from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
 from layflat.perception.camera.intrinsics import Intrinsics
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.color_calibration import hue_name
 from layflat.perception.cloth.pipeline import PerceptionConfig
+from layflat.perception.cloth.relief import MIN_COHERENCE, Wrinkles, measure_relief
 from layflat.perception.cloth.segmentation import HsvRange
+from layflat.perception.cloth.wrinkle_regions import WrinkleRegion, wrinkle_regions
 from layflat.perception.descriptors.base import Descriptor
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS, make_descriptor
-from layflat.perception.overlay import draw_cloth_state
+from layflat.perception.overlay import draw_cloth_state, draw_regions
 
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 MAX_CONTACT = 1.05
@@ -50,6 +53,8 @@ class FrameConfig:
     cloth_at: str | None = None
     """``X,Y`` of a pixel on the cloth, from which its colour is learned."""
     contact_mm: float | None = None
+    regions: bool = False
+    """Also find the parts of the cloth whose wrinkles run one way."""
     descriptor: str = DEFAULT_DESCRIPTOR
     seed: int = 0
     """Seed of the pixels and trials of the table fit."""
@@ -75,10 +80,15 @@ def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
         flat_pixels=config.flat_pixels,
         rng=np.random.default_rng(config.seed),
     )
-    result = result_json(frame, descriptor, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
+    relief = measure_relief(frame.camera, depth, frame.cloth_mask, frame.config.smoothing_px)
+    wrinkles, regions = relief.wrinkles(), wrinkle_regions(relief) if config.regions else []
+    result = result_json(frame, descriptor, wrinkles, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
     result |= {"depth_scale_mm": config.depth_scale, "seed": config.seed}
+    if config.regions:
+        result["regions"] = [region_json(region, frame.camera) for region in regions]
     if config.overlay is not None:
-        write_png(config.overlay, _overlay(rgb, frame, descriptor))
+        picture = _overlay(rgb, frame, descriptor, wrinkles)
+        write_png(config.overlay, draw_regions(picture, regions, relief.grid, frame.camera))
     if config.json is not None:
         write_json(config.json, result)
     print_results(result)
@@ -151,19 +161,41 @@ def _check_outputs(json: Path | None, overlay: Path | None, inputs: tuple[Path, 
         validators.writable_file(path, force=force)
 
 
-def _overlay(rgb: NDArray[np.uint8], frame: FrameResult, descriptor: Descriptor) -> NDArray[np.uint8]:
-    direction = descriptor.direction(frame.view)
-    state = replace(frame.cloth_state, word=direction.vector, strength=direction.strength)
+def _overlay(
+    rgb: NDArray[np.uint8], frame: FrameResult, descriptor: Descriptor, wrinkles: Wrinkles
+) -> NDArray[np.uint8]:
+    strength = wrinkles.strength if descriptor.name == "word-axial" else descriptor.direction(frame.view).strength
+    state = replace(frame.cloth_state, word=sure_direction(descriptor, frame, wrinkles), strength=strength)
     label = "WORD" if descriptor.name == "word" else descriptor.name
     return draw_cloth_state(rgb, state, frame.camera, label=label)
 
 
+def sure_direction(descriptor: Descriptor, frame: FrameResult, wrinkles: Wrinkles) -> NDArray[np.float64]:
+    """Return a descriptor's direction (2,) if the relief has one, else zeros; ``word-axial``'s is the relief's own."""
+    if not wrinkles.has_direction:
+        return np.zeros(2)
+    return wrinkles.axis if descriptor.name == "word-axial" else descriptor.direction(frame.view).vector
+
+
+def region_json(region: WrinkleRegion, camera: PinholeCamera) -> dict[str, Any]:
+    """Return one row of the JSON list ``regions``."""
+    pixel, _ = camera.project([[*region.place_m, 0.0]])
+    return {
+        "pixel": [round(float(value), 1) for value in pixel[0]],
+        "place_m": [round(float(value), 4) for value in region.place_m],
+        "share": region.share,
+        "word_axial": _or_none(region.wrinkles.axis),
+        "coherence": region.wrinkles.coherence,
+        "strength": region.wrinkles.strength,
+    }
+
+
 def result_json(
-    frame: FrameResult, descriptor: Descriptor, *, assumed: bool, flat_pixels: int | None
+    frame: FrameResult, descriptor: Descriptor, wrinkles: Wrinkles, *, assumed: bool, flat_pixels: int | None
 ) -> dict[str, Any]:
     """Return the JSON object without its schema number; directions in image axes, x right, y up."""
     state, plane, camera = frame.cloth_state, frame.plane, frame.camera
-    direction, axial = descriptor.direction(frame.view), make_descriptor("word-axial").direction(frame.view)
+    direction = descriptor.direction(frame.view)
     warnings = list(frame.warnings)
     if flat_pixels is not None and state.contact_portion > MAX_CONTACT:
         warnings.append(
@@ -171,10 +203,11 @@ def result_json(
             "were these counted with this cloth?"
         )
     return {
-        "word": _or_none(make_descriptor("word").describe(frame.view)),
-        "word_axial": _or_none(axial.vector),
-        "coherence": axial.coherence,
-        "strength": axial.strength,
+        "word": _or_none(sure_direction(make_descriptor("word"), frame, wrinkles)),
+        "word_axial": _or_none(wrinkles.direction),
+        "coherence": wrinkles.coherence,
+        "strength": wrinkles.strength,
+        "min_strength": wrinkles.min_strength,
         "cloth_pixels": state.cloth_pixels,
         "contact_pixels": state.contact_pixels,
         "contact_portion": None if math.isnan(state.contact_portion) else min(1.0, state.contact_portion),
@@ -182,7 +215,7 @@ def result_json(
         "descriptor": {
             "name": descriptor.name,
             "vector": descriptor.describe(frame.view),
-            "direction": _or_none(direction.vector),
+            "direction": _or_none(sure_direction(descriptor, frame, wrinkles)),
             "coherence": direction.coherence,
             "strength": direction.strength,
         },
@@ -209,7 +242,13 @@ def print_results(result: dict[str, Any]) -> None:
     """Print the result on stdout."""
     found, plane, intrinsics = result["descriptor"], result["plane"], result["intrinsics"]
     print(f"WORD        {_degrees(result['word'])}; axial {_degrees(result['word_axial'])}")
-    print(f"wrinkles    coherence {result['coherence']:.2f}, strength {result['strength']:.4f}")
+    print(f"wrinkles    {_wrinkles(result)}")
+    for number, region in enumerate(result.get("regions", ()), 1):
+        x, y = region["pixel"]
+        print(
+            f"region {number:<5}{_degrees(region['word_axial'])} at {x:.0f},{y:.0f}: {100 * region['share']:.0f} % of "
+            f"the cloth, coherence {region['coherence']:.2f}, strength {region['strength']:.2f}"
+        )
     if found["name"] not in ("word", "word-axial"):
         print(f"{found['name']:<11} {_degrees(found['direction'])}; {len(found['vector'])} numbers")
     print(f"contact     {_contact(result)}")
@@ -227,6 +266,19 @@ def print_results(result: dict[str, Any]) -> None:
 def _degrees(vector: list[float] | None) -> str:
     """Return the angle from the image's right, counter-clockwise."""
     return "no direction" if vector is None else f"{math.degrees(math.atan2(vector[1], vector[0])):+.1f} deg"
+
+
+def _wrinkles(result: dict[str, Any]) -> str:
+    """Return how wrinkled the cloth is, and why it has no direction if it has none."""
+    numbers = f"strength {result['strength']:.2f}, coherence {result['coherence']:.2f}"
+    if result["word_axial"] is not None:
+        return numbers
+    if result["strength"] < result["min_strength"]:
+        return f"strength {result['strength']:.2f}, below {result['min_strength']:.2f}: flat, as far as the depth shows"
+    if result["coherence"] < MIN_COHERENCE:
+        hint = "" if "regions" in result else "; --regions gives those of its parts"
+        return f"{numbers}: they run several ways{hint}"
+    return f"{numbers}: what lies on the table is flat"
 
 
 def _contact(result: dict[str, Any]) -> str:
