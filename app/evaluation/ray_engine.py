@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from layflat.app.support.child_python import own_imports_only
+from layflat.app.support.child_python import own_imports_only, socket_folder
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.fork_server import ONE_THREAD, ForkServer
 from layflat.app.workers.simulated_episode import EpisodeFactory
@@ -20,6 +20,8 @@ from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
 from layflat.app.workers.worker_process import POLL_S, Engine, NextWorkItem
 from layflat.data.atomic_files import fsync_write, os_reason
 
+SOCKET_NAME = f"/ray/session_2026-11-28_01-40-00_123456_{'9' * 7}/sockets/plasma_store"
+"""What Ray adds to the folder for temporary files."""
 AHEAD = 2
 """Tasks that are handed out for each core, so that none waits for this process."""
 _SERVER: list[ForkServer] = []
@@ -57,6 +59,8 @@ def _ray() -> Any:
 def _connect(ray: Any, workers: int, address: str | None) -> None:
     for name, value in ONE_THREAD.items():
         os.environ.setdefault(name, value)
+    if address is None:
+        os.environ.setdefault("RAY_TMPDIR", socket_folder(SOCKET_NAME))
     own = {"num_cpus": workers, "include_dashboard": False} if address is None else {"address": address}
     try:
         with own_imports_only():  # Ray has its workers import from the current folder first.

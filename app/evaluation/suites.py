@@ -24,6 +24,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.workers.work_item import DisturbanceCase
 from layflat.policy.base import PolicyError
@@ -63,7 +64,7 @@ def cases_of(name: str) -> tuple[DisturbanceCase, ...]:
         return (DisturbanceCase(name=name, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[name]),)),)
     path = Path(name)
     if path.suffix == SUFFIX:
-        return parse(_text_of(path), path.stem.lower(), str(path))
+        return parse(validators.read_text(path, "a suite as TOML", max_bytes=MAX_BYTES), path.stem.lower(), str(path))
     known = ", ".join(dict.fromkeys([*shipped(), *(known for known in DISTURBANCES if known != "none")]))
     raise UsageError(f"disturbance {name!r} is unknown; give one of {known}, or a suite of your own as FILE.toml")
 
@@ -145,13 +146,3 @@ def _known_keys(table: Mapping[str, Any], known: Collection[str], where: str) ->
     for key in table:
         if key not in known:
             raise UsageError(f"{where}: {key!r} is unknown there; known are {', '.join(known)}")
-
-
-def _text_of(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise UsageError(f"{path} has {path.stat().st_size} bytes; a suite has at most {MAX_BYTES}")
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not text"
-        raise UsageError(f"the suite {path} cannot be read: {reason.lower()}") from None

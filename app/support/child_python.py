@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing import forkserver
-from pathlib import Path
 from typing import Any
 
 from layflat.app.support.errors import LayflatError
@@ -46,8 +45,12 @@ def fork_server_context(preload: Sequence[str]) -> Any:
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(preload))
-    with own_imports_only(), _short_temporary_folder():
-        forkserver.ensure_running()
+    before, tempfile.tempdir = tempfile.tempdir, socket_folder(SOCKET_NAME)
+    try:
+        with own_imports_only():
+            forkserver.ensure_running()
+    finally:
+        tempfile.tempdir = before
     return context
 
 
@@ -70,20 +73,17 @@ def _own_path() -> list[str]:
     return [path for path in sys.path if os.path.isabs(path)]
 
 
-@contextmanager
-def _short_temporary_folder() -> Iterator[None]:
-    """Have sockets made where their path is short enough; LayflatError where there is no such folder."""
-    before, wanted = tempfile.tempdir, tempfile.gettempdir()
+def socket_folder(name: str) -> str:
+    """Return a folder for temporary files in which the path of a socket with this ``name`` is short enough.
+
+    It is that of TMPDIR where it can be; LayflatError where there is none.
+    """
+    wanted = tempfile.gettempdir()
     folders = [wanted, *filter(None, [os.environ.get("XDG_RUNTIME_DIR")]), "/tmp", "/var/tmp", "/dev/shm"]
-    fitting = (path for path in folders if len(os.fsencode(path + SOCKET_NAME)) <= SOCKET_PATH_MAX)
-    short = next((path for path in fitting if Path(path).is_dir() and os.access(path, os.W_OK | os.X_OK)), None)
-    if short is None:
-        raise LayflatError(
-            f"the folder for temporary files, {wanted}, has too long a path for a socket; set TMPDIR to a folder whose"
-            f" path has at most {SOCKET_PATH_MAX - len(SOCKET_NAME)} bytes"
-        )
-    tempfile.tempdir = short
-    try:
-        yield
-    finally:
-        tempfile.tempdir = before
+    for folder in folders:
+        if len(os.fsencode(folder + name)) <= SOCKET_PATH_MAX and os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    raise LayflatError(
+        f"the folder for temporary files, {wanted}, has too long a path for a socket; set TMPDIR to a folder whose"
+        f" path has at most {SOCKET_PATH_MAX - len(name)} bytes"
+    )

@@ -5,12 +5,13 @@ Exit status: 0 done; 1 the work failed; 2 the call or the input is wrong; 130 in
 
 from __future__ import annotations
 
-import errno
 import io
 import os
 import sys
 import traceback
 from collections.abc import Callable
+
+from layflat.app.support.os_errors import describe_os_error
 
 WORK_FAILED = 1
 USAGE_ERROR = 2
@@ -87,7 +88,8 @@ def format_error(error: BaseException) -> tuple[str, int]:
     if isinstance(error, MemoryError):
         return "not enough memory; close other programs, or use fewer --workers or --no-images", WORK_FAILED
     if isinstance(error, OSError):
-        return _describe_os_error(error)
+        sentence, wrong_call = describe_os_error(error)
+        return sentence, USAGE_ERROR if wrong_call else WORK_FAILED
     return (
         f"internal error, {type(error).__name__}: {_one_line(error)}; run it again with --debug and report the output",
         WORK_FAILED,
@@ -105,17 +107,6 @@ def _package_status(error: BaseException) -> int | None:
         if base is not None and isinstance(error, base):
             return int(getattr(error, "exit_status", status))
     return None
-
-
-def _describe_os_error(error: OSError) -> tuple[str, int]:
-    """Return sentence and status: a full disk is failed work (1), a path that cannot be used is a wrong call (2)."""
-    where = f" {error.filename}" if error.filename else ""
-    what = error.strerror or _one_line(error)
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return f"no space left for{where or ' the output'}; free some, or choose another place", WORK_FAILED
-    if isinstance(error, (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError, FileExistsError)):
-        return f"cannot use{where}: {what.lower()}", USAGE_ERROR
-    return f"input or output failed{where and ' at' + where}: {what.lower()}", WORK_FAILED
 
 
 def _one_line(error: BaseException) -> str:

@@ -89,9 +89,23 @@ def writable_folder(path: Path) -> Path:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise UsageError(f"{path} cannot be written ({reason}); choose another place") from error
+        raise UsageError(f"{path} cannot be written ({error.strerror or error}); choose another place") from error
     return path
+
+
+def read_text(path: Path, what: str, *, max_bytes: int) -> str:
+    """Return the text of a file that a person wrote, with or without a byte order mark; else raise UsageError."""
+    try:
+        if (size := path.stat().st_size) > max_bytes:
+            raise UsageError(f"{path} has {size} bytes; {what} has at most {max_bytes}")
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read ({error.strerror or error}); give {what}") from None
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise UsageError(f"{path} is not UTF-8 text; save it as UTF-8, an encoding that editors offer where they save")
+    return text
 
 
 def available_cores() -> int:

@@ -10,6 +10,7 @@ from typing import Any
 
 import platformdirs
 
+from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, TriggerAxis
 from layflat.data.atomic_files import atomic_path
@@ -51,9 +52,7 @@ def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, name: str, ca
 def read_mapping(path: Path, capabilities: DeviceCapabilities) -> GamepadLayout:
     """Return the layout in a file; UsageError where it is foreign, damaged or for a gamepad with other inputs."""
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise UsageError(f"{path} is too large for the mapping of a gamepad")
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(validators.read_text(path, "the mapping of a gamepad", max_bytes=LARGEST_BYTES))
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
             raise UsageError(
                 f"{path} is not a gamepad mapping with schema {SCHEMA}; write one with `layflat gamepad calibrate`"
@@ -64,9 +63,7 @@ def read_mapping(path: Path, capabilities: DeviceCapabilities) -> GamepadLayout:
                 f"{path} is for a gamepad with {mapped}, and this one has {capabilities}; calibrate this one"
             )
         return _layout(content).check(capabilities)
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {(error.strerror or str(error)).lower()}") from error
-    except (UnicodeDecodeError, json.JSONDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
+    except (json.JSONDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(
             f"{path} is not a gamepad mapping ({error}); write one with `layflat gamepad calibrate`"
         ) from error

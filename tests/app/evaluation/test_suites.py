@@ -127,14 +127,32 @@ def test_names_and_files_that_are_none(tmp_path):
         cases_of("soap")
     with pytest.raises(UsageError, match="'none' is unknown"):
         cases_of("none")
-    with pytest.raises(UsageError, match="no such file"):
+    with pytest.raises(UsageError, match="No such file"):
         cases_of(str(tmp_path / "missing.toml"))
     (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(UsageError, match="is a directory"):
+    with pytest.raises(UsageError, match="Is a directory"):
         cases_of(str(tmp_path / "folder.toml"))
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(UsageError, match="it is not text"):
+    with pytest.raises(UsageError, match="save it as UTF-8"):
         cases_of(str(tmp_path / "bytes.toml"))
     (tmp_path / "large.toml").write_text("# " + "x" * 200_000)
-    with pytest.raises(UsageError, match="a suite has at most"):
+    with pytest.raises(UsageError, match="has at most 100000"):
         cases_of(str(tmp_path / "large.toml"))
+
+
+ACCENTED = GOOD.replace("Twice", "D\u00e9j\u00e0: twice")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_a_suite_of_any_editor(tmp_path, encoding):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(ACCENTED.replace("\n", "\r\n").encode(encoding))
+    assert cases_of(str(path))[0].name == "mine/landing"
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "latin-1"])
+def test_another_encoding_is_named_with_the_right_one(tmp_path, encoding):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(ACCENTED.encode(encoding))
+    with pytest.raises(UsageError, match=r"mine\.toml is not UTF-8 text; save it as UTF-8"):
+        cases_of(str(path))

@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from layflat.app.support.errors import LayflatError, UsageError, run_command
+from layflat.app.support.os_errors import ADVICE
 from layflat.data.errors import DataError
 from layflat.perception.errors import PerceptionError
 from layflat.policy.base import PolicyError
@@ -75,3 +76,18 @@ def test_a_reader_that_closes_stdout_sees_no_traceback():
         child.stdout.readline()
         child.stdout.close()
         assert child.stderr.read() == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (OSError("AF_UNIX path too long"), "AF_UNIX path too long; run it again with --debug"),
+        (OSError(errno.EIO, "Input/output error", "x.h5"), "x.h5: Input/output error; the disk reports an error"),
+        (OSError(errno.EMFILE, "Too many open files"), "Too many open files; too many files are open: raise the limit"),
+        (OSError(), "OSError; run it again with --debug"),
+        *((OSError(number, "reason", "x.h5"), "x.h5: reason; ") for number in ADVICE),
+    ],
+)
+def test_an_error_of_the_system_says_what_and_what_to_do(error, sentence, capsys):
+    run_command(lambda: _raise(error))
+    assert capsys.readouterr().err.startswith(f"layflat: {sentence}")
