@@ -10,6 +10,7 @@ import contextlib
 import fcntl
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -54,6 +55,23 @@ def atomic_path(target: Path, aside: Path | None = None) -> Iterator[Path]:
             aside.unlink(missing_ok=True)
         raise
     fsync_path(target.parent)
+
+
+@contextlib.contextmanager
+def atomic_folder(target: Path) -> Iterator[Path]:
+    """Yield a new folder that then replaces the folder ``target``, or is removed after an error."""
+    aside, old = (target.with_name(f".{target.name}.{os.getpid()}{suffix}") for suffix in (PART_SUFFIX, ".old"))
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir(parents=True)
+    try:
+        yield aside
+        # Out of the way first: a folder cannot replace a folder in one step.
+        if target.exists():
+            os.replace(target, old)
+        os.replace(aside, target)
+        shutil.rmtree(old, ignore_errors=True)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def write_bytes(target: Path, payload: bytes) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from layflat.data.format import schema
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
@@ -25,12 +26,6 @@ from layflat.sim.simulation import ClothSimulation
 from layflat.sim.tasks import DEFAULT_TASK
 
 RENDER_SIZE = (640, 480)
-SPACE_LIMIT_M = 2.0
-"""Bound of all positions: robots keep to workspaces of less than 1 m."""
-STRENGTH_LIMIT = 10.0
-"""Bound of ``word_strength``, so that its space is finite; Gabor responses stay below 1."""
-TIME_LIMIT_S = 3600.0
-"""Bound of ``time_s``: an hour, where an environment without a step limit is used."""
 DISTURB_STEP = 100
 
 ObsDict = dict[str, NDArray[Any]]
@@ -99,18 +94,15 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self.observation_space = spaces.Dict({**self._spaces})  # type: ignore[assignment]  # gymnasium types it Dict[Any]
 
     def _make_spaces(self) -> dict[str, spaces.Box[Any]]:
-        boxes: dict[str, spaces.Box[Any]] = {
-            "time_s": spaces.Box(0.0, TIME_LIMIT_S, (1,), np.float64),
-            "corner_positions": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (6,), np.float64),
-            "holder_position": spaces.Box(-SPACE_LIMIT_M, SPACE_LIMIT_M, (3,), np.float64),
-            "word": spaces.Box(-1.0, 1.0, (2,), np.float64),
-            "word_strength": spaces.Box(0.0, STRENGTH_LIMIT, (1,), np.float64),
-            "contact_portion": spaces.Box(0.0, 1.0, (1,), np.float64),
-        }
-        if self._images:
-            pinhole = default_pinhole()
-            boxes["rgb"] = spaces.Box(0, 255, (pinhole.height, pinhole.width, 3), np.uint8)
-            boxes["depth"] = spaces.Box(0.0, 10.0, (pinhole.height, pinhole.width, 1), np.float32)
+        pinhole = default_pinhole()
+        sides = {"H": pinhole.height, "W": pinhole.width}
+        sides |= {f"{side} of depth": length for side, length in sides.items()}
+        boxes: dict[str, spaces.Box[Any]] = {}
+        for field in schema.OBSERVATION_FIELDS:
+            if self._images or not field.optional:
+                shape = schema.row_shape(field, self.simulation.spec.robot, sides)
+                low, high = schema.OBSERVATION_LIMITS[field.key]
+                boxes[field.key] = spaces.Box(low, high, shape, np.dtype(field.dtype).type)
         return boxes
 
     def reset(

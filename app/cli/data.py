@@ -10,7 +10,7 @@ import typer
 from layflat.app.cli.options import DataFile, Debug, Episode, Force, Json, Seed, count, episode_number
 from layflat.app.support import validators
 
-FormatName = Literal["robomimic", "lerobot", "csv"]
+FormatName = Literal["robomimic", "lerobot", "csv", "minari", "rrd"]
 OutcomeName = Literal["success", "failure", "partial"]
 
 
@@ -163,14 +163,17 @@ def export(
     form: Annotated[FormatName, typer.Option("--format", help="Output format.")] = "robomimic",
     outcome: Outcome = None,
     valid_share: Annotated[float, typer.Option(help="Share of episodes for validation (filter key valid).")] = 0.1,
-    images: Annotated[bool, typer.Option("--images/--no-images", help="lerobot: with camera images.")] = True,
+    images: Annotated[
+        bool, typer.Option("--images/--no-images", help="With camera images (lerobot, minari, rrd).")
+    ] = True,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Convert a session for other tools.
 
-    robomimic: an exact copy with the filter keys train and valid; lerobot: a LeRobot v3.0 data set; csv: two tables.
+    robomimic: an exact copy with the filter keys train and valid; lerobot: a LeRobot v3.0 data set; csv: two tables;
+    minari: a Minari data set; rrd: a Rerun recording for each episode.
     """
     from layflat.app.commands.dataset import export as run
 

@@ -19,7 +19,7 @@ from layflat.data.session.reader import Session, open_session
 from layflat.data.types import Outcome
 from layflat.sim.robots.registry import ROBOTS, robot_spec
 
-Format: TypeAlias = Literal["robomimic", "lerobot", "csv"]
+Format: TypeAlias = Literal["robomimic", "lerobot", "csv", "minari", "rrd"]
 EPISODE_S = 0.5
 """Expected wall time of the LeRobot export of one episode, for the first estimate of the time left."""
 
@@ -36,8 +36,8 @@ def export(
     force: bool,
 ) -> None:
     """Write a session, or its episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
-    if not images and form != "lerobot":
-        raise UsageError(f"--no-images is for lerobot; {form} exports do not take it")
+    if not images and form in ("robomimic", "csv"):
+        raise UsageError(f"--no-images is for lerobot, minari and rrd; {form} exports do not take it")
     with open_session(path) as session:
         names = chosen_names(session, outcome)
         if form == "robomimic":
@@ -58,10 +58,30 @@ def export(
                 )
             what = "with images" if written.images else "without images"
             print(f"exported {written.episodes} episodes, {written.frames} frames {what} {out}")
+        elif form in ("minari", "rrd"):
+            _export_episodes(session, out, names, form, images=images)
         else:
             from layflat.data.exchange.csv_export import export_csv
 
             print(f"exported {len(names)} episodes, {export_csv(session, out, names=names)} steps {out}")
+
+
+def _export_episodes(session: Session, out: Path, names: Sequence[str], form: Format, *, images: bool) -> None:
+    from layflat.data.exchange.minari import export_minari
+    from layflat.data.exchange.rerun import export_rerun
+
+    with Progress({"export": EPISODE_S * len(names)}) as progress:
+        progress.phase("export")
+
+        def advance(name: str) -> None:
+            progress.advance(1 / len(names), name)
+
+        if form == "minari":
+            where = f"{export_minari(session, out, names=names, images=images, on_episode=advance)} in {out}"
+        else:
+            export_rerun(session, out, names=names, images=images, on_episode=advance)
+            where = str(out)
+    print(f"exported {len(names)} episodes {where}")
 
 
 def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from layflat.data.atomic_files import atomic_folder
 from layflat.data.errors import DataError
 from layflat.data.exchange.optional_imports import require
 from layflat.data.format import schema
@@ -16,19 +16,6 @@ from layflat.data.format.opening import errors_name
 from layflat.data.format.rows import demo_rows
 from layflat.data.session.reader import Session
 from layflat.data.types import ACTION_LIMIT_M
-
-POSITION_M, STRENGTH, TIME_S = 2.0, 10.0, 3600.0
-LIMITS = {
-    "time_s": (0.0, TIME_S),
-    "corner_positions": (-POSITION_M, POSITION_M),
-    "holder_position": (-POSITION_M, POSITION_M),
-    "word": (-1.0, 1.0),
-    "word_strength": (0.0, STRENGTH),
-    "contact_portion": (0.0, 1.0),
-    schema.RGB: (0, 255),
-    schema.DEPTH: (0.0, 10.0),
-}
-"""Least and greatest value of each observation, as in layflat.sim.env; values outside are cut off, as there."""
 
 
 def dataset_id(session: Session) -> str:
@@ -48,20 +35,26 @@ def export_minari(
 
     An episode is truncated where it ends: the environment has no end but a diverged cloth, which terminates it.
     """
-    minari, storages = require("minari"), require("minari.dataset.minari_storage")
+    require("minari")
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
-    data = folder / dataset_id(session) / "data"
-    if data.exists():
-        raise DataError(f"{data} exists; choose another folder")
-    data.mkdir(parents=True)
+    with atomic_folder(folder / dataset_id(session)) as aside:
+        (aside / "data").mkdir()
+        _write(session, aside / "data", chosen, images=images, on_episode=on_episode)
+    return dataset_id(session)
+
+
+def _write(
+    session: Session, data: Path, chosen: Sequence[str], *, images: bool, on_episode: Callable[[str], None] | None
+) -> None:
+    minari, storages = require("minari"), require("minari.dataset.minari_storage")
     keys = _keys(session, chosen, images)
     storage = storages.MinariStorage.new(
         data,
         observation_space=_observation_space(session, chosen[0], keys),
         action_space=require("gymnasium").spaces.Box(-1.0, 1.0, (session.robot.size,), np.float32),
-        env_spec=_env_spec(session, chosen[0]),
+        env_spec=_env_spec(session),
         jpeg_encoding=False,
     )
     storage.update_metadata(
@@ -76,7 +69,6 @@ def export_minari(
     storage.update_episodes(_buffers(session, chosen, keys, minari, on_episode))
     details = [_details(session, name) for name in chosen]
     storage.update_episode_metadata(details, list(range(len(chosen))))
-    return dataset_id(session)
 
 
 def _keys(session: Session, names: Sequence[str], images: bool) -> list[str]:
@@ -94,7 +86,7 @@ def _observation_space(session: Session, name: str, keys: Sequence[str]) -> Any:
     spaces, group = require("gymnasium").spaces, session.group(name)
     return spaces.Dict(
         {
-            key: spaces.Box(*LIMITS[key], group[f"{schema.OBS}/{key}"].shape[1:], _dtype(key))  # type: ignore[misc]
+            key: spaces.Box(*schema.OBSERVATION_LIMITS[key], group[f"{schema.OBS}/{key}"].shape[1:], _dtype(key))  # type: ignore[misc]
             for key in keys
         }
     )
@@ -104,14 +96,14 @@ def _dtype(key: str) -> type:
     return np.uint8 if key == schema.RGB else np.float32
 
 
-def _env_spec(session: Session, name: str) -> Any:
+def _env_spec(session: Session) -> Any:
     """Return how Gymnasium makes the environment again; None for a real robot."""
     if session.physics == "real":
         return None
     keys = (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)
     registration = require("gymnasium.envs.registration")
     return registration.EnvSpec(
-        f"{schema.ENV_NAME}",
+        schema.ENV_NAME,
         entry_point="layflat.sim.env:ClothPlaceEnv",
         max_episode_steps=200,
         kwargs={key: session.shared[key] for key in keys},
@@ -133,7 +125,7 @@ def _buffers(
         yield minari.data_collector.EpisodeBuffer(
             id=number,
             seed=info.seed if info.seed >= 0 else None,
-            observations={key: np.clip(rows[key], *LIMITS[key]).astype(_dtype(key)) for key in keys},
+            observations={key: np.clip(rows[key], *schema.OBSERVATION_LIMITS[key]).astype(_dtype(key)) for key in keys},
             actions=(rows[schema.ACTION_M] / ACTION_LIMIT_M).astype(np.float32),
             rewards=rewards,
             terminations=ended & unstable,

@@ -25,6 +25,7 @@ CLOTH_RGB, CORNER_RGB, HOLDER_RGB, WORD_RGB = (60, 130, 220), (240, 130, 30), (1
 ARROW_M = 0.1
 """Length of WORD's arrow."""
 RADIUS_M = 0.006
+WORD_LIFT_M = (0.0, 0.0, 0.02)
 CURVES = {
     "contact/camera": "contact_portion",
     "contact/true": schema.CONTACT_TRUE,
@@ -117,7 +118,7 @@ def _log_scene(rr: Any, to: Any, rows: Mapping[str, NDArray[Any]], index: int, t
             colors = np.full((len(nodes), 3), CLOTH_RGB, np.uint8)
             to.log("world/cloth", rr.Mesh3D(vertex_positions=nodes, triangle_indices=triangles, vertex_colors=colors))
     word = np.append(rows["word"][index], 0.0) * ARROW_M
-    to.log("world/word", rr.Arrows3D(origins=middle + (0, 0, 0.02), vectors=word, colors=WORD_RGB))
+    to.log("world/word", rr.Arrows3D(origins=middle + WORD_LIFT_M, vectors=word, colors=WORD_RGB))
     if schema.RGB in rows:
         to.log("world/camera/rgb", rr.EncodedImage(contents=_png(rows[schema.RGB][index]), media_type="image/png"))
     if schema.DEPTH in rows:

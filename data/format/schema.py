@@ -206,6 +206,18 @@ OBSERVATION_FIELDS: tuple[Field, ...] = (
     Field(DEPTH, "<f4", ("N", "H of depth", "W of depth", 1), "m", "camera", ("depth",), optional=True),
 )
 """Under ``obs`` as before a step, under ``next_obs`` as after it; keys are attributes of layflat.data.Observation."""
+OBSERVATION_LIMITS: Mapping[str, tuple[float, float]] = {
+    "time_s": (0.0, 3600.0),
+    "corner_positions": (-2.0, 2.0),
+    "holder_position": (-2.0, 2.0),
+    "word": (-1.0, 1.0),
+    "word_strength": (0.0, 10.0),
+    "contact_portion": (0.0, 1.0),
+    RGB: (0, 255),
+    DEPTH: (0.0, 10.0),
+}
+"""Least and greatest value for the spaces of Gymnasium, which cut off what is outside: robots keep to less than 1 m,
+Gabor responses stay below 1, and noise may take a contact portion slightly above 1."""
 GROUND_TRUTH_FIELDS: tuple[Field, ...] = (
     Field(STATES, "<f8", ("N", "D"), "m", "world", optional=True),
     Field(FINAL_STATE, "<f8", ("D",), "m", "world", optional=True),
