@@ -191,12 +191,17 @@ def _fit_paths(paths: Sequence[FloatArray], step_s: float) -> tuple[FloatArray, 
 
 
 def _held_out_rmse(source: Demonstrations, paths: Sequence[FloatArray]) -> tuple[float, ...] | None:
-    """Return (A,) m per step: error of the moves from each demonstration's start, learned from the others."""
-    if len(paths) < 2:
+    """Return (A,) m per step: error of the moves from each demonstration's start, learned from other recordings."""
+    if len(set(source.recordings)) < 2:
         return None
     errors = []
     for k, way in enumerate(paths):
-        goal, weights, duration_s = _fit_paths([*paths[:k], *paths[k + 1 :]], source.step_s)
+        others = [
+            other
+            for other, recording in zip(paths, source.recordings, strict=True)
+            if recording != source.recordings[k]
+        ]
+        goal, weights, duration_s = _fit_paths(others, source.step_s)
         n_steps = len(way) - 1
         moves = np.diff(path(way[0], goal, weights, step_u=source.step_s / duration_s, n_steps=n_steps), axis=0)
         errors.append(source.actions[source.numbers == k][:n_steps] - moves)

@@ -117,6 +117,7 @@ def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[st
         "features": list(model.layout.names),
         "shapes": {name: list(array.shape) for name, array in arrays.items()},
         "heldout_rmse_m": None if model.heldout_rmse_m is None else list(model.heldout_rmse_m),
+        "taught": [list(each) for each in model.taught],
         "provenance": vars(model.provenance) | {"versions": dict(model.provenance.versions)},
         **{name: kind(getattr(model, name)) for name, kind in _SCALARS.items()},
         **model.settings(),
@@ -129,6 +130,7 @@ def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Tr
     shared = {
         "layout": FeatureLayout(robot=robot, names=tuple(header["features"])),
         "heldout_rmse_m": header["heldout_rmse_m"],
+        "taught": header.get("taught", ()),  # absent in models of earlier versions
         "provenance": Provenance(**header["provenance"]),
         **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},
     }

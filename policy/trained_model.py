@@ -65,6 +65,8 @@ class TrainedModel:
     demonstrations: int = 1
     """Number of demonstrations; ``points_available`` is that of their steps."""
     points_available: int = 0
+    taught: tuple[tuple[str, int], ...] = ()
+    """Start and seed of each demonstration; an evaluation of the same robot, task and cloth leaves them out."""
     heldout_rmse_m: tuple[float, ...] | None = None
     """Error on a demonstration by a model trained without it, m per step for each output; None for a single one."""
     provenance: Provenance = field(default_factory=Provenance)
@@ -80,6 +82,7 @@ class TrainedModel:
             raise PolicyError("a model must name its policy, its cloth and its task")
         if self.descriptor not in DESCRIPTORS:
             raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
+        object.__setattr__(self, "taught", tuple((str(start), int(seed)) for start, seed in self.taught))
         if self.heldout_rmse_m is not None:
             object.__setattr__(self, "heldout_rmse_m", tuple(float(v) for v in self.heldout_rmse_m))
             if len(self.heldout_rmse_m) != len(self.outputs):

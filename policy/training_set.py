@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from platform import python_version
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.format.content import content_of_episode, copies_among, repeated_steps
 from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
 from layflat.data.types import Episode, Provenance
@@ -36,7 +37,10 @@ Predict = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstrations:
-    """Steps of whole demonstrations of one robot, task, cloth, step and descriptor; T steps of E demonstrations."""
+    """Steps of whole demonstrations of one robot, task, cloth, step and descriptor; T steps of E demonstrations.
+
+    A demonstration that is there twice by its content is taken once.
+    """
 
     robot: RobotSpec
     task: str
@@ -45,6 +49,8 @@ class Demonstrations:
     step_s: float
     seeds: tuple[int, ...]
     """Seed of each demonstration."""
+    starts: tuple[str, ...]
+    """Name of each demonstration's start, such as hanging; empty where it is not known."""
     observations: ObservationColumns
     """Rows (T, ...) before each step."""
     next_positions: ObservationColumns
@@ -57,6 +63,20 @@ class Demonstrations:
     """(T,) true where a person decided although a policy was in control."""
     numbers: NDArray[np.int64]
     """(T,) position of the step's demonstration in ``seeds``."""
+    recordings: tuple[int, ...] = field(init=False)
+    """Position of the first demonstration with which each one shares steps, such as a trimmed copy; else its own."""
+    repeated: NDArray[np.bool_] = field(init=False)
+    """(T,) true where an earlier demonstration of that recording has the same step."""
+
+    def __post_init__(self) -> None:
+        columns = [*self.observations.values(), self.actions]
+        rows = [self.numbers == number for number in range(len(self))]
+        recordings, repeats = repeated_steps(self.seeds, lambda number: [column[rows[number]] for column in columns])
+        repeated = np.zeros(len(self.actions), dtype=bool)
+        for number, there in repeats.items():
+            repeated[rows[number]] = there
+        object.__setattr__(self, "recordings", tuple(recordings))
+        object.__setattr__(self, "repeated", repeated)
 
     def __len__(self) -> int:
         return len(self.seeds)
@@ -65,6 +85,8 @@ class Demonstrations:
     def from_session(cls, session: Session, names: Sequence[str]) -> Demonstrations:
         """Read the episodes with these names; no step or observation objects are made."""
         _check_any(names)
+        copies = session.copies(names)
+        names = [name for name in names if name not in copies]
         keys, position = observation_keys(session.robot), position_key(session.robot)
         rows = session.arrays(
             [*(f"obs/{key}" for key in keys), f"next_obs/{position}", "action_m", "phase", "intervention"], names
@@ -72,6 +94,7 @@ class Demonstrations:
         return cls(
             **_shared(session),
             seeds=tuple(session.info(name).seed for name in names),
+            starts=tuple(str(session.settings(name).get("start", "")) for name in names),
             observations={key: rows[f"obs/{key}"] for key in keys},
             next_positions={position: rows[f"next_obs/{position}"]},
             actions=rows["action_m"],
@@ -84,7 +107,7 @@ class Demonstrations:
     def from_episodes(cls, episodes: Sequence[Episode]) -> Demonstrations:
         """Take the steps of episodes; PolicyError where they do not belong together."""
         _check_any(episodes)
-        first, steps = episodes[0], [step for episode in episodes for step in episode.steps]
+        first = episodes[0]
         for number, episode in enumerate(episodes):
             if episode.robot != first.robot:
                 raise PolicyError(f"demonstration {number} is of robot {episode.robot}; the first is of {first.robot}")
@@ -92,10 +115,14 @@ class Demonstrations:
                 found, wanted = getattr(episode, attribute), getattr(first, attribute)
                 if found != wanted:
                     raise PolicyError(f"demonstrations mix {noun} {wanted} and {found}; choose one")
+        copies = copies_among({str(k): content_of_episode(episode) for k, episode in enumerate(episodes)})
+        episodes = [episode for k, episode in enumerate(episodes) if str(k) not in copies]
+        steps = [step for episode in episodes for step in episode.steps]
         after = [observation for episode in episodes for observation in episode.observations()[1:]]
         return cls(
             **_shared(first),
             seeds=tuple(episode.seed for episode in episodes),
+            starts=tuple(str(episode.sim_config.get("start", "")) for episode in episodes),
             observations=observation_columns([step.observation for step in steps], observation_keys(first.robot)),
             next_positions=observation_columns(after, (position_key(first.robot),)),
             actions=np.array([step.action for step in steps]).reshape(len(steps), first.robot.size),
@@ -129,7 +156,7 @@ class TrainingSet:
     targets: FloatArray
     """(N, A) m per step."""
     groups: NDArray[np.int64]
-    """(N,) number of the step's demonstration."""
+    """(N,) number of the step's recording: a demonstration, or several that share steps."""
     corrections: NDArray[np.bool_]
     """(N,) true where a person decided although a policy was in control."""
 
@@ -141,6 +168,7 @@ class TrainingSet:
             **{name: getattr(self, name) for name in ("policy", "layout", "seed")},
             **{name: getattr(self.demonstrations, name) for name in _AGREED},
             "demonstrations": len(self.demonstrations),
+            "taught": tuple(zip(self.demonstrations.starts, self.demonstrations.seeds, strict=True)),
             "points_available": len(self.inputs),
             "provenance": replace(self.provenance, versions={**own, **self.provenance.versions}),
         }
@@ -154,14 +182,14 @@ def build_training_set(
     seed: int = 0,
     provenance: Provenance | None = None,
 ) -> TrainingSet:
-    """Return all steps but those of phase ``disturb``, with a named input set.
+    """Return all steps but those of phase ``disturb``, each once, with a named input set.
 
     The caller chooses which episodes are worth learning from (no failures, no folds). PolicyError where the steps are
     too few or the demonstrations do not belong together.
     """
     known = source if isinstance(source, Demonstrations) else Demonstrations.from_episodes(source)
     layout = input_set(known.robot, inputs)
-    rows = known.phases != b"disturb"
+    rows = (known.phases != b"disturb") & ~known.repeated
     count = int(rows.sum())
     if count < MIN_POINTS:
         raise PolicyError(f"the demonstrations hold {count} steps; at least {MIN_POINTS} are needed")
@@ -173,13 +201,13 @@ def build_training_set(
         demonstrations=known,
         inputs=frozen_array(layout.select(known.observations)[rows], (count, layout.size), "inputs"),
         targets=frozen_array(known.actions[rows], (count, layout.robot.size), "targets"),
-        groups=known.numbers[rows],
+        groups=np.array(known.recordings)[known.numbers[rows]],
         corrections=known.interventions[rows],
     )
 
 
 def held_out_rmse(training: TrainingSet, fit: Callable[[FloatArray, FloatArray], Predict]) -> tuple[float, ...] | None:
-    """Return (A,) m per step: error on each demonstration of a fit to the others; None where there are no others."""
+    """Return (A,) m per step: error on each recording of a fit to the others; None where there are no others."""
     labels = np.unique(training.groups)
     if len(labels) < 2:
         return None

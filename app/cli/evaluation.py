@@ -7,7 +7,19 @@ from typing import Annotated
 import typer
 
 from layflat.app.cli.call import call
-from layflat.app.cli.options import Cloth, Debug, Episodes, Folder, Force, Json, Seed, Task, Workers, count
+from layflat.app.cli.options import (
+    Cloth,
+    Debug,
+    Episodes,
+    EvaluationSeed,
+    Folder,
+    Force,
+    Json,
+    Seed,
+    Task,
+    Workers,
+    count,
+)
 from layflat.app.support import validators
 
 DEFAULT_SUITE = "thesis"
@@ -29,7 +41,7 @@ def evaluate(
     out: Folder,
     workers: Workers,
     episodes: Episodes = 20,
-    seed: Seed = 0,
+    seed: EvaluationSeed = None,
     disturb: Annotated[
         list[str] | None,
         typer.Option(

@@ -15,6 +15,7 @@ from layflat.app.cli.options import (
     Descriptor,
     Episode,
     Episodes,
+    EvaluationSeed,
     Force,
     Json,
     Robot,
@@ -22,6 +23,7 @@ from layflat.app.cli.options import (
     Task,
     Video,
     Workers,
+    seed_in_range,
 )
 
 
@@ -38,7 +40,14 @@ def record(
         ),
     ] = None,
     episodes: Episodes = 1,
-    seed: Seed = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            callback=seed_in_range,
+            show_default="the next that FILE.h5 does not hold",
+            help="First random seed; seeds that FILE.h5 holds are left out.",
+        ),
+    ] = None,
     descriptor: Descriptor = None,
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
     disturb: Annotated[
@@ -66,8 +75,9 @@ def record(
 ) -> None:
     """Record demonstrations.
 
-    Appends to FILE.h5 if it exists; an episode is durable when its line is printed. A person records until --episodes
-    are kept or until they quit; an episode that is discarded is asked for again.
+    Appends to FILE.h5 if it exists, and continues with the seeds after those that it holds; an episode is durable when
+    its line is printed. A person records until --episodes are kept or until they quit; an episode that is discarded is
+    asked for again.
     """
     call("commands.record:record", locals())
 
@@ -108,7 +118,7 @@ def place(
     ],
     workers: Workers,
     episodes: Episodes = 1,
-    seed: Seed = 0,
+    seed: EvaluationSeed = None,
     disturbance: Annotated[
         str | None,
         typer.Option(

@@ -15,8 +15,9 @@ def count(param: typer.CallbackParam, value: int | None) -> int | None:
     return None if value is None else validators.positive(f"--{str(param.name).replace('_', '-')}", value)
 
 
-def _seed(value: int) -> int:
-    return validators.seed_in_range(value)
+def seed_in_range(value: int | None) -> int | None:
+    """Check a seed where it is given."""
+    return None if value is None else validators.seed_in_range(value)
 
 
 def episode_number(value: int | None) -> int | None:
@@ -25,7 +26,11 @@ def episode_number(value: int | None) -> int | None:
 
 
 Episodes = Annotated[int, typer.Option(callback=count, help="Number of episodes.")]
-Seed = Annotated[int, typer.Option(callback=_seed, help="Random seed.")]
+Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Random seed.")]
+EvaluationSeed = Annotated[
+    int | None,
+    typer.Option(callback=seed_in_range, show_default="10000", help="First random seed; models were taught others."),
+]
 Robot = Annotated[
     str | None, typer.Option(show_default="hanger", help="Robot that holds the cloth: hanger or pickers.")
 ]

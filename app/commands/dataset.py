@@ -10,8 +10,9 @@ from layflat.app.media.episode_plots import curves_of, plot_session
 from layflat.app.media.episode_renderer import EpisodeRenderer, check_drawable
 from layflat.app.media.video import write_episode_video
 from layflat.app.support import validators
-from layflat.app.support.errors import UsageError
+from layflat.app.support.errors import UsageError, say
 from layflat.app.support.progress import Progress
+from layflat.app.support.session_lines import copies_text
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
 from layflat.data.format import schema
 from layflat.data.names import storable
@@ -40,6 +41,8 @@ def export(
         raise UsageError(f"--no-images is for lerobot, minari and rrd; {form} exports do not take it")
     with open_session(path) as session:
         names = chosen_names(session, outcome)
+        if copies := session.copies(names):
+            say(f"{path}: {copies_text(copies)}; all are exported; `layflat data merge` keeps one of each")
         if form == "robomimic":
             validators.writable_file(out, force=force)
             split = export_robomimic(session, out, names=names, valid_share=valid_share, seed=seed)
@@ -89,6 +92,9 @@ def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> Non
     validators.readable_file(path, "a robomimic HDF5 file")
     validators.writable_file(out, force=force)
     report = import_robomimic(path, out, cloth=cloth, robots=[robot_spec(name) for name in ROBOTS], force=force)
+    with open_session(out) as session:
+        if copies := session.copies():
+            say(f"{out}: {copies_text(copies)}")
     how = "copied bit by bit" if report.exact else "converted"
     print(f"imported {report.episodes} episodes, {how} {out}")
 

@@ -13,8 +13,9 @@ from rich.table import Table
 
 from layflat.app.support import validators
 from layflat.app.support.console import console
-from layflat.app.support.errors import UsageError
+from layflat.app.support.errors import UsageError, say
 from layflat.app.support.metrics import write_json
+from layflat.app.support.session_lines import copies_text
 from layflat.data import validate as find_violations
 from layflat.data.format import schema
 from layflat.data.format.demo_info import DemoInfo
@@ -42,6 +43,8 @@ def info(path: Path, *, json: Path | None, force: bool) -> None:
         validators.writable_file(json, force=force)
     with open_session(path) as session:
         print_page(session, session.infos(), console(highlight=False))
+        if copies := session.copies():
+            print(f"{copies_text(copies)}; `layflat data merge {path} --out NEW.h5` keeps one of each")
         if json is not None:
             write_json(json, info_report(session, session.infos()))
 
@@ -51,16 +54,21 @@ def validate(path: Path, *, json: Path | None, force: bool) -> None:
     validators.readable_file(path, "a session that was recorded by layflat")
     if json is not None:
         validators.writable_file(json, force=force)
-    found = find_violations(path)
+    found, copies = find_violations(path), dict[str, str]()
+    if not found:
+        with open_session(path) as session:
+            copies = session.copies()
     for violation in found:
         print(f"{violation.path}: {violation.message}")
     if json is not None:
         violations = [vars(violation) for violation in found]
-        write_json(json, {"file": str(path), "valid": not found, "violations": violations})
+        write_json(json, {"file": str(path), "valid": not found, "violations": violations, "copies": copies})
     if found:
         count = "one violation" if len(found) == 1 else f"{len(found)} violations"
         raise UsageError(f"{path} has {count}; `layflat data repair` saves the intact episodes, if there are any")
     print(f"valid {path}")
+    if copies:
+        say(f"{path}: {copies_text(copies)}")
 
 
 def stats(path: Path, *, json: Path | None, force: bool) -> None:
@@ -162,6 +170,7 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
         "steps": sum(row.n_steps for row in infos.values()),
         "outcomes": Counter(row.outcome for row in infos.values()),
         "sources": Counter(row.source for row in infos.values()),
+        "copies": session.copies(),
         "episodes": [episode(name, row) for name, row in infos.items()],
     }
 

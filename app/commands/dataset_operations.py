@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.errors import LayflatError, UsageError, say
+from layflat.app.support.session_lines import NAMED_MAX
 from layflat.data.format import schema
 from layflat.data.session.reader import open_session
 from layflat.data.tools import operations
@@ -90,8 +91,19 @@ def merge(paths: Sequence[Path], out: Path, *, force: bool) -> None:
         if out.exists() and path.exists() and out.samefile(path):
             raise UsageError(f"{out} is one of the files to merge; give another name")
     validators.writable_file(out, force=force)
-    names = operations.merge(paths, out, force=force)
+    left_out: list[operations.MergedCopy] = []
+    names = operations.merge(paths, out, force=force, on_copy=left_out.append)
+    if left_out:
+        more = f" and {len(left_out) - NAMED_MAX} more" if len(left_out) > NAMED_MAX else ""
+        count = "one episode is a copy and is" if len(left_out) == 1 else f"{len(left_out)} episodes are copies and are"
+        say(f"{count} taken once, as the first is labelled: {', '.join(map(_copy_text, left_out[:NAMED_MAX]))}{more}")
     print(f"wrote {len(names)} episodes of {len(paths)} sessions {out}")
+
+
+def _copy_text(copy: operations.MergedCopy) -> str:
+    """Return "demo_3 of b.h5 is demo_0", with the labels where they differ."""
+    own, kept = (copy.outcome, copy.kept_outcome) if copy.outcome != copy.kept_outcome else ("", "")
+    return f"{copy.name}{own and f' ({own})'} of {copy.path} is {copy.kept}{kept and f' ({kept})'}"
 
 
 def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, force: bool) -> None:

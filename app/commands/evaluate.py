@@ -20,9 +20,9 @@ from layflat.app.report.policies import policies_of
 from layflat.app.report.result_tables import group_table
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
-from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.errors import LayflatError, UsageError, say
 from layflat.app.support.progress import Progress
-from layflat.app.workers.work_item import LIMIT_S
+from layflat.app.workers.work_item import EVALUATION_SEED, LIMIT_S, taught_text
 from layflat.app.workers.worker_process import Engine, local_engine
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.tasks import DEFAULT_TASK
@@ -44,7 +44,7 @@ class EvaluateConfig:
     """POLICY texts, see `layflat.policy.spec.PolicySpec.parse`."""
     out: Path
     episodes: int = 20
-    seed: int = 0
+    seed: int = EVALUATION_SEED
     disturb: tuple[str, ...] = ()
     """Suites, disturbances or files of suites."""
     cloths: tuple[str, ...] = ()
@@ -74,6 +74,8 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         start=config.start,
         limit_s=config.limit_s,
     )
+    for taught in plan.taught:
+        say(taught_text(taught["policy"], taught["seeds"]))
     engine = engine_of(config.engine, workers, config.address)
     seconds = len(plan.seeds) * len(plan.cloths) * len(plan.entries) * (EPISODE_S + CASE_S * len(plan.cases))
     with Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:

@@ -13,17 +13,18 @@ from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.media.video import write_video
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
-from layflat.app.support.errors import UsageError
+from layflat.app.support.errors import UsageError, say
 from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
-from layflat.app.support.session_lines import kept_line
+from layflat.app.support.session_lines import copy_note, kept_line
 from layflat.app.workers.run_items import CollectedEpisodes, collect_items, read_images
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
-from layflat.app.workers.work_item import DisturbanceCase, WorkItem
+from layflat.app.workers.work_item import EVALUATION_SEED, DisturbanceCase, WorkItem, taught_text
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.saved_episode import SavedEpisode
 from layflat.policy.registry import WRAPPERS
 from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.spec import PolicySpec
@@ -44,7 +45,7 @@ class PlaceConfig:
     policy: str
     """POLICY text: a model file or a built-in name, with wrappers behind it."""
     episodes: int = 1
-    seed: int = 0
+    seed: int = EVALUATION_SEED
     robot: str | None = None
     """Robot of a built-in policy; a model has its own."""
     cloth: str | None = None
@@ -63,6 +64,9 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
     """Place from the starts of ``seed``, ``seed + 1``, ...; print a table, write files where asked for."""
     validators.one_of("disturbance", config.disturbance, DISTURBANCES)
     items = work_items(config)
+    taught = [item.seed for item in items if item.is_taught]
+    if taught:
+        say(taught_text(items[0].policy.label, taught))
     for file, suffix, append in (
         (config.video, ".webm", False), (config.record, None, True), (config.json, None, False),
     ):  # fmt: skip
@@ -76,7 +80,9 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
     if config.json is not None and collected.all_rows:
         lost = len(collected.lost)
         provenance = vars(capture_provenance())
-        write_json(config.json, {"episodes": collected.all_rows, "provenance": provenance, "lost": lost})
+        write_json(
+            config.json, {"episodes": collected.all_rows, "provenance": provenance, "lost": lost, "taught": taught}
+        )
     if collected.rows:
         print_table(COLUMNS, map(_cells, collected.rows))
     collected.check()
@@ -134,6 +140,12 @@ def _run(
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(items) / workers}))
         for saved in recorder.recovered if recorder is not None else ():
             progress.note(kept_line(saved))
+
+        def on_saved(saved: SavedEpisode) -> None:
+            progress.note(kept_line(saved))
+            if saved.copy_of is not None:
+                progress.note(f"layflat: {copy_note(saved)}")
+
         progress.phase("placing", items=len(items))
         return collect_items(
             items,
@@ -141,7 +153,7 @@ def _run(
             progress,
             workers=workers,
             recorder=recorder,
-            on_saved=lambda saved: progress.note(kept_line(saved)),
+            on_saved=on_saved,
             make=make,
         )
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
-from layflat.app.support.session_lines import kept_line
+from layflat.app.support.session_lines import copy_note, kept_line
 from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workers.run_items import collect_items, demonstrations
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
+from layflat.app.workstation.session.session_queries import next_seeds, skipped_text
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.policy.spec import SCRIPTED
@@ -37,8 +38,6 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
 
         record_teleoperated(config)
         return
-    seeds = range(config.seed, config.seed + episodes)
-    items = demonstrations(simulation, seeds, keep_images=config.images)
     with (
         SessionRecorder(
             path,
@@ -53,9 +52,20 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
     ):
         for saved in recorder.recovered:
             print_saved(saved)
+        # After the recovery, which may bring back whole episodes.
+        seeds, skipped = next_seeds(path, SCRIPTED, episodes, config.seed)
+        if skipped:
+            progress.note(f"layflat: {skipped_text(path, skipped, seeds)}")
+        items = demonstrations(simulation, seeds, keep_images=config.images)
+
+        def on_saved(saved: SavedEpisode) -> None:
+            print_saved(saved)
+            if saved.copy_of is not None:
+                progress.note(f"layflat: {copy_note(saved)}")
+
         progress.phase("demonstrations", items=episodes)
         collected = collect_items(
-            items, path.parent, progress, workers=workers, recorder=recorder, on_saved=print_saved, make=make
+            items, path.parent, progress, workers=workers, recorder=recorder, on_saved=on_saved, make=make
         )
     collected.check()
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
-from layflat.app.support.errors import UsageError
+from layflat.app.support.errors import UsageError, say
 from layflat.app.support.progress import Progress
+from layflat.app.support.session_lines import copies_text, pairs_text
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.policy import model_io, registry
@@ -70,7 +71,14 @@ def successful_demonstrations(path: Path) -> Demonstrations:
             raise UsageError(f"{path} holds no demonstrations; record some with `layflat record {path}`")
         if not names:
             raise UsageError(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
-        return Demonstrations.from_session(session, names)
+        copies, found = session.copies(names), Demonstrations.from_session(session, names)
+    if copies:
+        say(f"{path}: {copies_text(copies)}; each counts once")
+    single = [name for name in names if name not in copies]
+    related = {single[k]: single[first] for k, first in enumerate(found.recordings) if first != k}
+    if related:
+        say(f"{path}: {pairs_text(related, 'shares steps with')}; these steps count once, and are held out together")
+    return found
 
 
 def print_results(model: TrainedModel) -> None:

@@ -22,7 +22,7 @@ from layflat.data.atomic_files import write_text
 from layflat.data.provenance import capture_provenance
 from layflat.policy.spec import PolicySpec
 
-NOT_COMPARED = frozenset({"provenance"})
+NOT_COMPARED = frozenset({"provenance", "taught"})
 """A model that was trained again to the same numbers is the same."""
 
 
@@ -40,6 +40,7 @@ def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
     for key in ("task", "start", "descriptor"):
         if there.get(key, new[key]) != new[key]:
             raise UsageError(_contradiction(path, f"{key} is {there[key]}", str(new[key])))
+    new["taught"] = _united_taught([*there.get("taught", ()), *plan.taught])
     new["invocations"] = [*there.get("invocations", ()), vars(capture_provenance())]
     return new
 
@@ -141,6 +142,15 @@ def _united(there: Mapping[str, Any], new: Mapping[str, Any], kind: str, path: P
         if name in there and there[name] != described:
             raise UsageError(_contradiction(path, f"{kind} {name} is another one", "this one"))
     return {**there, **new}
+
+
+def _united_taught(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    united: dict[tuple[str, ...], dict[str, Any]] = {}
+    for entry in entries:
+        names = {name: value for name, value in entry.items() if name != "seeds"}
+        one = united.setdefault(tuple(names.values()), {**names, "seeds": []})
+        one["seeds"] = sorted({*one["seeds"], *entry["seeds"]})
+    return list(united.values())
 
 
 def _contradiction(path: Path, has: str, wanted: str) -> str:

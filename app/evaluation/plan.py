@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from layflat.app.support.errors import UsageError
 from layflat.app.support.validators import one_of
@@ -74,6 +75,16 @@ class EvaluationPlan:
     def n_episodes(self) -> int:
         """Number of episodes."""
         return len(self.entries) * len(self.cloths) * len(self.seeds) * len(self.all_cases)
+
+    @property
+    def taught(self) -> tuple[dict[str, Any], ...]:
+        """Policies that are tried on starts that they were taught, with the seeds of these."""
+        found: dict[tuple[str, str, str], list[int]] = {}
+        for item in self.items():
+            if item.is_taught:
+                found.setdefault((item.policy.label, item.config.robot, item.config.cloth), []).append(item.seed)
+        names = ("policy", "robot", "cloth")
+        return tuple({**dict(zip(names, key, strict=True)), "seeds": seeds} for key, seeds in found.items())
 
     def config(self, robot: str, cloth: str, policy: PolicySpec) -> SimConfig:
         """Return the simulation in which a policy acts; UsageError where the task or the start is impossible."""

@@ -117,8 +117,8 @@ class Evaluation:
                     "seeds": self._config["seeds"],
                     "config": CONFIG,
                 }
-                content = {**summary_of(rows), "episodes": as_rows(rows), "provenance": provenance}
-                write_json(self._out / SUMMARY, content)
+                results = {**summary_of(rows), "taught": self._config["taught"], "episodes": as_rows(rows)}
+                write_json(self._out / SUMMARY, {**results, "provenance": provenance})
 
     def _next(self) -> WorkItem | None:
         if self._retries:

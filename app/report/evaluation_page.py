@@ -32,6 +32,7 @@ from layflat.app.report.thesis_tables import (
 )
 from layflat.app.support.formatting import list_numbers, percent, points, ratio
 from layflat.app.support.phases import disturbance_outcomes
+from layflat.app.workers.work_item import taught_text
 from layflat.data.types import Episode
 from layflat.sim.physics.registry import DEFAULT_PHYSICS
 from layflat.sim.tasks import DEFAULT_TASK
@@ -95,13 +96,21 @@ def write_evaluation(
     path, options = results.folder / "report.html", options or PageOptions()
     title = options.title or f"Evaluation: {results.folder.resolve().name}"
     with EpisodeRenderer() as renderer:
-        page = evaluation_page(results, renderer, options, title=title, provenance=_provenance(results.summary))
+        taught = [taught_text(entry["policy"], entry["seeds"]) for entry in results.summary.get("taught", ())]
+        provenance = _provenance(results.summary)
+        page = evaluation_page(results, renderer, options, title=title, notes=taught, provenance=provenance)
         write_page(path, page, on_progress=on_progress)
     return path
 
 
 def evaluation_page(
-    results: ResultsLike, renderer: EpisodeRenderer, options: PageOptions, *, title: str, provenance: Sequence[str] = ()
+    results: ResultsLike,
+    renderer: EpisodeRenderer,
+    options: PageOptions,
+    *,
+    title: str,
+    notes: Sequence[str] = (),
+    provenance: Sequence[str] = (),
 ) -> Page:
     """Make the page; its videos are drawn when it is written, while ``renderer`` must be open."""
     rows = results.rows
@@ -114,7 +123,7 @@ def evaluation_page(
         lead=_lead(rows),
         cards=tuple(_cards(rows)),
         sections=(*sections, *options.sections, _failures(rows), _episodes(rows)),
-        notes=tuple(_notes(rows)),
+        notes=(*notes, *_notes(rows)),
         provenance=tuple(provenance),
     )
 

@@ -60,7 +60,7 @@ def run_command(work: Callable[[], int | None], *, debug: bool = False) -> int:
             traceback.print_exc()
         return _report(error)
     if status == INTERRUPTED:
-        _say(_INTERRUPTED_SENTENCE)
+        say(_INTERRUPTED_SENTENCE)
     return status
 
 
@@ -72,7 +72,7 @@ def _report(error: BaseException) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else WORK_FAILED
     sentence, status = format_error(error)
-    _say(sentence)
+    say(sentence)
     return status
 
 
@@ -113,7 +113,8 @@ def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def _say(sentence: str) -> None:
+def say(sentence: str) -> None:
+    """Print a sentence for a person on stderr."""
     print(f"layflat: {_plain(sentence)}", file=sys.stderr)
 
 

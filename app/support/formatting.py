@@ -37,6 +37,17 @@ def list_numbers(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, values))
 
 
+def ranges(numbers: Iterable[int]) -> str:
+    """List whole numbers in sentences, runs of them by their ends: "0 to 4, 7, 8"."""
+    runs: list[list[int]] = []
+    for number in sorted(set(map(int, numbers))):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs)
+
+
 def _number(value: float | None, factor: float, spec: str, unit: str = "") -> str:
     if value is None or math.isnan(value):
         return MISSING

@@ -2,9 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from layflat.data.session.saved_episode import SavedEpisode
+
+NAMED_MAX = 5
+"""Copies that a sentence names one by one."""
+
+
+def pairs_text(pairs: Mapping[str, str], word: str) -> str:
+    """Return episodes with those that they belong to: "demo_5 of demo_0, demo_6 of demo_1 and 3 more"."""
+    named = ", ".join(f"{name} {word} {first}" for name, first in list(pairs.items())[:NAMED_MAX])
+    return named + (f" and {len(pairs) - NAMED_MAX} more" if len(pairs) > NAMED_MAX else "")
+
+
+def copies_text(copies: Mapping[str, str]) -> str:
+    """Return how many episodes are copies, and of which: "one episode is a copy: demo_5 of demo_0"."""
+    count = "one episode is a copy" if len(copies) == 1 else f"{len(copies)} episodes are copies"
+    return f"{count}: {pairs_text(copies, 'of')}"
+
+
+def copy_note(saved: SavedEpisode) -> str:
+    """Return what to say of an episode whose content is in its session already."""
+    return f"{saved.name} is a copy of {saved.copy_of} in {saved.path}: it is kept, and counts once in training"
 
 
 def kept_line(saved: SavedEpisode) -> str:

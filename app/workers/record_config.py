@@ -14,7 +14,7 @@ from layflat.sim.tasks import DEFAULT_TASK
 
 @dataclass(frozen=True, kw_only=True)
 class RecordConfig:
-    """Settings of one `layflat record` call: demonstrations of seeds ``seed``, ``seed + 1``, ... into a session."""
+    """Settings of one `layflat record` call: demonstrations of seeds that the session does not hold yet."""
 
     path: Path
     robot: str = DEFAULT_ROBOT
@@ -23,7 +23,8 @@ class RecordConfig:
     source: str = SCRIPTED
     """Demonstrator: scripted, or a name of the workstation's TELEOPERATORS."""
     episodes: int = 1
-    seed: int = 0
+    seed: int | None = None
+    """First seed; None: the first one that the session holds, or 0. Seeds that it holds are left out."""
     descriptor: str = DEFAULT_DESCRIPTOR
     images: bool = False
     """Whether camera images are kept."""

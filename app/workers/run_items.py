@@ -120,9 +120,7 @@ def collect_items(
                 handle = result.item.handle
                 if recorder is not None and handle is not None:
                     journals.remove(handle)
-                    saved = recorder.recover(handle) if result.saved is None else result.saved
-                    if result.saved is not None:
-                        recorder.register(result.saved)
+                    saved = recorder.recover(handle) if result.saved is None else recorder.register(result.saved)
                     if saved is not None:
                         on_saved(saved)
                 _add(collected, result, folder, progress)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from layflat.app.support.errors import UsageError
+from layflat.app.support.formatting import ranges
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.reader import open_session
 from layflat.data.session.saved_episode import SavedEpisode
@@ -20,6 +21,8 @@ from layflat.sim.config import SimConfig
 
 LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
+EVALUATION_SEED = 10_000
+"""Default first seed of what tries a policy: demonstrations begin at 0, those of a demo or reproduction at 1000."""
 SEPARATOR = "--"
 """Separator of the parts of a run's name; no part contains it."""
 _CASE = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*(/[a-z0-9]+([-_][a-z0-9]+)*)?")
@@ -76,6 +79,14 @@ class WorkItem:
         """Names of the episodes, in the order of the cases."""
         return tuple(self.run_id(case) for case in self.cases)
 
+    @property
+    def is_taught(self) -> bool:
+        """Whether the policy's model learned from a demonstration of this very start."""
+        model, config = self.policy.model, self.config
+        if model is None or not {(str(config.start), self.seed), ("", self.seed)} & set(model.taught):
+            return False
+        return (model.layout.robot.name, model.task, model.cloth) == (config.robot, config.task, config.cloth)
+
     def subset(self, wanted: Container[str], *, attempt: int | None = None) -> WorkItem:
         """Return the item with only those cases whose run is wanted."""
         cases = tuple(case for case, run in zip(self.cases, self.run_ids, strict=True) if run in wanted)
@@ -106,3 +117,11 @@ def read_run(folder: Path, run: str, *, images: bool = False) -> Episode:
     """Return the episode of a run from its file."""
     with open_session(run_file(folder, run)) as session:
         return next(session.episodes(images=images))
+
+
+def taught_text(policy: str, seeds: Collection[int]) -> str:
+    """Return what to say where a policy is tried on the starts that it was taught."""
+    return (
+        f"{policy} was taught on seed{'s' * (len(seeds) > 1)} {ranges(seeds)} and knows these starts;"
+        f" others, such as --seed {EVALUATION_SEED}, show what it has learned"
+    )

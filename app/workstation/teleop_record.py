@@ -11,7 +11,7 @@ from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workstation.session.episode_process import make_handle_factory
 from layflat.app.workstation.session.recording_session import RecordingSession
-from layflat.app.workstation.session.session_queries import recorded_seeds
+from layflat.app.workstation.session.session_queries import next_seeds, recorded_seeds, skipped_text
 from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator
 from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording, stop_on_signals
 from layflat.app.workstation.window.launch import has_display, record_in_window
@@ -59,13 +59,15 @@ def record_in_terminal(config: RecordConfig, model: TrainedModel | None) -> None
                 descriptor=config.descriptor,
             )
         )
+        source = config.source if model is None else f"{model.policy}+{config.source}"
+        (seed,), skipped = next_seeds(config.path, source, 1, config.seed)
+        if skipped:
+            display.print_line(skipped_text(config.path, skipped, [seed]))
         recording = RecordingSession(
             recorder,
             make_handle_factory(recorder, sim_config, config.source, model=model),
-            seed=config.seed,
-            used_seeds=recorded_seeds(
-                config.path, config.source if model is None else f"{model.policy}+{config.source}"
-            ),
+            seed=seed,
+            used_seeds=recorded_seeds(config.path, source),
             policy_in_control=model is not None,
             episodes=config.episodes,
             disturbance=config.disturb,

@@ -29,7 +29,7 @@ from layflat.data.robot import RobotSpec
 from layflat.data.sandbox import CallError, call_in_sandbox
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile
-from layflat.data.tools.operations import filter_session, new_session
+from layflat.data.tools.operations import filter_session, new_session, with_copies
 
 TRAIN, VALID = "train", "valid"
 """robomimic's names of the two filter keys."""
@@ -61,12 +61,15 @@ def export_robomimic(
 ) -> dict[str, tuple[str, ...]]:
     """Copy episodes, bit by bit, into a robomimic data set at ``target``, and return its training and validation names.
 
-    ``names`` None takes all. The file replaces ``target`` completely, or not at all.
+    ``names`` None takes all. Copies, and episodes that share steps, are on the same side. The file replaces ``target``
+    completely, or not at all.
     """
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
-    split = train_and_valid(chosen, valid_share=valid_share, seed=seed)
+    recordings = session.recordings(chosen)
+    drawn = train_and_valid(tuple(dict.fromkeys(recordings.values())), valid_share=valid_share, seed=seed)
+    split = {key: with_copies(members, recordings) for key, members in drawn.items()}
     with (
         atomic_path(target) as aside,
         h5py.File(aside, "x", libver=LIBVER) as file,

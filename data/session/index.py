@@ -31,6 +31,8 @@ class IndexRow:
     info: DemoInfo
     digest: str
     """Checksum of the demo's attributes."""
+    content: str | None = None
+    """Digest of `layflat.data.format.content`; None where it was not computed."""
 
 
 def row_of(group: h5py.Group, *, file_bytes: int) -> IndexRow:
@@ -44,7 +46,7 @@ def read_index(file: h5py.File, names: Sequence[str], *, file_bytes: int) -> dic
         return None
     try:
         lines = _lines(file[schema.INDEX], file_bytes)
-        rows = {str(line["name"]): IndexRow(info=info_from_row(line), digest=str(line["digest"])) for line in lines}
+        rows = {str(line["name"]): _row_of_line(line) for line in lines}
     except (OSError, RuntimeError, LookupError, TypeError, ValueError, AttributeError, MemoryError):
         return None
     return rows if len(lines) == len(names) and rows.keys() == set(names) else None
@@ -52,7 +54,9 @@ def read_index(file: h5py.File, names: Sequence[str], *, file_bytes: int) -> dic
 
 def append_index(file: h5py.File, rows: Mapping[str, IndexRow]) -> None:
     """Add rows to the index of a file that is open for writing; create it where there is none."""
-    lines = ({"name": name, "digest": row.digest, **vars(row.info)} for name, row in rows.items())
+    lines = (
+        {"name": name, "digest": row.digest, "content": row.content, **vars(row.info)} for name, row in rows.items()
+    )
     text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode("ascii")
     if schema.INDEX not in file:
         file.create_dataset(
@@ -69,6 +73,13 @@ def append_index(file: h5py.File, rows: Mapping[str, IndexRow]) -> None:
     end = len(index)
     index.resize((end + len(text),))
     index[end:] = np.frombuffer(text, np.uint8)
+
+
+def _row_of_line(line: Mapping[str, object]) -> IndexRow:
+    content = line.get("content")
+    return IndexRow(
+        info=info_from_row(line), digest=str(line["digest"]), content=content if isinstance(content, str) else None
+    )
 
 
 def _lines(index: h5py.Dataset, file_bytes: int) -> list[dict[str, object]]:

@@ -7,6 +7,7 @@ moves them into ``FILE.h5``. A reader shows both as one and writes nothing, so t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from layflat.data.camera import CameraModel
 from layflat.data.errors import DataError
 from layflat.data.format import schema
+from layflat.data.format.attributes import json_object
+from layflat.data.format.content import CONTENT_KEYS, STEP_KEYS, content_of_group, copies_among, repeated_steps
 from layflat.data.format.decode import disturbances_of, read_demo
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.opening import errors_name
@@ -120,6 +123,42 @@ class Session(Sequence[Episode]):
         """Return the disturbances of an episode; its arrays are not read."""
         with errors_name(self.catalog.entry(name).file):
             return disturbances_of(stored_attributes(self.group(name)))
+
+    def contents(self, names: Sequence[str] | None = None) -> dict[str, str]:
+        """Return the digest of each episode's content; episodes with the same digest are copies of one another."""
+        found = {}
+        for name in self.names if names is None else names:
+            entry = self.catalog.entry(name)
+            if entry.row.content is None:
+                with errors_name(entry.file):
+                    content = content_of_group(self.catalog.group(name, CONTENT_KEYS))
+                entry.row = replace(entry.row, content=content)
+            found[name] = str(entry.row.content)
+        return found
+
+    def copies(self, names: Sequence[str] | None = None) -> dict[str, str]:
+        """Return the episodes whose content an earlier one of ``names`` has, each with the name of the first."""
+        return copies_among(self.contents(names))
+
+    def recordings(self, names: Sequence[str] | None = None) -> dict[str, str]:
+        """Return for each episode the first one of ``names`` that it is a copy of or shares steps with, or itself.
+
+        What shares steps (a copy, a trimmed copy) must not be divided between learning and testing.
+        """
+        contents = self.contents(names)
+        copies = copies_among(contents)
+        single = [name for name in contents if name not in copies]
+        groups, _ = repeated_steps(
+            [self.info(name).seed for name in single],
+            lambda number: [self.array(single[number], key) for key in STEP_KEYS],
+        )
+        first = dict(zip(single, (single[group] for group in groups), strict=True))
+        return {name: first[copies.get(name, name)] for name in contents}
+
+    def settings(self, name: str) -> dict[str, Any]:
+        """Return the settings of the simulation of an episode, such as its ``start``; its arrays are not read."""
+        with errors_name(self.catalog.entry(name).file):
+            return json_object(stored_attributes(self.catalog.group(name, (schema.ACTIONS,))), schema.SIM_CONFIG)
 
     def view(self, names: Sequence[str], *, images: bool = True) -> EpisodeView:
         """Return these episodes as a sequence that reads each when it is asked for."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import time
 import uuid
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
@@ -90,6 +91,8 @@ class SessionRecorder:
         self._next = 0
         self._free: list[int] = []
         self._uids: set[str] = set()
+        self._contents: dict[str, str] = {}
+        """Name of the first episode with each content."""
         self._running: list[EpisodeWriter] = []
         self._closed = False
         with write_errors(self.path):
@@ -151,14 +154,16 @@ class SessionRecorder:
             session=self.path,
         )
 
-    def register(self, saved: SavedEpisode) -> None:
-        """Note an episode that another process has saved with `JournalHandle.save`."""
+    def register(self, saved: SavedEpisode) -> SavedEpisode:
+        """Note an episode that another process has saved with `JournalHandle.save`; return it with its ``copy_of``."""
         self._uids.add(saved.uid)
+        first = self._contents.setdefault(saved.content, saved.name)
         self._shared = dict(saved.shared)
         # The episodes are safe already; without room to assemble, their parts stay until there is.
         with contextlib.suppress(DataError, OSError):
             if is_worthwhile(self._real):
                 assemble(self.path)
+        return replace(saved, copy_of=None if first == saved.name else first)
 
     def recover(self, journal: JournalHandle, *, stopped_by: StoppedBy = "crashed") -> SavedEpisode | None:
         """Save the journal's episode, whose process ended without handing it over; return None where there is none."""
@@ -166,9 +171,8 @@ class SessionRecorder:
         part = self._parts / f"{journal.name}.h5"
         if part.exists():  # The process ended between saving the episode and reporting it.
             complete = saved_in(part, journal.name, self.path)
-            self.register(complete)
             journal.path.unlink(missing_ok=True)
-            return complete
+            return self.register(complete)
         saved = self._recover(journal.path, stopped_by, journal.name)
         if saved is None:
             self._free_name(journal.name)
@@ -219,6 +223,8 @@ class SessionRecorder:
                 self._shared = session.shared
                 self._next = 1 + max((schema.demo_number(name) for name in session.names), default=-1)
                 self._uids = {info.uid for info in session.infos().values()}
+                for name, content in session.contents().items():
+                    self._contents.setdefault(content, name)
         self.recovered = self._recover_all("crashed")
         if part_files(self._real):
             assemble(self.path)
@@ -251,8 +257,7 @@ class SessionRecorder:
         self._check_open()
         self._check_fits(episode)
         saved = save_part(self.path, self._parts, name, episode, uid, save_images=save_images)
-        self.register(saved)
-        return saved
+        return self.register(saved)
 
     def _reserve_name(self) -> str:
         """Return the lowest name that no episode has, or had when this recorder was opened."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from layflat.data.atomic_files import fsync_write
 from layflat.data.format.attributes import Attribute
+from layflat.data.format.content import content_of_episode
 from layflat.data.format.encode import shared_attributes
 from layflat.data.session.reader import open_session
 from layflat.data.session.session_writer import serialize, write_errors
@@ -29,6 +30,10 @@ class SavedEpisode:
     contact_final: float
     shared: Mapping[str, Attribute]
     """Attributes that all episodes of the session share."""
+    content: str
+    """Digest of its content, see `layflat.data.format.content`."""
+    copy_of: str | None = None
+    """Name of an earlier episode of the session with the same content."""
 
 
 def save_part(session: Path, parts: Path, name: str, episode: Episode, uid: str, *, save_images: bool) -> SavedEpisode:
@@ -45,13 +50,14 @@ def save_part(session: Path, parts: Path, name: str, episode: Episode, uid: str,
         outcome=episode.outcome,
         contact_final=episode.final_observation.contact_portion,
         shared=shared_attributes(episode),
+        content=content_of_episode(episode),
     )
 
 
 def saved_in(part: Path, name: str, session: Path) -> SavedEpisode:
     """Return the report of an episode from its file in the session's folder of parts."""
     with open_session(part) as opened:
-        info, shared = opened.info(name), opened.shared
+        info, shared, content = opened.info(name), opened.shared, opened.contents((name,))[name]
     return SavedEpisode(
         name=name,
         path=session,
@@ -61,4 +67,5 @@ def saved_in(part: Path, name: str, session: Path) -> SavedEpisode:
         outcome=info.outcome,
         contact_final=info.contact_final,
         shared=shared,
+        content=content,
     )

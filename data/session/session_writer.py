@@ -15,6 +15,7 @@ from layflat.data.atomic_files import os_reason
 from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest, user_attributes
+from layflat.data.format.content import content_digest, content_of_group
 from layflat.data.format.demo_info import DemoInfo, info_of
 from layflat.data.format.encode import (
     LIBVER,
@@ -53,7 +54,7 @@ class SessionFile:
         for key, value in user_attributes(group).items():
             copied.attrs[key] = value
         self._describe(attributes)
-        self._added[name] = IndexRow(info=info, digest=stored_digest(group))
+        self._added[name] = IndexRow(info=info, digest=stored_digest(group), content=content_of_group(group))
 
     def add(self, name: str, episode: Episode, uid: str, *, save_images: bool = True) -> None:
         """Add an episode."""
@@ -64,7 +65,8 @@ class SessionFile:
         write_demo(self._data.create_group(name), attributes, arrays)
         self._describe(attributes)
         images = any(f"{schema.OBS}/{key}" in arrays for key in (schema.RGB, schema.DEPTH))
-        self._added[name] = IndexRow(info=info_of(attributes, images=images), digest=digest(attributes))
+        info = info_of(attributes, images=images)
+        self._added[name] = IndexRow(info=info, digest=digest(attributes), content=content_digest(arrays))
 
     def finish(self) -> None:
         """Write totals, masks and index; call once, after the last demo."""

@@ -7,9 +7,9 @@ Episodes are copied without decoding, images included; each keeps its uid, which
 from __future__ import annotations
 
 import uuid
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -27,11 +27,29 @@ from layflat.data.session.session_writer import SessionFile, check_writable, wri
 from layflat.data.types import Episode, disturbances_within
 
 
-def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = False) -> tuple[str, ...]:
+@dataclass(frozen=True, kw_only=True)
+class MergedCopy:
+    """An episode that `merge` left out, because an earlier one is the same."""
+
+    path: Path
+    name: str
+    outcome: str
+    kept: str
+    """Name in the new session of the one that was taken."""
+    kept_outcome: str
+
+
+def merge(
+    paths: Sequence[str | Path],
+    target: str | Path,
+    *,
+    force: bool = False,
+    on_copy: Callable[[MergedCopy], None] = lambda copy: None,
+) -> tuple[str, ...]:
     """Merge sessions that agree in robot, task, physics, cloth, step and descriptor; return the names in ``target``.
 
-    Episodes are renumbered in the order of the files; one that is in several of them is taken once. Users' masks are
-    copied.
+    Episodes are renumbered in the order of the files. Those with the same identity or the same content are taken once,
+    as the first is labelled; ``on_copy`` is called for each of the others. Users' masks are copied.
     """
     if not paths:
         raise DataError("nothing to merge; name at least one session")
@@ -44,17 +62,25 @@ def merge(paths: Sequence[str | Path], target: str | Path, *, force: bool = Fals
                     " only sessions that agree can be merged"
                 )
         with new_session(target, force=force) as file:
-            numbers: dict[str, str] = {}
+            taken: dict[str, DemoInfo] = {}
+            known: dict[str, str] = {}
             for session in sessions:
-                names = {}
+                names, contents = {}, session.contents()
                 for name, info in session.infos().items():
-                    if info.uid not in numbers:
-                        numbers[info.uid] = schema.demo_name(len(numbers))
-                        file.copy(numbers[info.uid], session.group(name), info)
-                    names[name] = numbers[info.uid]
+                    new = known.get(info.uid) or known.get(contents[name])
+                    if new is None:
+                        new = schema.demo_name(len(taken))
+                        file.copy(new, session.group(name), info)
+                        taken[new] = info
+                    else:
+                        kept = taken[new].outcome
+                        on_copy(
+                            MergedCopy(path=session.path, name=name, outcome=info.outcome, kept=new, kept_outcome=kept)
+                        )
+                    names[name] = known[info.uid] = known[contents[name]] = new
                 if session.catalog.main is not None:
                     file.copy_masks(session.catalog.main, names)
-    return tuple(numbers.values())
+    return tuple(taken)
 
 
 def split(
@@ -68,6 +94,7 @@ def split(
     """Deal the episodes out to the targets at random in these shares; return the names of the demos by target.
 
     ``shares`` are relative, by the targets' names; counts are rounded by largest remainder, and none may be empty.
+    Episodes that are copies or share steps, see `Session.recordings`, go to the same target and count as one.
     """
     if not targets or targets.keys() != shares.keys():
         raise DataError(f"targets are {sorted(targets)} and shares are for {sorted(shares)}; both must name the same")
@@ -76,10 +103,17 @@ def split(
     if len({Path(file).resolve() for file in targets.values()}) < len(targets):
         raise DataError("two of the targets are the same file; name one file for each")
     with open_session(path) as session, ExitStack() as stack:
-        chosen = split_names(session.names, shares, seed)
+        recordings = session.recordings()
+        dealt = split_names(tuple(dict.fromkeys(recordings.values())), shares, seed)
+        chosen = {key: with_copies(names, recordings) for key, names in dealt.items()}
         for name, file in targets.items():
             _copy_named(session, chosen[name], stack.enter_context(new_session(file, force=force)))
     return chosen
+
+
+def with_copies(names: Collection[str], recordings: Mapping[str, str]) -> tuple[str, ...]:
+    """Return in order the episodes that belong to one of ``names``, by what `Session.recordings` returned."""
+    return tuple(name for name, first in recordings.items() if first in names)
 
 
 def split_names(names: Sequence[str], shares: Mapping[str, float], seed: int) -> dict[str, tuple[str, ...]]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.record_config import RecordConfig
+from layflat.app.workstation.session.session_queries import next_seeds
 from layflat.app.workstation.teleop import sdl
 from layflat.policy.trained_model import TrainedModel
 
@@ -84,7 +85,9 @@ def record_in_window(config: RecordConfig, model: TrainedModel | None) -> None:
             images=config.images,
             session=config.path.name,
         )
-        page.seed, page.episodes, page.disturbance, page.model = config.seed, config.episodes, config.disturb, model
+        source = config.source if model is None else f"{model.policy}+{config.source}"
+        (page.seed,), _ = next_seeds(config.path, source, 1, config.seed)
+        page.episodes, page.disturbance, page.model = config.episodes, config.disturb, model
         page.print_lines = True
         window.input_manager.mapping = config.mapping
         page.start()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pygame
 
+from layflat.app.workers.work_item import EVALUATION_SEED, WorkItem
 from layflat.app.workstation.session.requests import PlaceRequest
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.app.workstation.window import style
@@ -48,6 +49,7 @@ class PlacePage(ActivityPage):
     """Page of `layflat place`, with an optional device of a person who may take over."""
 
     name: str = "Place"
+    seed: int = EVALUATION_SEED
     source: str = NONE
     wrappers: str = NONE
     fast_forward: bool = False
@@ -92,7 +94,9 @@ class PlacePage(ActivityPage):
             return
         self._shown = None
         self.context.client.request("start")
-        self.context.show_message(f"hanging the cloth of seed {self.seed}")
+        item = WorkItem(policy=request.policy, config=request.sim_config, seed=self.seed)
+        known = f", which {request.policy.label} was taught" if item.is_taught else ""
+        self.context.show_message(f"hanging the cloth of seed {self.seed}{known}")
 
     def _request(self) -> PlaceRequest | None:
         """Return the request, or None where the model cannot be read, which is shown."""
