@@ -11,7 +11,6 @@ from layflat.app.cli.options import (
     Cloth,
     Debug,
     Episodes,
-    EvaluationSeed,
     Folder,
     Force,
     Json,
@@ -21,6 +20,7 @@ from layflat.app.cli.options import (
     count,
 )
 from layflat.app.support import validators
+from layflat.app.support.seeds import EVALUATION_SEED
 
 DEFAULT_SUITE = "thesis"
 """Suite of `layflat disturb` where none is given."""
@@ -41,7 +41,7 @@ def evaluate(
     out: Folder,
     workers: Workers,
     episodes: Episodes = 20,
-    seed: EvaluationSeed = None,
+    seed: Seed = EVALUATION_SEED,
     disturb: Annotated[
         list[str] | None,
         typer.Option(

@@ -15,7 +15,6 @@ from layflat.app.cli.options import (
     Descriptor,
     Episode,
     Episodes,
-    EvaluationSeed,
     Force,
     Json,
     Robot,
@@ -25,6 +24,7 @@ from layflat.app.cli.options import (
     Workers,
     seed_in_range,
 )
+from layflat.app.support.seeds import EVALUATION_SEED
 
 
 def record(
@@ -118,7 +118,7 @@ def place(
     ],
     workers: Workers,
     episodes: Episodes = 1,
-    seed: EvaluationSeed = None,
+    seed: Seed = EVALUATION_SEED,
     disturbance: Annotated[
         str | None,
         typer.Option(

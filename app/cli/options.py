@@ -27,10 +27,6 @@ def episode_number(value: int | None) -> int | None:
 
 Episodes = Annotated[int, typer.Option(callback=count, help="Number of episodes.")]
 Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Random seed.")]
-EvaluationSeed = Annotated[
-    int | None,
-    typer.Option(callback=seed_in_range, show_default="10000", help="First random seed; models were taught others."),
-]
 Robot = Annotated[
     str | None, typer.Option(show_default="hanger", help="Robot that holds the cloth: hanger or pickers.")
 ]

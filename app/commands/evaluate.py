@@ -22,7 +22,8 @@ from layflat.app.support import validators
 from layflat.app.support.console import print_table
 from layflat.app.support.errors import LayflatError, UsageError, say
 from layflat.app.support.progress import Progress
-from layflat.app.workers.work_item import EVALUATION_SEED, LIMIT_S, taught_text
+from layflat.app.support.seeds import EVALUATION_SEED, taught_text
+from layflat.app.workers.work_item import LIMIT_S
 from layflat.app.workers.worker_process import Engine, local_engine
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.tasks import DEFAULT_TASK

@@ -17,11 +17,12 @@ from layflat.app.support.errors import UsageError, say
 from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import write_json
 from layflat.app.support.progress import Progress
+from layflat.app.support.seeds import EVALUATION_SEED, taught_text
 from layflat.app.support.session_lines import copy_note, kept_line
 from layflat.app.workers.run_items import CollectedEpisodes, collect_items, read_images
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
-from layflat.app.workers.work_item import EVALUATION_SEED, DisturbanceCase, WorkItem, taught_text
+from layflat.app.workers.work_item import DisturbanceCase, WorkItem
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode

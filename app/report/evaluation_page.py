@@ -32,7 +32,7 @@ from layflat.app.report.thesis_tables import (
 )
 from layflat.app.support.formatting import list_numbers, percent, points, ratio
 from layflat.app.support.phases import disturbance_outcomes
-from layflat.app.workers.work_item import taught_text
+from layflat.app.support.seeds import taught_text
 from layflat.data.types import Episode
 from layflat.sim.physics.registry import DEFAULT_PHYSICS
 from layflat.sim.tasks import DEFAULT_TASK

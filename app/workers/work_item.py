@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Container, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from layflat.app.support.errors import UsageError
-from layflat.app.support.formatting import ranges
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.reader import open_session
 from layflat.data.session.saved_episode import SavedEpisode
@@ -21,8 +20,6 @@ from layflat.sim.config import SimConfig
 
 LIMIT_S = 900.0
 """Wall time after which an episode counts as hung; a slow machine needs about 30 s."""
-EVALUATION_SEED = 10_000
-"""Default first seed of what tries a policy: demonstrations begin at 0, those of a demo or reproduction at 1000."""
 SEPARATOR = "--"
 """Separator of the parts of a run's name; no part contains it."""
 _CASE = re.compile(r"[a-z0-9]+([-_][a-z0-9]+)*(/[a-z0-9]+([-_][a-z0-9]+)*)?")
@@ -117,11 +114,3 @@ def read_run(folder: Path, run: str, *, images: bool = False) -> Episode:
     """Return the episode of a run from its file."""
     with open_session(run_file(folder, run)) as session:
         return next(session.episodes(images=images))
-
-
-def taught_text(policy: str, seeds: Collection[int]) -> str:
-    """Return what to say where a policy is tried on the starts that it was taught."""
-    return (
-        f"{policy} was taught on seed{'s' * (len(seeds) > 1)} {ranges(seeds)} and knows these starts;"
-        f" others, such as --seed {EVALUATION_SEED}, show what it has learned"
-    )

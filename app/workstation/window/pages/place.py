@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pygame
 
-from layflat.app.workers.work_item import EVALUATION_SEED, WorkItem
+from layflat.app.support.seeds import EVALUATION_SEED
+from layflat.app.workers.work_item import WorkItem
 from layflat.app.workstation.session.requests import PlaceRequest
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.app.workstation.window import style
