@@ -8,34 +8,52 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
+import logging
 import os
-import re
+import platform
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
 from layflat.data.errors import DataError
+from layflat.data.system_errors import NO_LOCKS, UNSUPPORTED, os_reason
 
 PART_SUFFIX = ".part"
 """Suffix of a file that is being written; one that a killed writer left behind holds nothing that was saved."""
 LOCK_NAME = "lock"
-_ERRNO = re.compile(r"errno = (\d+)")
+RENAMED_MAX = 100
+"""Number of times that the lock's file may be another one than its name leads to."""
+_LOG = logging.getLogger("layflat")
 
 
-def os_reason(error: Exception) -> str:
-    """Return the operating system's text for an error, also where HDF5 has wrapped it in its own."""
-    number = getattr(error, "errno", None) or next((int(found) for found in _ERRNO.findall(str(error))), None)
-    return os.strerror(number) if number else (str(error).splitlines() or ["unknown error"])[0]
+def flush(descriptor: int) -> None:
+    """Flush an open file or folder to the disk, as far as its file system can."""
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in UNSUPPORTED:
+            raise
 
 
 def fsync_path(path: Path) -> None:
-    """Flush a closed file or a folder to the disk."""
+    """Flush a closed file to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(descriptor)
+        flush(descriptor)
     finally:
         os.close(descriptor)
+
+
+def fsync_folder(folder: Path) -> None:
+    """Flush the names in a folder to the disk; where that fails, warn at most, since the files are in place."""
+    try:
+        fsync_path(folder)
+    except PermissionError:
+        pass  # Of a folder that takes files but may not be listed.
+    except OSError as error:
+        _LOG.warning("layflat: %s may not survive a power cut yet: %s", folder, os_reason(error))
 
 
 @contextlib.contextmanager
@@ -50,11 +68,13 @@ def atomic_path(target: Path, aside: Path | None = None) -> Iterator[Path]:
         yield aside
         fsync_path(aside)
         os.replace(aside, target)
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, OSError) and error.filename in (None, str(aside)):
+            error.filename, error.filename2 = str(target), None
         with contextlib.suppress(OSError):
             aside.unlink(missing_ok=True)
         raise
-    fsync_path(target.parent)
+    fsync_folder(target.parent)
 
 
 @contextlib.contextmanager
@@ -100,13 +120,20 @@ _LOCKED: set[int] = set()
 """Descriptors of this process's locks."""
 
 
-def lock_until_exit(descriptor: int) -> None:
+def lock_until_exit(descriptor: int, kind: int = fcntl.LOCK_EX) -> bool:
     """Lock an open file until ``unlock`` or the end of this process; BlockingIOError where another one has locked it.
 
-    Children that are forked meanwhile do not share the lock.
+    Children that are forked meanwhile do not share the lock. Returns False where the file system has no locks.
     """
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     _LOCKED.add(descriptor)
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in NO_LOCKS:
+            return False
+        _LOCKED.discard(descriptor)
+        raise
+    return True
 
 
 def unlock(descriptor: int) -> None:
@@ -114,6 +141,22 @@ def unlock(descriptor: int) -> None:
     if descriptor in _LOCKED:
         _LOCKED.discard(descriptor)
         os.close(descriptor)
+
+
+def is_locked(path: Path) -> bool:
+    """Return whether another program has the file locked as its writer, as HDF5 and the journals do."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        # Shared: network drives refuse to lock a file for a writer that is open for reading only.
+        lock_until_exit(descriptor, fcntl.LOCK_SH)
+    except BlockingIOError:
+        os.close(descriptor)
+        return True
+    unlock(descriptor)
+    return False
 
 
 def _forget_locks_in_child() -> None:
@@ -126,6 +169,16 @@ def _forget_locks_in_child() -> None:
 os.register_at_fork(after_in_child=_forget_locks_in_child)
 
 
+def _lives(process: str) -> bool:
+    try:
+        os.kill(int(process), 0)
+    except PermissionError:
+        return True
+    except (OSError, ValueError):
+        return False
+    return True
+
+
 class WriterLock:
     """Lock of the one writer of a session; the system frees it when the process ends."""
 
@@ -134,31 +187,39 @@ class WriterLock:
         self._folder = folder
         self._path = folder / LOCK_NAME
         self._descriptor: int | None = None
-        while self._descriptor is None:
+        for attempt in itertools.count():
             folder.mkdir(exist_ok=True)
             try:
                 descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             except FileNotFoundError:
                 continue  # The last writer removed the folder between the two lines.
-            try:
-                lock_until_exit(descriptor)
-            except BlockingIOError:
-                owner = os.pread(descriptor, 32, 0).decode("ascii", "replace").strip() or "unknown"
-                os.close(descriptor)
-                raise DataError(
-                    f"{subject} is being written by another program (process {owner});"
-                    " wait until it ends or choose another file"
-                ) from None
-            except BaseException:
-                os.close(descriptor)
-                raise
-            if self._still_named(descriptor):
+            self._lock(descriptor, subject)
+            # Some network drives number their files differently each time.
+            if self._still_named(descriptor) or attempt > RENAMED_MAX:
                 self._descriptor = descriptor
-            else:
-                unlock(descriptor)
+                break
+            unlock(descriptor)
         with contextlib.suppress(OSError):  # A full disk has no room even for this, which only informs others.
-            os.ftruncate(self._descriptor, 0)
-            os.pwrite(self._descriptor, str(os.getpid()).encode("ascii"), 0)
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"{os.getpid()} {platform.node()}".encode(), 0)
+
+    def _lock(self, descriptor: int, subject: Path) -> None:
+        """Lock the file; where its file system has no locks, believe the process that it names."""
+        advice = "wait until it ends or choose another file"
+        try:
+            locked = lock_until_exit(descriptor)
+            owner, _, host = os.pread(descriptor, 300, 0).decode("utf-8", "replace").strip().partition(" ")
+            if locked or not owner or (host == platform.node() and not _lives(owner)):
+                return
+            advice += f", or delete {self._path} if it has ended"
+            unlock(descriptor)
+        except BlockingIOError:
+            owner = os.pread(descriptor, 300, 0).decode("utf-8", "replace").partition(" ")[0] or "unknown"
+            os.close(descriptor)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        raise DataError(f"{subject} is being written by another program (process {owner}); {advice}")
 
     def release(self) -> None:
         """Give the lock back, and remove the folder if nothing else is in it."""

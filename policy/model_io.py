@@ -22,6 +22,7 @@ import numpy as np
 from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import write_bytes
 from layflat.data.robot import RobotSpec
+from layflat.data.system_errors import os_reason
 from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
 from layflat.policy.features import FeatureLayout
@@ -45,6 +46,13 @@ _SCALARS: Mapping[str, type] = {
 """Fields of every model that are stored in the header as they are."""
 
 
+class ModelWriteError(PolicyError):
+    """A model file could not be written, because of the disk or the system."""
+
+    exit_status = 1
+    """Exit status of the program: the work failed, the call was right."""
+
+
 def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
     """Write a model file (``.npz``), completely or not at all.
 
@@ -63,7 +71,7 @@ def save(model: TrainedModel, path: str | Path, *, force: bool = False) -> None:
     try:
         write_bytes(target, buffer.getvalue())
     except OSError as error:
-        raise PolicyError(f"cannot write {target}: {error.strerror or error}") from error
+        raise ModelWriteError(f"cannot write {target}: {os_reason(error)}") from error
 
 
 def load(path: str | Path) -> TrainedModel:
@@ -89,7 +97,7 @@ def load(path: str | Path) -> TrainedModel:
     except zipfile.BadZipFile as error:
         raise PolicyError(f"{source} is not a model file, or only a part of one ({error})") from error
     except OSError as error:
-        raise PolicyError(f"cannot read {source}: {error.strerror or error}") from error
+        raise PolicyError(f"cannot read {source}: {os_reason(error)}") from error
     except ValueError as error:
         # Base of PolicyError and DataError, and of what numpy and json raise for foreign bytes.
         raise PolicyError(f"{source} is not a usable model: {error}") from error

@@ -18,7 +18,8 @@ from layflat.app.workers.fork_server import ONE_THREAD, ForkServer
 from layflat.app.workers.simulated_episode import EpisodeFactory
 from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
 from layflat.app.workers.worker_process import POLL_S, Engine, NextWorkItem
-from layflat.data.atomic_files import fsync_write, os_reason
+from layflat.data.atomic_files import fsync_write
+from layflat.data.system_errors import os_reason
 
 SOCKET_NAME = f"/ray/session_2026-11-28_01-40-00_123456_{'9' * 7}/sockets/plasma_store"
 """What Ray adds to the folder for temporary files."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import COLUMNS
-from layflat.data.atomic_files import write_text
+from layflat.data.atomic_files import flush, write_text
 from layflat.data.columns import write_legend
 
 EXTRA = ("run", "start", "attempts", "reason")
@@ -59,7 +59,7 @@ def _append(descriptor: int, data: bytes) -> None:
     try:
         while data:
             data = data[os.write(descriptor, data) :]
-        os.fsync(descriptor)
+        flush(descriptor)
     except OSError:
         with contextlib.suppress(OSError):
             os.ftruncate(descriptor, size)

@@ -30,9 +30,10 @@ from layflat.app.workers.interrupts import note_interrupts
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workers.work_item import WorkItem, WorkResult, read_run, run_file
 from layflat.app.workers.worker_process import Engine, local_engine
-from layflat.data.atomic_files import PART_SUFFIX, WriterLock, os_reason
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock
 from layflat.data.errors import DataError
 from layflat.data.provenance import capture_provenance, git_revision
+from layflat.data.system_errors import os_reason
 
 ATTEMPTS = 2
 """A crash may be the machine's fault: what is lost is tried once more."""

@@ -34,6 +34,9 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
         count = _encode(aside, frames, fps)
         readable = count_frames(aside)
         if readable != count:
+            with aside.open("ab") as file:  # OpenCV does not say that a disk is full; this does.
+                file.write(bytes(1 << 16))
+                os.fsync(file.fileno())
             raise LayflatError(f"{path}: {count} frames were written but {readable} can be read back")
     return count
 

@@ -21,11 +21,12 @@ from layflat.app.support.metrics import episode_metrics
 from layflat.app.workers.process import describe_exit_status, run_in_fork, set_deadline
 from layflat.app.workers.simulated_episode import EpisodeFactory, ForkableEpisode
 from layflat.app.workers.work_item import DisturbanceCase, WorkItem, run_file
-from layflat.data.atomic_files import fsync_write, os_reason
+from layflat.data.atomic_files import fsync_write
 from layflat.data.errors import WriteError
 from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.session.session_writer import serialize
+from layflat.data.system_errors import os_reason
 from layflat.data.types import Episode
 
 DEMO = "demo_0"

@@ -21,7 +21,8 @@ from layflat.data.errors import DataError
 from layflat.data.exchange.robomimic_import import import_episode
 from layflat.data.format import schema
 from layflat.data.format.attributes import texts_violations
-from layflat.data.format.encode import LIBVER, shared_attributes
+from layflat.data.format.encode import shared_attributes
+from layflat.data.format.h5_writing import written_file
 from layflat.data.format.masks import write_masks
 from layflat.data.format.opening import demo_names, errors_name, open_file
 from layflat.data.format.structure_checks import check_hard_links
@@ -70,11 +71,8 @@ def export_robomimic(
     recordings = session.recordings(chosen)
     drawn = train_and_valid(tuple(dict.fromkeys(recordings.values())), valid_share=valid_share, seed=seed)
     split = {key: with_copies(members, recordings) for key, members in drawn.items()}
-    with (
-        atomic_path(target) as aside,
-        h5py.File(aside, "x", libver=LIBVER) as file,
-    ):
-        copied = SessionFile(file)
+    with atomic_path(target) as aside, written_file(aside) as (file, check):
+        copied = SessionFile(file, check=check)
         for name in chosen:
             copied.copy(name, session.group(name), session.info(name))
         copied.finish()
@@ -137,7 +135,7 @@ def _is_intact(path: Path) -> bool:
 
 def _texts_agree(path: Path) -> bool:
     """Return whether no tool has changed a text attribute."""
-    with h5py.File(path, "r") as file:
+    with open_file(path) as file:
         return not any(texts_violations(group) for group in (file[schema.DATA], *_demos(file)))
 
 
@@ -151,7 +149,7 @@ def _probe(path: Path) -> None:
 
 
 def _read_attributes(path: Path) -> None:
-    with h5py.File(path, "r") as file:
+    with open_file(path) as file:
         for group in (file[schema.DATA], *_demos(file)):
             for key in group.attrs:
                 group.attrs[key]

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import h5py
 
-from layflat.data.atomic_files import os_reason
+from layflat.data.atomic_files import is_locked
 from layflat.data.errors import DataError
-from layflat.data.format import schema
+from layflat.data.format import schema, superblock
 from layflat.data.format.attributes import Attribute, robot_of, typed_attributes
 from layflat.data.format.structure_checks import check_hard_links
+from layflat.data.open_elsewhere import writers_of
+from layflat.data.system_errors import NO_LOCKS, errno_of, os_reason
 from layflat.data.types import ACTION_LIMIT_M, DESCRIPTORS
 
 DAMAGE = (OSError, RuntimeError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, MemoryError)
@@ -29,18 +31,53 @@ class FileGone(FileError):
     """A file that does not exist, or does not exist any more."""
 
 
+class FileBusyError(FileError):
+    """A file that another program has open for writing."""
+
+    exit_status = 1
+    """The call was right; it works when the other program is done."""
+
+
+class FileMarkedError(FileError):
+    """A file that a program has not closed, although none has it open any more, as far as can be seen."""
+
+
 def open_file(path: Path) -> h5py.File:
-    """Open an HDF5 file for reading; DataError in one sentence where it is none."""
+    """Open an HDF5 file for reading; DataError in one sentence where it is none or cannot be read now."""
     if not path.is_file():
         if path.exists():
             raise DataError(f"{path} is not a file; name the session's .h5 file")
         raise FileGone(f"{path} does not exist")
     with errors_name(path):
-        with path.open("rb") as file:
-            head = file.read(8)
-        if head != b"\x89HDF\r\n\x1a\n":
+        head = superblock.head_of(path)
+        if not head.startswith(superblock.SIGNATURE):
             raise DataError("is not an HDF5 file; name a session that was recorded by layflat")
-        return h5py.File(path, "r")
+        try:
+            return h5py.File(path, "r")
+        except OSError as error:
+            if isinstance(error, BlockingIOError):
+                raise _busy(path) from None
+            check_state(path)
+            if "lock file" in str(error) and errno_of(error) in NO_LOCKS:
+                return h5py.File(path, "r", locking=False)
+            raise
+
+
+def check_state(path: Path) -> None:
+    """Raise an error where a program has, or had, the file open for writing; neither is damage."""
+    marked = superblock.is_marked(superblock.head_of(path))
+    if is_locked(path) or (marked and writers_of(path)):
+        raise _busy(path)
+    if marked:
+        raise FileMarkedError(
+            f"{path} is marked as open for writing, by a program that was killed or runs on another machine; close it"
+            " there if it does, else `layflat data repair` removes the mark and checks every episode"
+        )
+
+
+def _busy(path: Path) -> FileBusyError:
+    who = next((f" ({name}, process {pid})" for pid, name in writers_of(path).items()), "")
+    return FileBusyError(f"{path} is open for writing in another program{who}; close it there, then run this again")
 
 
 def check_session(file: h5py.File) -> dict[str, Attribute]:
@@ -101,9 +138,14 @@ def errors_name(path: Path) -> Iterator[None]:
     except FileNotFoundError as error:
         raise FileGone(f"{path} does not exist") from error
     except DAMAGE as error:
-        if isinstance(error, OSError) and error.errno:
+        if isinstance(error, OSError) and errno_of(error):
             raise FileError(f"{path} cannot be read: {os_reason(error)}") from error
-        raise FileError(f"{path} is damaged or cut short ({first_line(error)}); use a copy or record again") from error
+        if isinstance(error, MemoryError):
+            raise FileError(f"{path} cannot be read: there is not enough memory; close other programs") from error
+        raise FileError(
+            f"{path} is damaged or cut short ({first_line(error)}); use a copy, or `layflat data repair`, which saves"
+            " the episodes that are intact"
+        ) from error
 
 
 def first_line(error: Exception) -> str:

@@ -8,10 +8,8 @@ import shutil
 from contextlib import closing
 from pathlib import Path
 
-import h5py
-
 from layflat.data.atomic_files import PART_SUFFIX, atomic_path
-from layflat.data.format.encode import LIBVER
+from layflat.data.format.h5_writing import written_file
 from layflat.data.session.catalog import Catalog
 from layflat.data.session.parts import part_files, parts_folder
 from layflat.data.session.session_writer import SessionFile, check_copy, write_errors
@@ -48,7 +46,7 @@ def assemble(path: Path) -> None:
 
 
 def _check_room(real: Path) -> None:
-    """Raise an OSError where the disk is too full: HDF5 may abort the process when copying fails half-way."""
+    """Raise an OSError where the disk is too full, before all is copied in vain."""
     needed = sum(file.stat().st_size for file in (real, *part_files(real)) if file.exists()) + MARGIN_BYTES
     if shutil.disk_usage(real.parent).free < needed:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -59,8 +57,8 @@ def _write_all(catalog: Catalog, real: Path, aside: Path) -> None:
     if catalog.main is not None:
         # A copy of the bytes, to which only new demos are added: what users have added stays as it is.
         shutil.copyfile(real, aside)
-    with h5py.File(aside, "x" if catalog.main is None else "r+", libver=LIBVER) as file:
-        target = SessionFile(file, {name: rows[name] for name in there}, indexed=catalog.indexed)
+    with written_file(aside, append=catalog.main is not None) as (file, check):
+        target = SessionFile(file, {name: rows[name] for name in there}, indexed=catalog.indexed, check=check)
         for name in (name for name in rows if name not in there):
             target.copy(name, catalog.group(name), rows[name].info)
         target.finish()

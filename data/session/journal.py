@@ -27,12 +27,13 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from layflat.data.atomic_files import fsync_path, lock_until_exit, os_reason, unlock
+from layflat.data.atomic_files import flush, fsync_folder, lock_until_exit, unlock
 from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.encode import attributes_of, check_step, disturbances_json, moment_values, step_values
 from layflat.data.robot import RobotSpec
 from layflat.data.session.saved_episode import SavedEpisode, save_part
+from layflat.data.system_errors import os_reason
 from layflat.data.types import DisturbanceRecord, Episode, GroundTruth, Observation, Step
 
 MAGIC = b"LAYFLAT episode journal 1\n"
@@ -158,8 +159,8 @@ class JournalWriter:
         try:
             lock_until_exit(self._descriptor)
             _write_all(self._descriptor, MAGIC, *_frame(START, header))
-            os.fsync(self._descriptor)
-            fsync_path(path.parent)
+            flush(self._descriptor)
+            fsync_folder(path.parent)
         except OSError as error:
             unlock(self._descriptor)
             path.unlink()
@@ -199,7 +200,7 @@ class JournalWriter:
                 due = unsynced_since is not None and time.monotonic() >= unsynced_since + SYNC_S
                 if unsynced_since is not None and (ended or due):
                     unsynced_since = None
-                    os.fsync(self._descriptor)
+                    flush(self._descriptor)
             except Exception as error:  # Any error must reach the loop, which would otherwise wait for this thread.
                 self._problem, unsynced_since = self._failed(error), None
             if ended:

@@ -16,6 +16,7 @@ from layflat.data.format.attributes import Attribute, robot_of
 from layflat.data.format.decode import decode_episode, disturbances_of
 from layflat.data.format.encode import disturbances_json
 from layflat.data.session.journal import DISTURBANCES, END, FRAME, MAGIC, START, STEP, UNRELEASED_MAGIC, record_dtype
+from layflat.data.system_errors import os_reason
 from layflat.data.types import Episode, StoppedBy, disturbances_within
 
 RECORD_BYTES_MAX = 1 << 28
@@ -40,7 +41,7 @@ def read_journal(path: Path, *, stopped_by: StoppedBy = "crashed") -> RecoveredE
     try:
         return _recovered(list(_frames(path.read_bytes())), stopped_by)
     except OSError as error:
-        raise DataError(f"{path} cannot be read: {error.strerror}") from error
+        raise DataError(f"{path} cannot be read: {os_reason(error)}") from error
     except DataError as error:
         raise DataError(f"{path} cannot be used: {error}") from error
     except (LookupError, TypeError, ValueError, AttributeError, MemoryError, RecursionError) as error:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-from layflat.data.atomic_files import lock_until_exit, unlock
+from layflat.data.atomic_files import is_locked
 from layflat.data.format import schema
 
 JOURNAL_GLOB = "running-*.journal"
@@ -37,14 +36,4 @@ def journal_path(folder: Path, uid: str) -> Path:
 
 def is_orphaned(journal: Path) -> bool:
     """Return whether the journal is there and no process writes to it any more."""
-    try:
-        descriptor = os.open(journal, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return False
-    try:
-        lock_until_exit(descriptor)
-    except BlockingIOError:
-        os.close(descriptor)
-        return False
-    unlock(descriptor)
-    return True
+    return not is_locked(journal) and journal.exists()

@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
-from layflat.data.atomic_files import PART_SUFFIX, WriterLock, fsync_path
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, fsync_folder
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
@@ -213,7 +213,7 @@ class SessionRecorder:
         with write_errors(self.path):
             for stale in self._parts.glob(f"*{PART_SUFFIX}"):
                 stale.unlink()
-            fsync_path(self._real.parent)
+            fsync_folder(self._real.parent)
         if part_files(self._real) or self._real.exists():
             with open_session(self.path) as session:
                 for key, value in session.shared.items():

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
 from numpy.typing import NDArray
 
-from layflat.data.atomic_files import os_reason
 from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest, user_attributes
@@ -25,9 +24,12 @@ from layflat.data.format.encode import (
     write_demo,
     write_session_attributes,
 )
+from layflat.data.format.h5_writing import written_file
 from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks, write_masks
+from layflat.data.format.opening import open_file
 from layflat.data.format.structure_checks import stored_attributes, stored_digest
 from layflat.data.session.index import IndexRow, append_index
+from layflat.data.system_errors import os_reason
 from layflat.data.types import Episode
 
 
@@ -35,10 +37,19 @@ class SessionFile:
     """A session in a file that is open for writing and that no other process sees yet."""
 
     def __init__(
-        self, file: h5py.File, existing: Mapping[str, IndexRow] | None = None, *, indexed: bool = False
+        self,
+        file: h5py.File,
+        existing: Mapping[str, IndexRow] | None = None,
+        *,
+        indexed: bool = False,
+        check: Callable[[], None] = lambda: None,
     ) -> None:
-        """Continue a file that has the demos ``existing``; ``indexed``: its index holds exactly these."""
+        """Continue a file that has the demos ``existing``; ``indexed``: its index holds exactly these.
+
+        ``check`` is called after each demo and raises an error where the disk is full.
+        """
         self._file = file
+        self._check = check
         self._data = file.require_group(schema.DATA)
         self._added: dict[str, IndexRow] = {}
         self._existing = dict(existing or {})
@@ -49,6 +60,7 @@ class SessionFile:
         attributes = stored_attributes(group)
         # HDF5 would read text from its global heap, which has no checksum.
         group.file.copy(group, self._data, name=name, without_attrs=True)
+        self._check()
         copied = self._data[name]
         describe_demo(copied, attributes)
         for key, value in user_attributes(group).items():
@@ -63,6 +75,7 @@ class SessionFile:
     def write(self, name: str, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Add an encoded episode."""
         write_demo(self._data.create_group(name), attributes, arrays)
+        self._check()
         self._describe(attributes)
         images = any(f"{schema.OBS}/{key}" in arrays for key in (schema.RGB, schema.DEPTH))
         info = info_of(attributes, images=images)
@@ -119,7 +132,7 @@ def serialize(name: str, episode: Episode, uid: str, *, save_images: bool) -> by
 
 def check_copy(copy: Path, digests: Mapping[str, str], names: Iterable[str]) -> None:
     """Read a new file before the files that it replaces are removed: it must hold all ``names``, with these digests."""
-    with h5py.File(copy, "r") as file:
+    with open_file(copy) as file:
         data = file[schema.DATA]
         copied = {name: stored_digest(data[name]) for name in digests}
         complete = set(data) == set(names)
@@ -138,6 +151,15 @@ def check_writable(path: Path, real: Path) -> None:
         raise DataError(f"{path} is not a regular file; choose another one")
     if real.exists() and not os.access(real, os.W_OK):
         raise DataError(f"{path} is write-protected; choose another file or allow writing")
+
+
+@contextlib.contextmanager
+def written_session(path: Path) -> Iterator[SessionFile]:
+    """Yield a new session in a file of its own, finished when the block is left; OSError where the disk is full."""
+    with written_file(path) as (file, check):
+        session = SessionFile(file, check=check)
+        yield session
+        session.finish()
 
 
 @contextlib.contextmanager

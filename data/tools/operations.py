@@ -12,18 +12,16 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.demo_info import DemoInfo
-from layflat.data.format.encode import LIBVER
 from layflat.data.session.catalog import differences
 from layflat.data.session.parts import part_files, parts_folder
 from layflat.data.session.reader import Session, open_session
-from layflat.data.session.session_writer import SessionFile, check_writable, write_errors
+from layflat.data.session.session_writer import SessionFile, check_writable, write_errors, written_session
 from layflat.data.types import Episode, disturbances_within
 
 
@@ -223,10 +221,8 @@ def new_session(target: str | Path, *, force: bool) -> Iterator[SessionFile]:
             if part_files(real):
                 raise DataError(f"{path} has episodes that are not yet in it; repair it first")
             aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
-            with atomic_path(real, aside), h5py.File(aside, "x", libver=LIBVER) as file:
-                session = SessionFile(file)
-                yield session
-                session.finish()
+            with atomic_path(real, aside), written_session(aside) as file:
+                yield file
 
 
 def _copy_named(session: Session, names: Sequence[str], file: SessionFile) -> None:

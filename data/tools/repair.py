@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import struct
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -14,19 +13,29 @@ import h5py
 
 from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
 from layflat.data.errors import DataError
-from layflat.data.format import schema
+from layflat.data.format import schema, superblock
 from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import read_demo
-from layflat.data.format.encode import LIBVER, shared_attributes
-from layflat.data.format.opening import DAMAGE, FileError, check_session, errors_name, first_line, open_file
+from layflat.data.format.encode import shared_attributes
+from layflat.data.format.opening import (
+    DAMAGE,
+    FileBusyError,
+    FileError,
+    FileMarkedError,
+    check_session,
+    check_state,
+    errors_name,
+    first_line,
+    open_file,
+)
 from layflat.data.format.structure_checks import Violation, check_demo, check_hard_link
 from layflat.data.session.catalog import differences
 from layflat.data.session.journal_reader import read_journal
 from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
-from layflat.data.session.session_writer import SessionFile, check_writable, write_errors
+from layflat.data.session.reader import open_session
+from layflat.data.session.session_writer import SessionFile, check_writable, write_errors, written_session
+from layflat.data.tools.validate import validate
 
-EOF_OFFSET = 28
-"""Offset of the file's length in a superblock of HDF5's version 2 or 3, with lengths of eight bytes."""
 DAMAGED_SUFFIX = ".damaged"
 
 
@@ -49,7 +58,8 @@ def repair(path: str | Path, target: str | Path | None = None, *, force: bool = 
     """Write every episode of a session that can be read completely into a sound session.
 
     Episodes come from the file (also one that lacks its last bytes), from its parts, and from the journals of a killed
-    recording. Totals, masks and index are written again.
+    recording. Totals, masks and index are written again. A file that is only marked as open for writing, by a program
+    that was killed, is kept byte for byte without the mark.
 
     Parameters
     ----------
@@ -103,7 +113,8 @@ class _Repair:
             for half in folder.glob(f"*{PART_SUFFIX}"):
                 half.unlink(missing_ok=True)  # Left by a killed writer: no saved episode is in it.
         with atomic_path(self.aim.resolve(), aside):
-            recovered = self._write(aside, real, folder)
+            unmarked = not part_files(real) and not journals(folder) and self._unmark(real, aside)
+            recovered = () if unmarked else self._write(aside, real, folder)
             if not self.names:
                 reason = f" ({self.lost[0].message})" if self.lost else ""
                 raise DataError(f"{self.source} holds no episode that can be read{reason}; nothing was written")
@@ -126,15 +137,30 @@ class _Repair:
             else:
                 leftover.unlink(missing_ok=True)
 
+    def _unmark(self, real: Path, aside: Path) -> bool:
+        """Copy a file without its mark; return False, with no copy, where it has none or more is wrong."""
+        head = superblock.head_of(real)
+        if not superblock.is_marked(head):
+            return False
+        with suppress(FileMarkedError):
+            check_state(real)
+        shutil.copyfile(real, aside)
+        with aside.open("r+b") as file:
+            file.write(superblock.without_mark(head))
+        if validate(aside):
+            aside.unlink()
+            return False
+        with open_session(aside) as session:
+            self.names = {info.uid: name for name, info in session.infos().items()}
+        return True
+
     def _write(self, aside: Path, real: Path, folder: Path) -> tuple[str, ...]:
-        with h5py.File(aside, "x", libver=LIBVER) as file:
-            session = SessionFile(file)
+        with written_session(aside) as session:
             if real.exists():
                 self._take_file(real, session, extras=True)
             for part in part_files(real):
                 self._take_file(part, session, extras=False)
             recovered = [name for path in journals(folder) for name in self._take_journal(path, session)]
-            session.finish()
         return tuple(recovered)
 
     def _take_file(self, path: Path, session: SessionFile, *, extras: bool) -> None:
@@ -149,10 +175,17 @@ class _Repair:
                     if new is not None:
                         copied[name] = new
                 if extras:
-                    with suppress(*DAMAGE):
-                        session.copy_extras(file, copied)
+                    self._take_extras(file, copied, session)
+        except FileBusyError:
+            raise
         except DataError as error:
             self.lost.append(Violation(path=where, message=str(error)))
+
+    def _take_extras(self, file: h5py.File, copied: dict[str, str], session: SessionFile) -> None:
+        try:
+            session.copy_extras(file, copied)
+        except DAMAGE as error:
+            self.lost.append(Violation(path="/", message=f"masks or additions of users: {first_line(error)}"))
 
     def _take_demo(self, data: h5py.Group, name: str, session: SessionFile, where: str) -> str | None:
         try:
@@ -206,33 +239,29 @@ def _names(file: h5py.File) -> list[str]:
 
 @contextmanager
 def _opened(path: Path, folder: Path) -> Iterator[h5py.File]:
-    """Open a file, or where it was cut short, a copy with zeros for its missing end: episodes before may be intact."""
+    """Open a file, or a copy without a writer's mark and with zeros for a missing end."""
     try:
         file = open_file(path)
+    except FileBusyError:
+        raise
     except FileError:
-        length = _claimed_length(path)
-        if length is None:
+        head, there = superblock.head_of(path), path.stat().st_size
+        length, marked = superblock.claimed_length(head, there), superblock.is_marked(head)
+        if length is None and not marked:
             raise
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{path.name}.", suffix=PART_SUFFIX) as padded:
-            padded.write(path.read_bytes())
-            padded.truncate(length)
-            padded.flush()
-            with open_file(Path(padded.name)) as file:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{path.name}.", suffix=PART_SUFFIX) as copy:
+            with path.open("rb") as original:
+                shutil.copyfileobj(original, copy)
+            if marked:
+                copy.seek(0)
+                copy.write(superblock.without_mark(head))
+            copy.truncate(length or there)
+            copy.flush()
+            with open_file(Path(copy.name)) as file:
                 yield file
         return
     with file:
         yield file
-
-
-def _claimed_length(path: Path) -> int | None:
-    """Return the file's length by its superblock where it is more than the real length, but not absurdly more."""
-    with path.open("rb") as file:
-        head = file.read(EOF_OFFSET + 8)
-    if len(head) < EOF_OFFSET + 8 or not head.startswith(b"\x89HDF\r\n\x1a\n") or head[8] not in (2, 3):
-        return None
-    (length,) = struct.unpack_from("<Q", head, EOF_OFFSET)
-    there = path.stat().st_size
-    return int(length) if there < length <= 64 * there + (1 << 24) else None
 
 
 def _free(path: Path) -> Path:

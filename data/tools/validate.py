@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from layflat.data.format.content import content_of_group
 from layflat.data.format.decode import read_demo
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks
-from layflat.data.format.opening import DAMAGE, check_session, errors_name, first_line, open_file
+from layflat.data.format.opening import DAMAGE, check_session, check_state, errors_name, first_line, open_file
 from layflat.data.format.structure_checks import Violation, Violations, check_hard_link, inspect_demo, inspect_links
 from layflat.data.format.value_checks import inspect_contents
 from layflat.data.sandbox import CallError, call_in_sandbox
@@ -32,8 +33,12 @@ def validate(path: str | Path) -> tuple[Violation, ...]:
     """Return every violation of the schema in a session's file and in its parts; none if all is well.
 
     The check runs in a process of its own with a limit on time (a minute, more for files above 12 MB) and memory.
+    A file that another program has open, or left marked as open, is not wrong: that raises a DataError.
     """
     file = Path(path)
+    for each in (file, *part_files(file.resolve())):
+        with suppress(OSError):
+            check_state(each)
     try:
         limit_s = max(MIN_LIMIT_S, file.stat().st_size / BYTES_PER_S)
     except OSError:

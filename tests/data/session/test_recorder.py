@@ -199,7 +199,7 @@ def test_no_room_to_assemble(tmp_path):
     with _files_end_at(int(size * 1.5)):
         for episode in made[1:]:
             recorder.save(episode)
-        with pytest.raises(DataError, match=r"s\.h5 cannot be written: File too large; .* are safe$"):
+        with pytest.raises(DataError, match=r"s\.h5 cannot be written: File too large .*; .* are safe$"):
             recorder.close()
     for _ in range(2):
         with open_session(path) as session:
