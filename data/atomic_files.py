@@ -85,9 +85,9 @@ def atomic_folder(target: Path) -> Iterator[Path]:
     aside.mkdir(parents=True)
     try:
         yield aside
-        # Out of the way first: a folder cannot replace a folder in one step.
+        # Out of the way first: a folder cannot replace a folder in one step. Containers may only copy folders.
         if target.exists():
-            os.replace(target, old)
+            shutil.move(target, old)
         os.replace(aside, target)
         shutil.rmtree(old, ignore_errors=True)
     finally:

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from layflat.app.support.errors import LayflatError, UsageError, run_command
-from layflat.app.support.os_errors import ADVICE
 from layflat.data.errors import DataError
+from layflat.data.system_errors import ADVICE
 from layflat.perception.errors import PerceptionError
 from layflat.policy.base import PolicyError
 
