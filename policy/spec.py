@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -98,8 +99,9 @@ class PolicySpec:
         """
         if text in BUILTIN_NAMES:  # even where a file has that name
             return cls(builtin=text, stem=text)
-        if Path(text).exists():
-            return cls(model=model_io.load(text), stem=Path(text).stem)
+        path = Path(os.path.expanduser(text))  # The shell expands no ~ behind =.
+        if path.exists():
+            return cls(model=model_io.load(path), stem=path.stem)
         parts = _TEXT.fullmatch(text)
         label, (first, *rest) = (None, [text]) if parts is None else (parts["label"], _split(parts["policy"]))
         wrappers = tuple(word for word in rest if word in registry.WRAPPERS)
@@ -108,12 +110,13 @@ class PolicySpec:
             raise PolicyError(f"policy {text!r}: after the model one rule may follow, and then the wrappers")
         if first in BUILTIN_NAMES and rule is None:
             return cls(builtin=first, wrappers=wrappers, label=label or "", stem=first)
-        if Path(first).suffix != ".npz":
+        path = Path(os.path.expanduser(first))
+        if path.suffix != ".npz":
             raise PolicyError(
                 f"policy {text!r} is neither a model file (MODEL.npz) nor one of {', '.join(BUILTIN_NAMES)}"
             )
-        model = model_io.load(first)
-        return cls(model=model, builtin=rule, wrappers=wrappers, label=label or "", stem=Path(first).stem)
+        model = model_io.load(path)
+        return cls(model=model, builtin=rule, wrappers=wrappers, label=label or "", stem=path.stem)
 
 
 def builtin_names(task: str) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ class Measurement:
 def bench(json: Path | None, *, force: bool) -> list[BenchmarkRow]:
     """Measure everything, one process at a time; print a table, and write ``json`` if asked to."""
     if json is not None:
-        validators.writable_file(json, force=force)
+        validators.writable_file(json, force=force, suffix=".json")
     rows: list[BenchmarkRow] = []
     plan = list(measurements(json.parent if json is not None else None))
     with Progress({item.title: item.seconds for item in plan}) as progress:

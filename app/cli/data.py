@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from layflat.app.cli.options import DataFile, Debug, Episode, Force, Json, Seed, count, episode_number
+from layflat.app.cli.options import DataFile, Debug, Episode, Force, Json, Seed, count, episode_number, list_commands
 from layflat.app.support import validators
 
 FormatName = Literal["robomimic", "lerobot", "csv", "minari", "rrd"]
@@ -20,9 +20,9 @@ Outcome = Annotated[OutcomeName | None, typer.Option(help="Only episodes with th
 data_cli = typer.Typer(
     name="data",
     help="Look at, check, change and convert recorded sessions.",
-    no_args_is_help=True,
     rich_markup_mode=None,
 )
+data_cli.callback(invoke_without_command=True)(list_commands)
 
 
 @data_cli.command()

@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from layflat.app.cli.options import Debug, Force
+from layflat.app.cli.options import Debug, Force, list_commands
 
-gamepad_cli = typer.Typer(
-    name="gamepad", help="Show a gamepad's inputs and map its buttons.", no_args_is_help=False, rich_markup_mode=None
-)
+gamepad_cli = typer.Typer(name="gamepad", help="Show a gamepad's inputs and map its buttons.", rich_markup_mode=None)
+gamepad_cli.callback(invoke_without_command=True)(list_commands)
 
 
 @gamepad_cli.command()

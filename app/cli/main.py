@@ -20,7 +20,7 @@ from layflat.app.cli.data import data_cli
 from layflat.app.cli.evaluation import DISTURB_HELP, bench, demo, evaluate, reproduce
 from layflat.app.cli.gamepad import gamepad_cli
 from layflat.app.cli.learning import flatten, place, record, replay, train
-from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, count
+from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, count, expand_home
 from layflat.app.support import validators
 from layflat.app.support.errors import INTERRUPTED, USAGE_ERROR, run_command
 
@@ -114,6 +114,7 @@ cli.command(name="disturb", help=DISTURB_HELP)(evaluate)
 cli.command()(replay)
 cli.add_typer(data_cli)
 cli.add_typer(gamepad_cli)
+expand_home(cli)
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -138,7 +139,8 @@ def _dispatch(arguments: list[str]) -> int:
         return int(cli(arguments or ["--help"], prog_name="layflat", standalone_mode=False) or 0)
     except typer.TyperException as error:
         sentence = " ".join(error.format_message().split()).replace("Value error, ", "")
-        print(f"layflat: {sentence.rstrip('.')}; `layflat --help` lists what there is", file=sys.stderr)
+        command = getattr(getattr(error, "ctx", None), "command_path", "layflat")
+        print(f"layflat: {sentence.rstrip('.')}; `{command} --help` lists what there is", file=sys.stderr)
         return int(getattr(error, "exit_code", USAGE_ERROR))
 
 

@@ -2,12 +2,44 @@
 
 from __future__ import annotations
 
+import functools
+import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from layflat.app.support import validators
+
+
+def list_commands(context: typer.Context) -> None:
+    """Print the help of a group that is called without a command."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+def expand_home(app: typer.Typer) -> None:
+    """Have every command of ``app`` get its paths with a leading ``~`` expanded, which a shell does not behind =."""
+    for command in app.registered_commands:
+        if command.callback is not None:
+            command.callback = _with_paths_expanded(command.callback)
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            expand_home(group.typer_instance)
+
+
+def _with_paths_expanded(command: Callable[..., Any]) -> Callable[..., Any]:
+    def expanded(value: Any) -> Any:
+        if isinstance(value, list):
+            return [expanded(item) for item in value]
+        return Path(os.path.expanduser(value)) if isinstance(value, Path) else value
+
+    @functools.wraps(command)
+    def run(**options: Any) -> Any:
+        return command(**{name: expanded(value) for name, value in options.items()})
+
+    return run
 
 
 def count(param: typer.CallbackParam, value: int | None) -> int | None:

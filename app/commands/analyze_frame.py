@@ -155,10 +155,8 @@ def _check_outputs(json: Path | None, overlay: Path | None, inputs: tuple[Path, 
         if path.resolve() in taken:
             raise UsageError(f"{path} is named twice; inputs and outputs must be different files")
         taken.append(path.resolve())
-    if overlay is not None and overlay.suffix.lower() != ".png":
-        raise UsageError(f"{overlay} is not a .png file; the overlay is written as .png")
     for path in outputs:
-        validators.writable_file(path, force=force)
+        validators.writable_file(path, force=force, suffix=".png" if path is overlay else ".json")
 
 
 def _overlay(

@@ -44,7 +44,7 @@ def export(
         if copies := session.copies(names):
             say(f"{path}: {copies_text(copies)}; all are exported; `layflat data merge` keeps one of each")
         if form == "robomimic":
-            validators.writable_file(out, force=force)
+            validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
             split = export_robomimic(session, out, names=names, valid_share=valid_share, seed=seed)
             counts = ", ".join(f"{len(members)} {key}" for key, members in split.items())
             print(f"exported {len(names)} episodes ({counts}) {out}")
@@ -90,7 +90,7 @@ def _export_episodes(session: Session, out: Path, names: Sequence[str], form: Fo
 def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> None:
     """Write a session from a robomimic file in our layout."""
     validators.readable_file(path, "a robomimic HDF5 file")
-    validators.writable_file(out, force=force)
+    validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
     report = import_robomimic(path, out, cloth=cloth, robots=[robot_spec(name) for name in ROBOTS], force=force)
     with open_session(out) as session:
         if copies := session.copies():
@@ -101,12 +101,10 @@ def import_file(path: Path, out: Path, *, cloth: str | None, force: bool) -> Non
 
 def video(path: Path, out: Path, *, episode: int, force: bool) -> None:
     """Write an episode as its camera saw it, with contact and WORD drawn on it, as a video."""
-    if out.suffix != ".webm":
-        raise UsageError(f"{out} is not a .webm file; videos are written as .webm")
     with open_session(path) as session:
         recorded = session.episode(schema.demo_name(episode))
+    validators.writable_file(out, force=force, suffix=".webm")
     check_drawable(recorded)
-    validators.writable_file(out, force=force)
     with EpisodeRenderer() as renderer:
         count = write_episode_video(out, renderer.camera_frames(recorded), recorded)
     print(f"wrote {schema.demo_name(episode)}, {count} frames {out}")
@@ -114,13 +112,11 @@ def video(path: Path, out: Path, *, episode: int, force: bool) -> None:
 
 def plot(path: Path, out: Path, *, episode: int | None, force: bool) -> None:
     """Draw a page of plots of a session, or of one of its episodes, as a PNG."""
-    if out.suffix != ".png":
-        raise UsageError(f"{out} is not a .png file; plots are written as .png")
     with open_session(path) as session:
         names = session.names if episode is None else (schema.demo_name(episode),)
         for name in names:
             session.info(name)
-        validators.writable_file(out, force=force)
+        validators.writable_file(out, force=force, suffix=".png")
         what = f"{len(names)} episodes" if episode is None else names[0]
         title = f"{storable(path.name)}: {what}, {session.robot}, {session.cloth}"
         count = plot_session(out, title, (curves_of(name, session.episode(name, images=False)) for name in names))

@@ -40,7 +40,7 @@ RANGES: Mapping[str, tuple[str, Callable[[float], str]]] = {
 def info(path: Path, *, json: Path | None, force: bool) -> None:
     """Print a page on the session."""
     if json is not None:
-        validators.writable_file(json, force=force)
+        validators.writable_file(json, force=force, suffix=".json")
     with open_session(path) as session:
         print_page(session, session.infos(), console(highlight=False))
         if copies := session.copies():
@@ -53,7 +53,7 @@ def validate(path: Path, *, json: Path | None, force: bool) -> None:
     """Print each violation with its path; UsageError where there is one."""
     validators.readable_file(path, "a session that was recorded by layflat")
     if json is not None:
-        validators.writable_file(json, force=force)
+        validators.writable_file(json, force=force, suffix=".json")
     found, copies = find_violations(path), dict[str, str]()
     if not found:
         with open_session(path) as session:
@@ -74,7 +74,7 @@ def validate(path: Path, *, json: Path | None, force: bool) -> None:
 def stats(path: Path, *, json: Path | None, force: bool) -> None:
     """Print statistics of every data set."""
     if json is not None:
-        validators.writable_file(json, force=force)
+        validators.writable_file(json, force=force, suffix=".json")
     with open_session(path) as session:
         found, robot = session_stats(session), session.robot
     table = Table("data set", "column", "unit", "count", "minimum", "maximum", "mean", "std")

@@ -56,7 +56,7 @@ def filter_episodes(
     force: bool,
 ) -> None:
     """Copy the episodes that meet every given condition."""
-    validators.writable_file(out, force=force)
+    validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
     with open_session(path) as session:
         total, names = len(session), session.select(outcome=outcome)
     if not names:
@@ -90,7 +90,7 @@ def merge(paths: Sequence[Path], out: Path, *, force: bool) -> None:
     for path in paths:
         if out.exists() and path.exists() and out.samefile(path):
             raise UsageError(f"{out} is one of the files to merge; give another name")
-    validators.writable_file(out, force=force)
+    validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
     left_out: list[operations.MergedCopy] = []
     names = operations.merge(paths, out, force=force, on_copy=left_out.append)
     if left_out:
@@ -108,7 +108,7 @@ def _copy_text(copy: operations.MergedCopy) -> str:
 
 def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, force: bool) -> None:
     """Cut an episode to steps ``start`` to ``stop - 1``."""
-    validators.writable_file(out, force=force)
+    validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
     name = schema.demo_name(episode)
     with open_session(path) as session:
         before = session.info(name)
@@ -119,7 +119,7 @@ def trim(path: Path, out: Path, *, episode: int, start: int, stop: int | None, f
 def repair(path: Path, out: Path | None, *, force: bool) -> None:
     """Save the intact episodes of a damaged file or a killed recording, in place or into ``out``."""
     if out is not None:
-        validators.writable_file(out, force=force)
+        validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
     report = repair_session(path, out, force=force)
     for violation in report.lost:
         print(f"lost {violation.path}: {violation.message}")

@@ -60,7 +60,7 @@ def flatten(config: FlattenConfig, *, workers: int, force: bool, make: EpisodeFa
     """Flatten the crumpled starts of ``seed``, ``seed + 1``, ...; print a table, write files where asked for."""
     validators.one_of("controller", config.controller, CONTROLLERS)
     simulation = sim_config(robot=ROBOT, task=SMOOTH, cloth=config.cloth, descriptor=config.descriptor)
-    for file, suffix in ((config.video, ".webm"), (config.strip, ".png"), (config.json, None)):
+    for file, suffix in ((config.video, ".webm"), (config.strip, ".png"), (config.json, ".json")):
         if file is not None:
             validators.writable_file(file, suffix=suffix, force=force)
     policy, pictured = PolicySpec(builtin=config.controller), config.video is not None or config.strip is not None

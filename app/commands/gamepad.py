@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 
 from layflat.app.support import validators
-from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.calibration import Calibration, RawState
 from layflat.app.workstation.teleop.devices import GamepadDevice, GamepadRegistry, gamepad_events
@@ -60,9 +60,7 @@ def calibrate(file: Path | None, force: bool) -> None:
     instance, joystick = _first(pygame)
     guid, name, capabilities = joystick.get_guid(), joystick.get_name(), DeviceCapabilities.of(joystick)
     path = file or mapping_file(guid)
-    if path.suffix != ".json":
-        raise UsageError(f"{path} is not a .json file; mappings are written as .json")
-    validators.writable_file(path, force=force)
+    validators.writable_file(path, force=force, suffix=".json")
     print(f"{name}: {capabilities}", file=sys.stderr)
     calibration = Calibration(
         capabilities, lambda text: print(f"  {text}", file=sys.stderr, flush=True), time.monotonic

@@ -68,11 +68,11 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
     taught = [item.seed for item in items if item.is_taught]
     if taught:
         say(taught_text(items[0].policy.label, taught))
-    for file, suffix, append in (
-        (config.video, ".webm", False), (config.record, None, True), (config.json, None, False),
+    for file, suffix in (
+        (config.video, ".webm"), (config.record, validators.SESSION_SUFFIXES), (config.json, ".json"),
     ):  # fmt: skip
         if file is not None:
-            validators.writable_file(file, suffix=suffix, force=force, append=append)
+            validators.writable_file(file, suffix=suffix, force=force, append=file is config.record)
     with tempfile.TemporaryDirectory(prefix="layflat-place-") as folder:
         collected = _run(items, config.record, Path(folder), workers, make)
         first = None if config.video is None or collected.interrupt else read_images(items[0], Path(folder))

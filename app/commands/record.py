@@ -32,7 +32,7 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
     path, episodes = config.path, config.episodes
     if force and path.is_file():
         raise UsageError(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
-    validators.writable_file(path, force=False, append=True)
+    validators.writable_file(path, force=False, append=True, suffix=validators.SESSION_SUFFIXES)
     if config.source != SCRIPTED:
         from layflat.app.workstation.teleop_record import record_teleoperated
 

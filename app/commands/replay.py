@@ -77,7 +77,7 @@ def replay(config: ReplayConfig, *, force: bool) -> None:
     validators.one_of("mode", config.mode, MODES)
     with open_session(config.path) as session:
         recorded = session.episode(schema.demo_name(config.episode), images=False)
-    for file, suffix in ((config.video, ".webm"), (config.json, None)):
+    for file, suffix in ((config.video, ".webm"), (config.json, ".json")):
         if file is not None:
             validators.writable_file(file, suffix=suffix, force=force)
     if config.video is not None:

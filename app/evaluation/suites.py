@@ -18,6 +18,7 @@ A suite is a list of cases, each of which is an episode of its own beside the un
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Collection, Mapping
 from importlib import resources
@@ -62,7 +63,7 @@ def cases_of(name: str) -> tuple[DisturbanceCase, ...]:
         return parse((_folder() / f"{name}{SUFFIX}").read_text(encoding="utf-8"), name, f"suite {name}")
     if name in DISTURBANCES and name != "none":
         return (DisturbanceCase(name=name, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[name]),)),)
-    path = Path(name)
+    path = Path(os.path.expanduser(name))
     if path.suffix == SUFFIX:
         return parse(validators.read_text(path, "a suite as TOML", max_bytes=MAX_BYTES), path.stem.lower(), str(path))
     known = ", ".join(dict.fromkeys([*shipped(), *(known for known in DISTURBANCES if known != "none")]))

@@ -28,7 +28,7 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
 
     The video is read back: a codec that fails silently is an error here, not an empty box in a browser.
     """
-    if path.suffix != ".webm":
+    if path.suffix.lower() != ".webm":
         raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
     with atomic_path(path, path.with_name(f".video.{os.getpid()}{PART_SUFFIX}.webm")) as aside:
         count = _encode(aside, frames, fps)

@@ -11,6 +11,7 @@ from pathlib import Path
 from layflat.app.support.errors import LayflatError, UsageError
 
 SUPPORTED_PYTHONS = ((3, 10), (3, 11))
+SESSION_SUFFIXES = (".h5", ".hdf5")
 
 
 def require_simulator() -> None:
@@ -64,13 +65,15 @@ def readable_file(path: Path, what: str) -> Path:
     return path
 
 
-def writable_file(path: Path, *, force: bool, append: bool = False, suffix: str | None = None) -> Path:
+def writable_file(path: Path, *, force: bool, append: bool = False, suffix: str | tuple[str, ...] = ()) -> Path:
     """Make the folder of an output file and check, before hours of work, that the file can be written; else UsageError.
 
-    A file that exists needs ``force``, or ``append`` where the work only adds to it.
+    A file that exists needs ``force``, or ``append`` where the work only adds to it. ``suffix``: ends of its name.
     """
-    if suffix is not None and path.suffix != suffix:
-        raise UsageError(f"{path} is not a {suffix} file; give a name that ends in {suffix}")
+    endings = (suffix,) if isinstance(suffix, str) else suffix
+    if endings and path.suffix.lower() not in endings:
+        wanted = " or ".join(endings)
+        raise UsageError(f"{path} is not a {wanted} file; give a name that ends in {wanted}")
     if path.is_dir():
         raise UsageError(f"{path} is a folder; give the name of a file")
     if path.exists() and not (force or append):
