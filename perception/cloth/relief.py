@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from scipy import ndimage
+from scipy.stats import trim_mean
 
 from layflat.perception.arrays import BoolArray, Float32Array, Float64Array, FloatArray, dilate, erode
 from layflat.perception.camera.pinhole import PinholeCamera
@@ -46,15 +47,16 @@ TABLE_M = 0.015
 GAP_MM = 20.0
 """Table this close to the cloth does not count: a lifted edge, its shadow."""
 TILE_MM = 30.0
-"""Side of the tiles of bare table, whose median is the noise: a thing on the table does not count."""
-MIN_TILES = 6
+MIN_TILES, TRIMMED = 6, 0.15
+"""Side and least number of the tiles of bare table, whose mean is the noise; share of them that is left out at either
+end, since a thing on the table is no noise."""
 MAX_SCATTER_M = 0.01
 MAX_NOISE_RATIO = 3.0
 """Largest factor by which the pixels of the cloth may scatter more than the table's; a dark cloth scatters more."""
 
 MIN_STRENGTH = 0.08
 """Relief with smaller slopes is called flat and has no direction."""
-MIN_SIGNIFICANCE = 1.5
+MIN_SIGNIFICANCE = 1.4
 """Least slope of cloth and noise together, in units of the noise's own, that is taken for wrinkles."""
 MIN_COHERENCE = 0.2
 """Wrinkles that agree less run several ways: there is no one direction."""
@@ -140,13 +142,15 @@ def measure_relief(camera: PinholeCamera, depth: FloatArray, cloth: BoolArray, s
     grid = grid_around(camera, cloth, margin_m=MARGIN_M)
     rectifier, px_per_mm = TableRectifier(camera, grid), 1 / grid.mm_per_px
     height = camera.height_above_table(depth)
-    cloth = fill_small_holes(cloth, HOLE_MM2 * _px_per_mm2(cloth, rectifier.rectify_mask(cloth), grid.mm_per_px))
+    hole_px = HOLE_MM2 * _px_per_mm2(cloth, rectifier.rectify_mask(cloth), grid.mm_per_px)
+    cloth = fill_small_holes(cloth, hole_px)
     seen, smooth = rectifier.rectify_mask(cloth), rectifier.rectify(smooth_height(height, cloth, smoothing_px))
-    bare = ~np.isnan(height) & (np.abs(np.nan_to_num(height, nan=1.0)) < TABLE_M) & ~dilate(cloth, 2)
+    bare = fill_small_holes(np.abs(np.nan_to_num(height, nan=1.0)) < TABLE_M, hole_px) & ~dilate(cloth, 2)
     table = rectifier.rectify_mask(bare) & ~dilate(seen, GAP_MM * px_per_mm)
     flat = rectifier.rectify(smooth_height(height, bare, smoothing_px))
-    ratio = _scatter(height, cloth, smoothing_px) / max(_scatter(height, bare, smoothing_px), 1e-6)
-    noise = _tile_median(slope_tensor(flat, table, grid.mm_per_px), erode(table, RIM_MM * px_per_mm), grid.mm_per_px)
+    scatter = _scatter(height, bare, smoothing_px)
+    ratio = _scatter(height, cloth, smoothing_px) / scatter if scatter > 0 else 1.0
+    noise = _tile_mean(slope_tensor(flat, table, grid.mm_per_px), erode(table, RIM_MM * px_per_mm), grid.mm_per_px)
     inner = erode(seen, RIM_MM * px_per_mm) & (smooth < TOP_M)
     return Relief(
         tensor=slope_tensor(smooth, seen, grid.mm_per_px),
@@ -195,8 +199,8 @@ def _scatter(height: Float32Array, mask: BoolArray, size_px: int) -> float:
     return float(np.minimum(np.abs(height - smooth)[valid], np.float32(MAX_SCATTER_M)).mean())
 
 
-def _tile_median(tensor: Float32Array, counted: BoolArray, mm_per_px: float) -> Float64Array:
-    """Return the (3,) median over the tiles of ``counted``; that of a cloth just called flat if these are too few."""
+def _tile_mean(tensor: Float32Array, counted: BoolArray, mm_per_px: float) -> Float64Array:
+    """Return the (3,) trimmed mean over the tiles of ``counted``; that of a cloth just called flat if these are too few."""
     side = max(1, round(TILE_MM / mm_per_px))
     shape = (-(-counted.shape[1] // side), -(-counted.shape[0] // side))
     share, *sums = (
@@ -206,4 +210,4 @@ def _tile_median(tensor: Float32Array, counted: BoolArray, mm_per_px: float) -> 
     full = share > 0.5
     if np.count_nonzero(full) < MIN_TILES:
         return np.array([0.5, 0.0, 0.5]) * MIN_STRENGTH**2
-    return np.array([np.median(part[full] / share[full]) for part in sums], dtype=np.float64)
+    return np.array([trim_mean(part[full] / share[full], TRIMMED) for part in sums], dtype=np.float64)

@@ -139,12 +139,65 @@ def test_a_frame_in_the_contracts_form(frames, run):
 def test_flat_cloth_has_no_direction_and_counts_for_the_portion(analyze):
     flat = analyze("flat")
     assert flat["word"] is flat["word_axial"] is None
-    assert flat["strength"] == flat["coherence"] == 0
+    assert flat["strength"] < flat["min_strength"]
     count = flat["cloth_pixels"]
     assert analyze("flat", "--flat-pixels", count)["contact_portion"] == pytest.approx(1.0, abs=0.02)
     lifted = analyze("red", "--flat-pixels", count)
     assert 0.3 < lifted["contact_portion"] < 0.6  # half of it rises
     assert lifted["hsv"]["hue_min"] > lifted["hsv"]["hue_max"]
+
+
+def axial_deg(result) -> float:
+    return math.degrees(math.atan2(result["word_axial"][1], result["word_axial"][0]))
+
+
+@pytest.mark.parametrize("name", ["flat", "good"])
+def test_stripes_are_no_wrinkles(name, frames, run):
+    """Dark stripes along x, 40 px apart, on a cloth without and with wrinkles across 30 degrees."""
+    rgb = cv2.imread(str(frames / f"{name}-rgb.png"))
+    cloth = rgb[..., 0] > rgb[..., 2].astype(int) + 40
+    stripes = cloth & (np.arange(len(rgb)) % 40 < 20)[:, None]
+    cv2.imwrite("rgb.png", np.where(stripes[..., None], np.rint(0.6 * rgb), rgb).astype(np.uint8))
+    options = ("--hsv", "195,255,0.35,0.1", "--descriptor", "hog", "--regions", "--json", "out.json")
+    assert run("rgb.png", frames / f"{name}-depth.png", *options)[0] == 0
+    result = json.loads(Path("out.json").read_text())
+    assert result["descriptor"]["strength"] > 0.01  # that of the stripes: HOG sees them
+    if name == "flat":
+        assert result["word"] is result["word_axial"] is result["descriptor"]["direction"] is None
+        assert result["strength"] < result["min_strength"]
+        assert result["regions"] == []
+    else:
+        assert axial_deg(result) == pytest.approx(30.0, abs=3.0)
+
+
+def test_regions_of_a_cloth_that_is_wrinkled_two_ways(run, tmp_path):
+    """Wrinkles across 30 degrees, laid beside the same cloth turned by a quarter."""
+    _sheet_frame(tmp_path, "one", Scene(amplitude=0.003, yaw=0.0), tilt=0.0, width=640, height=480)
+    _sheet_frame(tmp_path, "two", Scene(amplitude=0.003, yaw=0.0, normal=120.0), tilt=0.0, width=640, height=480)
+    for kind in ("rgb", "depth"):
+        one, two = (cv2.imread(f"{name}-{kind}.png", cv2.IMREAD_UNCHANGED) for name in ("one", "two"))
+        cv2.imwrite(f"{kind}.png", np.hstack([one[:, :320], two[:, 320:]]))
+    status, out, _ = run("rgb.png", "depth.png", "--json", "out.json")
+    result = json.loads(Path("out.json").read_text())
+    assert status == 0
+    assert result["word"] is result["word_axial"] is None
+    assert result["coherence"] < 0.2
+    assert result["strength"] > 2 * result["min_strength"]  # not that of a flat cloth
+    assert "run several ways; --regions" in out
+    plain = ("--overlay", "plain.png")
+    _, out, _ = run("rgb.png", "depth.png", *plain, "--regions", "--json", "out.json", "--force")
+    run("rgb.png", "depth.png", "--overlay", "without.png")
+    assert (cv2.imread("plain.png") != cv2.imread("without.png")).any()
+    regions = json.loads(Path("out.json").read_text())["regions"]
+    assert len(regions) >= 2
+    assert out.count("\nregion ") == len(regions)
+    assert 0.6 < sum(region["share"] for region in regions) <= 1.0
+    for region in regions:
+        side = np.sign(region["pixel"][0] - 320)
+        assert side == np.sign(region["place_m"][0])
+        assert abs((axial_deg(region) - (30 if side < 0 else 120) + 90) % 180 - 90) < 8.0
+        assert region["strength"] > 0.1
+        assert region["coherence"] > 0.5
 
 
 def test_the_color_given_learned_and_suggested_see_the_same_cloth(frames, run, analyze):
