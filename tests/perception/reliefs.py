@@ -71,7 +71,9 @@ def random_relief(rng: np.random.Generator, concentration: float, rms_slope: flo
     field *= rms_slope / math.sqrt(np.mean((slopes**2).sum(axis=0)))
     field += 0.003 - field.min()
     scale = CELLS / SPAN_M
-    return lambda x, y: map_coordinates(field, [(y + SPAN_M / 2) * scale, (x + SPAN_M / 2) * scale], order=1, mode="wrap")
+    return lambda x, y: map_coordinates(
+        field, [(y + SPAN_M / 2) * scale, (x + SPAN_M / 2) * scale], order=1, mode="wrap"
+    )
 
 
 def rectangle(length=0.35, width=0.35, yaw=0.3) -> Callable[[NDArray, NDArray], NDArray]:
