@@ -200,7 +200,7 @@ def _scatter(height: Float32Array, mask: BoolArray, size_px: int) -> float:
 
 
 def _tile_mean(tensor: Float32Array, counted: BoolArray, mm_per_px: float) -> Float64Array:
-    """Return the (3,) trimmed mean over the tiles of ``counted``; that of a cloth just called flat if these are too few."""
+    """Return the (3,) trimmed mean over the tiles of ``counted``; that of a cloth just flat if these are too few."""
     side = max(1, round(TILE_MM / mm_per_px))
     shape = (-(-counted.shape[1] // side), -(-counted.shape[0] // side))
     share, *sums = (
