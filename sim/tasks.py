@@ -18,6 +18,8 @@ class Task:
     """Names of the starts that belong to the task, in `layflat.sim.starts.registry`; the first is the default."""
     demonstrator: str
     """Name of the policy that ``scripted`` stands for in this task."""
+    instruction: str = "Lay the {cloth} flat on the table with the {robot}."
+    """Task in words, for policies that are conditioned on language."""
     limits: StepLimits = field(default_factory=StepLimits)
     """Step limits of an episode's phases."""
 
@@ -28,7 +30,13 @@ class Task:
 
 PLACE = Task(name="place", starts=("hanging", "folded-corner", "swinging", "crumpled"), demonstrator="scripted")
 """Lay a cloth flat on the table (chapter 4)."""
-SMOOTH = Task(name="smooth", starts=("crumpled",), demonstrator="word", limits=StepLimits(place=60))
+SMOOTH = Task(
+    name="smooth",
+    starts=("crumpled",),
+    demonstrator="word",
+    instruction="Smooth the crumpled {cloth} on the table with the {robot}.",
+    limits=StepLimits(place=60),
+)
 """Pull a crumpled cloth flat (chapter 3)."""
 TASKS: Mapping[str, Task] = {task.name: task for task in (PLACE, SMOOTH)}
 DEFAULT_TASK = PLACE.name

@@ -158,14 +158,29 @@ def repair(
 
 @data_cli.command()
 def export(
-    path: DataFile,
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="FILE.h5...", show_default=False, help="Session; lerobot takes several.")
+    ],
     out: Annotated[Path, typer.Option(metavar="PATH", show_default=False, help="File (robomimic) or folder.")],
     form: Annotated[FormatName, typer.Option("--format", help="Output format.")] = "robomimic",
     outcome: Outcome = None,
-    valid_share: Annotated[float, typer.Option(help="Share of episodes for validation (filter key valid).")] = 0.1,
+    trim_idle: Annotated[
+        bool, typer.Option("--trim-idle", help="Keep one step of the end in which the robot stands still.")
+    ] = False,
+    valid_share: Annotated[float, typer.Option(help="robomimic: share of episodes for validation.")] = 0.1,
     images: Annotated[
         bool, typer.Option("--images/--no-images", help="With camera images (lerobot, minari, rrd).")
     ] = True,
+    depth: Annotated[
+        bool, typer.Option("--depth", help="lerobot: with depth images too, at which ACT and Diffusion fail.")
+    ] = False,
+    task_text: Annotated[
+        list[str] | None,
+        typer.Option(metavar="TEXT", help="lerobot: task in words; once for all sessions, or one for each."),
+    ] = None,
+    data_license: Annotated[
+        str, typer.Option("--license", metavar="ID", help="lerobot: licence of the data, such as cc-by-4.0.")
+    ] = "unknown",
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,
@@ -175,9 +190,21 @@ def export(
     robomimic: an exact copy with the filter keys train and valid; lerobot: a LeRobot v3.0 data set; csv: two tables;
     minari: a Minari data set; rrd: a Rerun recording for each episode.
     """
+    from layflat.app.commands.dataset import ExportOptions
     from layflat.app.commands.dataset import export as run
 
-    run(path, out, form=form, outcome=outcome, valid_share=valid_share, images=images, seed=seed, force=force)
+    options = ExportOptions(
+        form=form,
+        outcome=outcome,
+        trim_idle=trim_idle,
+        valid_share=valid_share,
+        seed=seed,
+        images=images,
+        depth=depth,
+        task_texts=task_text or (),
+        data_license=data_license,
+    )
+    run(paths, out, options, force=force)
 
 
 @data_cli.command(name="import")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -13,60 +15,122 @@ from layflat.app.support import validators
 from layflat.app.support.errors import UsageError, say
 from layflat.app.support.progress import Progress
 from layflat.app.support.session_lines import copies_text
-from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
+from layflat.data.exchange.csv_export import export_csv
+from layflat.data.exchange.lerobot import LeRobotOptions, TaskEpisodes, export_lerobot
+from layflat.data.exchange.robomimic import VALID_SHARE, export_robomimic, import_robomimic
 from layflat.data.format import schema
 from layflat.data.names import storable
 from layflat.data.session.reader import Session, open_session
 from layflat.data.types import Outcome
 from layflat.sim.robots.registry import ROBOTS, robot_spec
+from layflat.sim.tasks import TASKS
 
 Format: TypeAlias = Literal["robomimic", "lerobot", "csv", "minari", "rrd"]
 EPISODE_S = 0.5
 """Expected wall time of the LeRobot export of one episode, for the first estimate of the time left."""
 
 
-def export(
-    path: Path,
-    out: Path,
-    *,
-    form: Format,
-    outcome: Outcome | None,
-    valid_share: float,
-    images: bool,
-    seed: int,
-    force: bool,
-) -> None:
-    """Write a session, or its episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
-    if not images and form in ("robomimic", "csv"):
-        raise UsageError(f"--no-images is for lerobot, minari and rrd; {form} exports do not take it")
-    with open_session(path) as session:
-        names = chosen_names(session, outcome)
-        if copies := session.copies(names):
-            say(f"{path}: {copies_text(copies)}; all are exported; `layflat data merge` keeps one of each")
-        if form == "robomimic":
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions:
+    """Settings of one `layflat data export` call."""
+
+    form: Format = "robomimic"
+    outcome: Outcome | None = None
+    trim_idle: bool = False
+    valid_share: float = VALID_SHARE
+    seed: int = 0
+    images: bool = True
+    depth: bool = False
+    task_texts: Sequence[str] = ()
+    data_license: str = LeRobotOptions.licence
+
+    def check(self, paths: Sequence[Path]) -> None:
+        """Check that the options go together; UsageError otherwise."""
+        given = {
+            "--no-images": (not self.images, ("lerobot", "minari", "rrd")),
+            "--trim-idle": (self.trim_idle, ("robomimic", "lerobot", "csv")),
+            "--depth": (self.depth, ("lerobot",)),
+            "--task-text": (bool(self.task_texts), ("lerobot",)),
+            "--license": (self.data_license != LeRobotOptions.licence, ("lerobot",)),
+        }
+        for option, (there, forms) in given.items():
+            if there and self.form not in forms:
+                raise UsageError(f"{option} is for {', '.join(forms)}; {self.form} exports do not take it")
+        if self.form != "lerobot" and len(paths) > 1:
+            raise UsageError(f"{self.form} exports take one session, got {len(paths)}; merge them first")
+        if self.depth and not self.images:
+            raise UsageError("--depth needs images; remove --no-images")
+        if len(self.task_texts) not in (0, 1, len(paths)):
+            raise UsageError(
+                f"got {len(self.task_texts)} --task-text for {len(paths)} sessions; give one, or one for each"
+            )
+        if not all(text.strip() for text in self.task_texts):
+            raise UsageError("--task-text is empty; say what is to be done")
+
+
+def export(paths: Sequence[Path], out: Path, options: ExportOptions, *, force: bool) -> None:
+    """Write sessions, or their episodes with this outcome, to ``out``: a file for robomimic, else a folder."""
+    options.check(paths)
+    with ExitStack() as stack:
+        sessions = [stack.enter_context(open_session(path)) for path in paths]
+        chosen = [chosen_names(session, options.outcome) for session in sessions]
+        kept = "one of each is" if options.form == "lerobot" else "all are"
+        for session, names in zip(sessions, chosen, strict=True):
+            if copies := session.copies(names):
+                text = copies_text(copies)
+                say(f"{session.path}: {text}; {kept} exported; `layflat data merge` keeps one of each")
+        if options.form == "robomimic":
             validators.writable_file(out, force=force, suffix=validators.SESSION_SUFFIXES)
-            split = export_robomimic(session, out, names=names, valid_share=valid_share, seed=seed)
-            counts = ", ".join(f"{len(members)} {key}" for key, members in split.items())
-            print(f"exported {len(names)} episodes ({counts}) {out}")
-            return
-        new_folder(out, force=force)
-        if form == "lerobot":
-            from layflat.data.exchange.lerobot import export_lerobot
-
-            with Progress({"export": EPISODE_S * len(names)}) as progress:
-                progress.phase("export")
-                share = 1 / len(names)
-                written = export_lerobot(
-                    session, out, names=names, images=images, on_episode=lambda name: progress.advance(share, name)
-                )
-            what = "with images" if written.images else "without images"
-            print(f"exported {written.episodes} episodes, {written.frames} frames {what} {out}")
-        elif form in ("minari", "rrd"):
-            _export_episodes(session, out, names, form, images=images)
         else:
-            from layflat.data.exchange.csv_export import export_csv
+            new_folder(out, force=force)
+        if options.form == "lerobot":
+            _export_lerobot(sessions, chosen, out, options)
+        else:
+            _export_session(sessions[0], chosen[0], out, options)
 
-            print(f"exported {len(names)} episodes, {export_csv(session, out, names=names)} steps {out}")
+
+def _export_session(session: Session, names: Sequence[str], out: Path, options: ExportOptions) -> None:
+    if options.form == "robomimic":
+        split = export_robomimic(
+            session,
+            out,
+            names=names,
+            valid_share=options.valid_share,
+            seed=options.seed,
+            trim_idle=options.trim_idle,
+        )
+        counts = ", ".join(f"{len(members)} {key}" for key, members in split.items())
+        print(f"exported {len(names)} episodes ({counts}) {out}")
+    elif options.form == "csv":
+        steps = export_csv(session, out, names=names, trim_idle=options.trim_idle)
+        print(f"exported {len(names)} episodes, {steps} steps {out}")
+    else:
+        _export_episodes(session, out, names, options.form, images=options.images)
+
+
+def _export_lerobot(
+    sessions: Sequence[Session], chosen: Sequence[Sequence[str]], out: Path, options: ExportOptions
+) -> None:
+    texts = list(options.task_texts) or [
+        TASKS[session.task].instruction.format(cloth=session.cloth, robot=session.robot)
+        if session.task in TASKS
+        else f"{session.task} ({session.cloth}, {session.robot})"
+        for session in sessions
+    ]
+    texts *= len(sessions) // len(texts)
+    sources = [
+        TaskEpisodes(session=session, names=names, task_text=text)
+        for session, names, text in zip(sessions, chosen, texts, strict=True)
+    ]
+    settings = LeRobotOptions(
+        images=options.images, depth=options.depth, trim_idle=options.trim_idle, licence=options.data_license
+    )
+    count = sum(map(len, chosen))
+    with Progress({"export": EPISODE_S * count}) as progress:
+        progress.phase("export")
+        written = export_lerobot(sources, out, settings, on_episode=lambda name: progress.advance(1 / count, name))
+    what = "with images" if written.images else "without images"
+    print(f"exported {written.episodes} episodes, {written.frames} frames {what} {out}")
 
 
 def _export_episodes(session: Session, out: Path, names: Sequence[str], form: Format, *, images: bool) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from layflat.data.atomic_files import atomic_path
 from layflat.data.columns import write_legend
 from layflat.data.errors import DataError
+from layflat.data.exchange.idle_end import kept_steps
 from layflat.data.format import schema
 from layflat.data.format.opening import errors_name
 from layflat.data.format.rows import demo_rows
@@ -51,12 +52,12 @@ def step_columns(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
     return {**_MOMENT_COLUMNS, schema.ACTION_M: actions, schema.ACTION_STD: stds, **_STEP_COLUMNS}
 
 
-def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None) -> int:
+def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = None, trim_idle: bool = False) -> int:
     """Write ``episodes.csv``, ``steps.csv`` and their legend into a folder; return the number of steps.
 
     Numbers have as many digits as it takes to read back the same bits; unknown values are empty. Each episode has one
     more row than steps: the last, without phase and action, is the final observation. Images and cloth nodes are left
-    out.
+    out. With ``trim_idle`` steps.csv has only one step of an idle end; episodes.csv describes the whole recording.
     """
     chosen = tuple(session.names if names is None else names)
     if not chosen:
@@ -76,20 +77,24 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
         }
         episodes.writerow(titles[EPISODES_CSV])
         steps.writerow(titles[STEPS_CSV])
+        count = 0
         for name in chosen:
             info = session.info(name)
             # The csv module writes None as an empty cell, and floats by their repr.
             episodes.writerow([name, *(getattr(info, attribute) for attribute in _INFO)])
+            kept = kept_steps(session, name, trim_idle=trim_idle)
             with errors_name(session.path):
-                steps.writerows(_step_rows(name, demo_rows(session.group(name), images=False), columns))
+                steps.writerows(_step_rows(name, kept, demo_rows(session.group(name), images=False), columns))
+            count += kept
         write_legend(folder, titles, session.robot)
-    return sum(session.info(name).n_steps for name in chosen)
+    return count
 
 
 def _step_rows(
-    name: str, rows: Mapping[str, NDArray[Any]], columns: Mapping[str, tuple[str, ...]]
+    name: str, n_steps: int, rows: Mapping[str, NDArray[Any]], columns: Mapping[str, tuple[str, ...]]
 ) -> Iterator[list[object]]:
-    """Yield a row for each step and one for the final observation."""
+    """Yield a row for each of the first ``n_steps`` steps and one for the observation after them."""
+    rows = {key: values[: n_steps + (key in _MOMENT_COLUMNS)] for key, values in rows.items()}
     phases = [phase.decode() for phase in rows[schema.PHASE]]
     for index in range(len(phases) + 1):
         cells: list[object] = [name, index, phases[index] if index < len(phases) else ""]

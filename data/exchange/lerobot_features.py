@@ -5,18 +5,22 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.errors import DataError
 from layflat.data.exchange.optional_imports import require
+from layflat.data.format import schema
+from layflat.data.format.structure_checks import camera_of, stored_attributes
 from layflat.data.session.reader import Session
+from layflat.data.types import ACTION_LIMIT_M
 
-DEPTH_KEY = "observation.images.depth"
-IMAGES = {"observation.images.camera": "obs/rgb", DEPTH_KEY: "obs/depth"}
+RGB_KEY, DEPTH_KEY = "observation.images.camera", "observation.images.depth"
+IMAGES = {RGB_KEY: f"{schema.OBS}/{schema.RGB}", DEPTH_KEY: f"{schema.OBS}/{schema.DEPTH}"}
 """Column of images -> data set."""
 STATE = ("obs/corner_positions", "obs/holder_position")
 CLOTH = ("obs/word", "obs/word_strength", "obs/contact_portion")
@@ -30,6 +34,9 @@ STATE_NAMES = (
 """Columns of the robot: m, world frame; corner 1 is the one at +y."""
 CLOTH_NAMES = ("word_x", "word_y", "word_strength", "contact_portion")
 """Columns of the cloth, as seen by the camera."""
+ACTION_TEXT = (
+    f"displacement in the step, share of the limit of {1000 * ACTION_LIMIT_M:g} mm, as the environment takes it"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,17 +46,18 @@ class Feature:
     key: str
     dtype: str
     """Type of a number, or "image"."""
-    shape: tuple[int, ...]
+    shape: tuple[int, ...] = (1,)
     names: Sequence[str] | None = None
-    depth: bool = False
+    text: str = ""
+    """What the column holds, for the card."""
+    info: Mapping[str, Any] = field(default_factory=dict)
+    """Unit, frame and the like for info.json, under a key that LeRobot keeps."""
 
     def described(self) -> dict[str, Any]:
         """Return the column as info.json describes it."""
         names = None if self.names is None else list(self.names)
         described: dict[str, Any] = {"dtype": self.dtype, "shape": list(self.shape), "names": names}
-        if self.depth:
-            described["info"] = {"is_depth_map": True, "depth_unit": "m"}
-        return described
+        return described | ({"info": dict(self.info)} if self.info else {})
 
     def arrow_type(self) -> Any:
         """Return the column's type for arrow."""
@@ -67,43 +75,92 @@ class Feature:
         return value if self.shape == (1,) else {"feature": value, "length": self.shape[0], "_type": "Sequence"}
 
 
-def features_of(session: Session, name: str, *, images: bool) -> tuple[Feature, ...]:
-    """Return the columns of a session's episodes, by the example of one."""
-    group, actions = session.group(name), session.robot.action_names
-    features = [
-        Feature(key="observation.state", dtype="float32", shape=(len(STATE_NAMES),), names=STATE_NAMES),
-        Feature(key="observation.environment_state", dtype="float32", shape=(len(CLOTH_NAMES),), names=CLOTH_NAMES),
-    ]
-    axes = ("height", "width", "channels")
-    for key, source in IMAGES.items():
-        if images and source in group:
-            shape = group[source].shape[1:]
-            features.append(Feature(key=key, dtype="image", shape=shape, names=axes, depth=key == DEPTH_KEY))
-    features += [
-        Feature(key="action", dtype="float32", shape=(len(actions),), names=actions),
-        Feature(key="next.reward", dtype="float32", shape=(1,)),
-        Feature(key="next.done", dtype="bool", shape=(1,)),
-        Feature(key="timestamp", dtype="float32", shape=(1,)),
-    ]
-    indices = ("frame_index", "episode_index", "index", "task_index")
-    return (*features, *(Feature(key=key, dtype="int64", shape=(1,)) for key in indices))
+def features_of(
+    session: Session, name: str, *, images: bool, depth: bool, camera: Mapping[str, Any]
+) -> tuple[Feature, ...]:
+    """Return the columns of a session's episodes, by the example of one; ``camera`` describes that of all episodes."""
+    actions = session.robot.action_names
+    return (
+        Feature(
+            key="observation.state",
+            dtype="float32",
+            shape=(len(STATE_NAMES),),
+            names=STATE_NAMES,
+            text="both held corners and the robot's hand, m, world",
+            info={"unit": "m", "frame": "world"},
+        ),
+        Feature(
+            key="observation.environment_state",
+            dtype="float32",
+            shape=(len(CLOTH_NAMES),),
+            names=CLOTH_NAMES,
+            text=f"wrinkle direction ({session.descriptor}) on the table, its strength; contact portion, 0..1",
+            info={"unit": "1", "frame": "table", "descriptor": session.descriptor},
+        ),
+        *_image_features(session.group(name), images=images, depth=depth, camera=camera),
+        Feature(
+            key="action",
+            dtype="float32",
+            shape=(len(actions),),
+            names=actions,
+            text=ACTION_TEXT,
+            info={"unit": "share of limit_m", "min": -1.0, "max": 1.0, "limit_m": ACTION_LIMIT_M, "frame": "world"},
+        ),
+        Feature(key="next.reward", dtype="float32", text="gain of the contact portion in the step"),
+        Feature(key="next.done", dtype="bool", text="last step of the episode"),
+        Feature(key="next.success", dtype="bool", text="last step of an episode with the outcome success"),
+        Feature(key="timestamp", dtype="float32", text="s"),
+        *(Feature(key=key, dtype="int64") for key in ("frame_index", "episode_index", "index", "task_index")),
+    )
 
 
-def frames_of(session: Session, name: str, features: tuple[Feature, ...]) -> dict[str, NDArray[Any]]:
-    """Return columns by key, one row for each step of an episode; without times and indices."""
-    rows = session.arrays([*STATE, *CLOTH, "action_m", "rewards", "dones"], [name])
+def camera_text(session: Session, name: str) -> str:
+    """Return the camera's intrinsics and pose as JSON; empty where it is not known."""
+    camera = camera_of(stored_attributes(session.group(name)))
+    return "" if camera is None else camera.to_json()
+
+
+def _image_features(group: h5py.Group, *, images: bool, depth: bool, camera: Mapping[str, Any]) -> list[Feature]:
+    info: dict[str, Any] = {"camera": dict(camera)} if camera else {}
+    texts = {RGB_KEY: (images, "rgb as PNG", info)}
+    depth_info = {"is_depth_map": True, "depth_unit": "m", **info}
+    texts[DEPTH_KEY] = (depth, "metres along the optical axis as TIFF of float32, 0 = missing", depth_info)
+    return [
+        Feature(
+            key=key,
+            dtype="image",
+            shape=group[IMAGES[key]].shape[1:],
+            names=("height", "width", "channels"),
+            text=text,
+            info=described,
+        )
+        for key, (wanted, text, described) in texts.items()
+        if wanted and IMAGES[key] in group
+    ]
+
+
+def frames_of(session: Session, name: str, features: tuple[Feature, ...], *, n_steps: int) -> dict[str, NDArray[Any]]:
+    """Return columns by key, one row for each of the first ``n_steps`` steps; without times and indices."""
+    info, kept = session.info(name), slice(0, n_steps)
+
+    def stacked(keys: Sequence[str]) -> NDArray[np.float32]:
+        rows = [session.array(name, key, kept) for key in keys]
+        return np.hstack([values.reshape(n_steps, -1) for values in rows]).astype(np.float32)
+
+    last = np.arange(n_steps) == n_steps - 1
     columns: dict[str, NDArray[Any]] = {
-        "observation.state": np.hstack([rows[key] for key in STATE]).astype(np.float32),
-        "observation.environment_state": np.hstack([rows[key] for key in CLOTH]).astype(np.float32),
-        "action": rows["action_m"].astype(np.float32),
-        "next.reward": rows["rewards"].astype(np.float32),
-        "next.done": rows["dones"].astype(bool),
+        "observation.state": stacked(STATE),
+        "observation.environment_state": stacked(CLOTH),
+        "action": stacked([schema.ACTIONS]),
+        "next.reward": session.array(name, schema.REWARDS, kept).astype(np.float32),
+        "next.done": last,
+        "next.success": last & info.success,
     }
     for feature in (feature for feature in features if feature.dtype == "image"):
         source = IMAGES[feature.key]
         if source not in session.group(name) or session.group(name)[source].shape[1:] != feature.shape:
             raise DataError(f"{name} has no images of {feature.shape} in {feature.key}; export without images")
-        columns[feature.key] = session.array(name, source)
+        columns[feature.key] = session.array(name, source, kept)
     return columns
 
 
@@ -114,7 +171,7 @@ def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
     for feature in features:
         rows = columns[feature.key]
         if feature.dtype == "image":
-            values = [{"bytes": image_file(row, depth=feature.depth), "path": None} for row in rows]
+            values = [{"bytes": image_file(row), "path": None} for row in rows]
             arrays.append(pa.array(values, feature.arrow_type()))
         elif feature.shape == (1,):
             arrays.append(pa.array(rows, feature.arrow_type()))
@@ -122,17 +179,17 @@ def encoded(features: tuple[Feature, ...], columns: Mapping[str, Any]) -> Any:
             flat = pa.array(rows.ravel(), feature.arrow_type().value_type)
             arrays.append(pa.FixedSizeListArray.from_arrays(flat, feature.shape[0]))
     described = {"info": {"features": {feature.key: feature.hugging_face() for feature in features}}}
-    schema = pa.schema(
+    table_schema = pa.schema(
         [(feature.key, feature.arrow_type()) for feature in features], metadata={FEATURES_KEY: json.dumps(described)}
     )
-    return pa.Table.from_arrays(arrays, schema=schema)
+    return pa.Table.from_arrays(arrays, schema=table_schema)
 
 
-def image_file(image: NDArray[Any], *, depth: bool) -> bytes:
+def image_file(image: NDArray[Any]) -> bytes:
     """Return rgb (H, W, 3) as PNG, depth (H, W, 1) float32 as TIFF; both are lossless."""
     pillow = require("PIL.Image")
     buffer = io.BytesIO()
-    if depth:
+    if image.dtype == np.float32:
         pillow.fromarray(np.ascontiguousarray(image[..., 0])).save(buffer, "TIFF", compression="tiff_adobe_deflate")
     else:
         pillow.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=1)

@@ -18,6 +18,7 @@ import numpy as np
 
 from layflat.data.atomic_files import atomic_path
 from layflat.data.errors import DataError
+from layflat.data.exchange.idle_end import kept_steps, without_idle_end
 from layflat.data.exchange.robomimic_import import import_episode
 from layflat.data.format import schema
 from layflat.data.format.attributes import texts_violations
@@ -58,12 +59,18 @@ def train_and_valid(names: Sequence[str], *, valid_share: float, seed: int) -> d
 
 
 def export_robomimic(
-    session: Session, target: Path, *, names: Iterable[str] | None = None, valid_share: float = VALID_SHARE, seed: int
+    session: Session,
+    target: Path,
+    *,
+    names: Iterable[str] | None = None,
+    valid_share: float = VALID_SHARE,
+    seed: int,
+    trim_idle: bool = False,
 ) -> dict[str, tuple[str, ...]]:
     """Copy episodes, bit by bit, into a robomimic data set at ``target``, and return its training and validation names.
 
-    ``names`` None takes all. Copies, and episodes that share steps, are on the same side. The file replaces ``target``
-    completely, or not at all.
+    ``names`` None takes all. With ``trim_idle`` only one step of an idle end is copied; the outcome stays. Copies, and
+    episodes that share steps, are on the same side. The file replaces ``target`` completely, or not at all.
     """
     chosen = tuple(session.names if names is None else names)
     if not chosen:
@@ -74,7 +81,11 @@ def export_robomimic(
     with atomic_path(target) as aside, written_file(aside) as (file, check):
         copied = SessionFile(file, check=check)
         for name in chosen:
-            copied.copy(name, session.group(name), session.info(name))
+            info, stop = session.info(name), kept_steps(session, name, trim_idle=trim_idle)
+            if stop == info.n_steps:
+                copied.copy(name, session.group(name), info)
+            else:
+                copied.add(name, without_idle_end(session.episode(name), stop), info.uid)
         copied.finish()
         write_masks(file, {key: members for key, members in split.items() if members})
     return split

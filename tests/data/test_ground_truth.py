@@ -12,7 +12,7 @@ import pytest
 from layflat.data import SessionRecorder, merge, open_session, repair, session_stats, trim, validate
 from layflat.data.errors import DataError
 from layflat.data.exchange.csv_export import EPISODES_CSV, STEPS_CSV, export_csv
-from layflat.data.exchange.lerobot import export_lerobot
+from layflat.data.exchange.lerobot import TaskEpisodes, export_lerobot
 from layflat.data.exchange.robomimic import export_robomimic, import_robomimic
 from layflat.data.session.journal_reader import read_journal
 from layflat.tests.factories import (
@@ -97,7 +97,8 @@ def test_it_is_exported_and_imported(path, tmp_path):
     with open_session(path) as session:
         export_robomimic(session, tmp_path / "rm.h5", seed=0)
         export_csv(session, tmp_path / "tables")
-        assert export_lerobot(session, tmp_path / "lerobot").frames == 15
+        source = TaskEpisodes(session=session, names=session.names, task_text="Lay it flat.")
+        assert export_lerobot([source], tmp_path / "lerobot").frames == 15
     assert import_robomimic(tmp_path / "rm.h5", tmp_path / "back.h5").exact
     _same(tmp_path / "back.h5", REAL)
     with (tmp_path / "tables" / EPISODES_CSV).open() as file:

@@ -249,6 +249,16 @@ def test_export_and_back(form, path, done):
     assert "exported 4 episodes" in again
 
 
+def test_a_lerobot_export_says_what_was_asked(done):
+    pytest.importorskip("pyarrow")
+    done("export", "hanger.h5", "--out", "lr", "--format", "lerobot", "--trim-idle", "--license", "cc0-1.0")
+    card = Path("lr/README.md").read_text()
+    assert 'license: "cc0-1.0"' in card
+    assert "Lay the towel flat on the table with the hanger." in card
+    done("export", "hanger.h5", "--out", "lr", "--format", "lerobot", "--task-text", "Spread it out.", "--force")
+    assert "| task texts | Spread it out. |" in Path("lr/README.md").read_text()
+
+
 def test_a_film_has_a_frame_for_each_observation(done):
     assert "6 frames" in done("video", "pickers.h5", "--episode", "0", "--out", "film.webm")
     assert count_frames(Path("film.webm")) == 6
@@ -325,6 +335,12 @@ WRONG = {
     ("export", "hanger.h5", "--out", "o", "--format", "csv", "--no-images"): "--no-images",
     ("export", "hanger.h5", "--out", "o", "--outcome", "partial"): "partial",
     ("export", "hanger.h5", "--out", ".", "--format", "lerobot", "--force"): "not a LeRobot data set",
+    ("export", "hanger.h5", "--out", "o", "--format", "csv", "--depth"): "--depth is for lerobot",
+    ("export", "hanger.h5", "--out", "o", "--license", "mit"): "--license is for lerobot",
+    ("export", "hanger.h5", "hanger.h5", "--out", "o"): "one session, got 2; merge them first",
+    ("export", "hanger.h5", "--out", "o", "--format", "lerobot", "--depth", "--no-images"): "remove --no-images",
+    ("export", "hanger.h5", "--out", "o", "--format", "lerobot", "--task-text", " "): "--task-text is empty",
+    ("export", "hanger.h5", *("--out", "o", "--format", "lerobot", "--task-text", "a", "--task-text", "b")): "got 2",
 }
 
 

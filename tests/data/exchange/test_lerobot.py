@@ -1,7 +1,7 @@
 """The LeRobot export is what LeRobot v3.0's own reader asks for, read here by pyarrow, pandas and `datasets`.
 
-LeRobot itself needs a newer Python than PyBullet runs on; ``_lerobot_features`` restates how it makes column types of
-info.json, and ``_check_as_lerobot`` the relations between its files.
+``_lerobot_features`` restates how LeRobot makes column types of info.json; tests/docs/test_examples_lerobot.py trains
+with LeRobot itself, where it is installed.
 """
 
 from __future__ import annotations
@@ -9,17 +9,22 @@ from __future__ import annotations
 import io
 import json
 import os
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from layflat.data import SessionRecorder, open_session
+from layflat.data.camera import CameraModel
 from layflat.data.errors import DataError
-from layflat.data.exchange import optional_imports
-from layflat.data.exchange.lerobot import export_lerobot
-from layflat.data.types import OUTCOMES
-from layflat.tests.factories import HANGER, ROBOT_SPECS, make_episode, write_session
+from layflat.data.exchange import lerobot, optional_imports
+from layflat.data.exchange.csv_export import export_csv
+from layflat.data.exchange.lerobot import LeRobotOptions, TaskEpisodes
+from layflat.data.exchange.robomimic import export_robomimic
+from layflat.data.types import ACTION_LIMIT_M, OUTCOMES
+from layflat.tests.factories import HANGER, ROBOT_SPECS, differences, make_episode, write_session
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 pandas = pytest.importorskip("pandas")
@@ -28,13 +33,18 @@ Image = pytest.importorskip("PIL.Image")
 RGB, DEPTH = "observation.images.camera", "observation.images.depth"
 
 
+def export_lerobot(session, folder, names=None, text="Lay it flat.", **options):
+    source = TaskEpisodes(session=session, names=session.names if names is None else names, task_text=text)
+    return lerobot.export_lerobot([source], folder, LeRobotOptions(**options))
+
+
 @pytest.fixture(params=ROBOT_SPECS, scope="module")
 def exported(request, tmp_path_factory):
     """The folder, and the episodes that went into it."""
     folder = tmp_path_factory.mktemp("exported")
     made = [make_episode(request.param, n_steps=3 + 2 * i, seed=i, images=True) for i in range(4)]
     with open_session(write_session(folder / "s.h5", made)) as session:
-        done = export_lerobot(session, folder / "lr")
+        done = export_lerobot(session, folder / "lr", depth=True)
     assert (done.episodes, done.frames, done.images) == (4, 24, True)
     return folder / "lr", made
 
@@ -68,9 +78,10 @@ def test_every_number_is_the_episodes_in_float32(exported):
         cloth = np.float32([*seen.word, seen.word_strength, seen.contact_portion])
         assert row["observation.state"] == state.tolist()
         assert row["observation.environment_state"] == cloth.tolist()
-        assert row["action"] == np.float32(step.action).tolist()
+        assert row["action"] == np.float32(step.action / ACTION_LIMIT_M).tolist()
         assert row["next.reward"] == np.float32(after.contact_portion - seen.contact_portion)
         assert row["next.done"] == (step_index == len(episode.steps) - 1)
+        assert row["next.success"] == (row["next.done"] and episode.outcome == "success")
         assert (row["index"], row["episode_index"], row["frame_index"], row["task_index"]) == (
             index,
             number,
@@ -170,7 +181,7 @@ def test_hugging_face_datasets_loads_it(exported, tmp_path, monkeypatch):
     for loaded in (as_lerobot, by_metadata):
         assert len(loaded) == 24
         row = loaded[-1]
-        assert row["action"] == np.float32(last.action).tolist()
+        assert row["action"] == np.float32(last.action / ACTION_LIMIT_M).tolist()
         np.testing.assert_array_equal(np.asarray(row[RGB]), last.observation.rgb)
         np.testing.assert_array_equal(np.asarray(row[DEPTH]), last.observation.depth)
     episodes = datasets.Dataset.from_parquet(str(folder / "meta/episodes/chunk-000/file-000.parquet"), cache_dir=cache)
@@ -190,29 +201,106 @@ def test_ground_truth_is_not_exported(exported):
     assert not any(word in name for name in named for word in ("true", "node", "area", "states"))
 
 
-def test_the_sidecar_lists_the_episodes(tmp_path):
+def test_the_table_of_episodes_identifies_them(tmp_path):
     made = [make_episode(seed=10 + i, outcome=OUTCOMES[i], source=["scripted", "gamepad"][i]) for i in range(2)]
     with open_session(write_session(tmp_path / "s.h5", made)) as session:
         export_lerobot(session, tmp_path / "lr", names=("demo_1",))
-        uid = session.info("demo_1").uid
-    episodes = json.loads((tmp_path / "lr/meta/layflat.json").read_text())["episodes"]
-    assert episodes == [
-        {
-            "episode_index": 0,
-            "name": "demo_1",
-            "uid": uid,
-            "seed": 11,
-            "source": "gamepad",
-            "outcome": OUTCOMES[1],
-            "stopped_by": "converged",
-            "disturbance": "none",
-        }
+        info = session.info("demo_1")
+    (row,) = pq.read_table(tmp_path / "lr/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    for key in ("uid", "seed", "source", "outcome", "success", "stopped_by", "contact_final", "disturbance", "cloth"):
+        assert row[key] == getattr(info, key), key
+    assert (row["seed"], row["source"]) == (11, "gamepad")
+
+
+def test_without_depth_every_image_has_three_channels(tmp_path):
+    """ACT and Diffusion take each image column for a colour camera."""
+    with open_session(write_session(tmp_path / "s.h5", [make_episode(images=True)])) as session:
+        assert export_lerobot(session, tmp_path / "lr").images
+    features = json.loads((tmp_path / "lr/meta/info.json").read_text())["features"]
+    images = {key: described["shape"][2] for key, described in features.items() if described["dtype"] == "image"}
+    assert images == {RGB: 3}
+    assert "--depth" not in (tmp_path / "lr/README.md").read_text()
+
+
+def test_unit_limit_and_camera_are_in_info_and_card(tmp_path):
+    pose = np.eye(4)
+    pose[2, 3] = 0.75
+    camera = CameraModel(width=8, height=6, fx=7.0, fy=7.5, cx=3.5, cy=2.5, cam_to_world=pose)
+    made = [replace(make_episode(images=True, seed=i), camera=camera) for i in range(2)]
+    with open_session(write_session(tmp_path / "s.h5", made)) as session:
+        export_lerobot(session, tmp_path / "lr", depth=True, licence="cc-by-4.0")
+    features = json.loads((tmp_path / "lr/meta/info.json").read_text())["features"]
+    assert features["action"]["info"]["limit_m"] == ACTION_LIMIT_M
+    assert features["observation.state"]["info"]["unit"] == "m"
+    for key in (RGB, DEPTH):
+        assert CameraModel.from_json(json.dumps(features[key]["info"]["camera"])) == camera
+    card = (tmp_path / "lr/README.md").read_text()
+    yaml = pytest.importorskip("yaml", reason="comes with datasets")
+    header = yaml.safe_load(card.split("---")[1])
+    assert header["license"] == "cc-by-4.0"
+    for text in ("20 mm", "| fx | `7.0` |", "remove_feature", "hanger", "Lay it flat.", "2, 2 of them successes"):
+        assert text in card, text
+
+
+def test_sessions_of_several_tasks_have_a_text_each(tmp_path):
+    paths = [
+        write_session(tmp_path / f"{cloth}.h5", [make_episode(seed=i, cloth=cloth)])
+        for i, cloth in enumerate(("towel", "napkin"))
     ]
+    with ExitStack() as stack:
+        towels, napkins = (stack.enter_context(open_session(path)) for path in paths)
+        sources = [
+            TaskEpisodes(session=session, names=session.names, task_text=text)
+            for session, text in ((towels, "Lay the towel."), (napkins, "Lay the napkin."), (towels, "Lay it again."))
+        ]
+        done = lerobot.export_lerobot(sources, tmp_path / "lr")
+    assert done.episodes == 2  # the third source repeats the first
+    tasks = pandas.read_parquet(tmp_path / "lr/meta/tasks.parquet")
+    frames = _frames(tmp_path / "lr")
+    rows = pq.read_table(tmp_path / "lr/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    for row, text in zip(rows, ("Lay the towel.", "Lay the napkin."), strict=True):
+        chosen = frames.slice(row["dataset_from_index"], row["length"])
+        assert set(chosen["task_index"].to_pylist()) == {tasks.loc[text].task_index}
+        assert row["tasks"] == [text]
+    assert json.loads((tmp_path / "lr/meta/info.json").read_text())["total_tasks"] == len(tasks) == 2
+
+
+def test_sessions_of_two_robots_are_refused(tmp_path):
+    paths = [write_session(tmp_path / f"{spec}.h5", [make_episode(spec)]) for spec in ROBOT_SPECS[:2]]
+    with ExitStack() as stack:
+        sessions = [stack.enter_context(open_session(path)) for path in paths]
+        sources = [TaskEpisodes(session=one, names=one.names, task_text="Lay it.") for one in sessions]
+        with pytest.raises(DataError, match="robot"):
+            lerobot.export_lerobot(sources, tmp_path / "lr")
+    assert not (tmp_path / "lr").exists()
+
+
+def test_the_idle_end_is_left_out(tmp_path):
+    episode = make_episode(n_steps=9, outcome="success")
+    moving = [replace(step, action=np.full(episode.robot.size, 0.01)) for step in episode.steps[:4]]
+    idle = [replace(step, action=np.full(episode.robot.size, -1e-5)) for step in episode.steps[4:]]
+    still = replace(episode, steps=idle)
+    with open_session(write_session(tmp_path / "s.h5", [replace(episode, steps=(*moving, *idle)), still])) as session:
+        assert export_lerobot(session, tmp_path / "whole").frames == 9 + 5
+        assert export_lerobot(session, tmp_path / "lr", trim_idle=True).frames == 5 + 1
+        split = export_robomimic(session, tmp_path / "rm.h5", seed=0, trim_idle=True)
+        assert export_csv(session, tmp_path / "csv", trim_idle=True) == 5 + 1
+    assert split
+    rows = _frames(tmp_path / "lr").to_pylist()
+    assert [row["next.done"] for row in rows] == [False] * 4 + [True] * 2
+    assert [row["next.success"] for row in rows] == [False] * 4 + [True] * 2
+    with open_session(tmp_path / "rm.h5") as trimmed, open_session(tmp_path / "s.h5") as whole:
+        cut = trimmed["demo_0"]
+        assert (len(cut.steps), cut.outcome) == (5, "success")
+        assert differences(cut.steps, whole["demo_0"].steps[:5], "steps") == []
+        assert differences(cut.final_observation, whole["demo_0"].steps[5].observation, "final") == []
+    steps = (tmp_path / "csv/steps.csv").read_text().splitlines()
+    assert len(steps) == 1 + (5 + 1) + (1 + 1)
 
 
 def test_large_exports_are_split_into_files(tmp_path, monkeypatch):
-    monkeypatch.setattr("layflat.data.exchange.lerobot.DATA_FILE_MB", 0)
-    monkeypatch.setattr("layflat.data.exchange.lerobot.CHUNKS_SIZE", 2)
+    monkeypatch.setattr("layflat.data.exchange.lerobot_tables.DATA_FILE_MB", 0)
+    monkeypatch.setattr("layflat.data.exchange.lerobot_tables.CHUNKS_SIZE", 2)
     with open_session(write_session(tmp_path / "s.h5", [make_episode(seed=i) for i in range(5)])) as session:
         export_lerobot(session, tmp_path / "lr")
     files = sorted(str(path.relative_to(tmp_path / "lr/data")) for path in (tmp_path / "lr/data").glob("*/*"))
