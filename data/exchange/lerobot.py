@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,8 +86,8 @@ def export_lerobot(
 ) -> LeRobotExport:
     """Write a LeRobot data set to ``folder``, which replaces an earlier export completely or not at all.
 
-    An episode that is there twice, by its content, is taken once. ``on_episode`` is called with the name of each finished
-    episode.
+    An episode that is there twice, by its content, is taken once. ``on_episode`` is called with the name of each
+    finished episode.
     """
     require("pyarrow.parquet")
     if not any(source.names for source in sources):
@@ -141,33 +141,38 @@ def _write(
     cameras = {camera_text(source.session, name) for source in sources for name in source.names}
     camera = json.loads(min(cameras) or "{}") if len(cameras) == 1 else {}
     features = features_of(first.session, first.names[0], images=options.images, depth=options.depth, camera=camera)
-    stats, table, seen = Stats(), EpisodeTable(), set[str]()
+    stats, table = Stats(), EpisodeTable()
     tasks: dict[str, int] = {}
     with DataFiles(root) as files:
-        for source in sources:
-            contents = source.session.contents(source.names)
-            for name, info in ((name, source.session.info(name)) for name in source.names):
-                if contents[name] in seen:
-                    continue
-                seen.add(contents[name])
-                length = kept_steps(source.session, name, trim_idle=options.trim_idle)
-                columns = frames_of(source.session, name, features, n_steps=length)
-                columns |= _indices(
-                    len(table.rows), table.frames, length, fps, tasks.setdefault(source.task_text, len(tasks))
-                )
-                place = files.write(features, columns)
-                own = Stats()
-                own.add(columns)
-                stats.merge(own)
-                seen_by = camera_text(source.session, name)
-                table.add(info, length, task=source.task_text, place=place, camera=seen_by, stats=own)
-                if on_episode is not None:
-                    on_episode(name)
+        for source, name in _without_copies(sources):
+            length = kept_steps(source.session, name, trim_idle=options.trim_idle)
+            task = tasks.setdefault(source.task_text, len(tasks))
+            columns = frames_of(source.session, name, features, n_steps=length)
+            columns |= _indices(len(table.rows), table.frames, length, fps, task)
+            place = files.write(features, columns)
+            own = Stats()
+            own.add(columns)
+            stats.merge(own)
+            seen_by = camera_text(source.session, name)
+            info = source.session.info(name)
+            table.add(info, length, task=source.task_text, place=place, camera=seen_by, stats=own)
+            if on_episode is not None:
+                on_episode(name)
     _write_meta(root, features, table, stats, list(tasks), fps=fps)
     text = card(features, table.rows, camera, fps=fps, trim_idle=options.trim_idle, licence=options.licence)
     (root / CARD).write_text(text, encoding="utf-8")
     with_images = any(feature.dtype == "image" for feature in features)
     return LeRobotExport(episodes=len(table.rows), frames=table.frames, images=with_images)
+
+
+def _without_copies(sources: Sequence[TaskEpisodes]) -> Iterator[tuple[TaskEpisodes, str]]:
+    """Yield the episodes, the first one of those with the same content."""
+    seen = set[str]()
+    for source in sources:
+        for name, content in source.session.contents(source.names).items():
+            if content not in seen:
+                seen.add(content)
+                yield source, name
 
 
 def _indices(episode: int, first: int, count: int, fps: int, task: int) -> dict[str, NDArray[Any]]:

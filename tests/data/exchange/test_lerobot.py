@@ -323,7 +323,7 @@ def test_a_fractional_frame_rate_is_refused(tmp_path):
 def test_images_are_there_in_all_episodes_or_in_none(tmp_path):
     for images in (True, False):
         with SessionRecorder(tmp_path / "s.h5", robot=HANGER, cloth="towel", save_images=images) as recorder:
-            recorder.save(make_episode(images=True))
+            recorder.save(make_episode(images=True, seed=int(images)))
     with open_session(tmp_path / "s.h5") as session:
         with pytest.raises(DataError, match="demo_1 has no images"):
             export_lerobot(session, tmp_path / "lr")
