@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias
 
-from layflat.app.support.session_lines import kept_line
+from layflat.app.support.session_lines import copy_note, kept_line
 from layflat.app.workstation.session.activity_process import IDLE_S, Endpoint, Message
 from layflat.app.workstation.session.command_effects import OUTCOMES
 from layflat.app.workstation.session.input_channel import InputSample
@@ -244,6 +244,8 @@ class PlaceActivity:
         self._writer, self.done = None, True
         self._enter("over")
         self._endpoint.send_event("saved", line=kept_line(saved), outcome=saved.outcome)
+        if saved.copy_of is not None:
+            self.message = copy_note(saved)
 
     def _discard(self) -> None:
         if self._writer is not None:

@@ -12,7 +12,7 @@ from layflat.app.support.session_lines import discarded_line, kept_line
 from layflat.app.workstation.session.command_effects import ACTIVE, OUTCOMES, SessionState, command_effect
 from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
 from layflat.app.workstation.session.intervention import describe_control
-from layflat.app.workstation.session.session_queries import n_episodes
+from layflat.app.workstation.session.session_queries import n_episodes, skipped_text
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
@@ -96,6 +96,9 @@ class RecordingSession:
             self._print_line(kept_line(saved))
             self.message = f"an earlier recording was interrupted; its steps are {saved.name}, {saved.outcome}"
         self._prepare(seed)
+        skipped = [used for used in self._used_seeds if seed <= used < self.seed]
+        if skipped and not self.message:
+            self.message = skipped_text(self._path, skipped, [self.seed])
 
     @property
     def ready(self) -> bool:

@@ -42,9 +42,7 @@ CHANGED = {
     "position": _first_step(
         observation=replace(EPISODE.steps[0].observation, holder_position=_nudged([0.1, 0.2, 0.3]))
     ),
-    "cloth": replace(
-        EPISODE, final_ground_truth=replace(EPISODE.final_ground_truth, nodes=_nudged(np.zeros((12, 3))))
-    ),
+    "cloth": replace(EPISODE, final_ground_truth=replace(EPISODE.final_ground_truth, nodes=_nudged(np.zeros((12, 3))))),
     "length": replace(EPISODE, steps=EPISODE.steps[:3]),
     "no ground truth": without_ground_truth(EPISODE),
 }
