@@ -205,7 +205,7 @@ class WriterLock:
 
     def _lock(self, descriptor: int, subject: Path) -> None:
         """Lock the file; where its file system has no locks, believe the process that it names."""
-        advice = "wait until it ends or choose another file"
+        advice = "wait until it ends, or choose another name"
         try:
             locked = lock_until_exit(descriptor)
             owner, _, host = os.pread(descriptor, 300, 0).decode("utf-8", "replace").strip().partition(" ")

@@ -14,7 +14,7 @@ import pandas as pd
 
 from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import clear, run_evaluation
+from layflat.app.evaluation.run import clear, folder_lock, run_evaluation
 from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.media.frames import contact_sheet, disturbance_steps, placing_steps
 from layflat.app.media.png import write_png
@@ -24,7 +24,6 @@ from layflat.app.report.evaluation_page import PageOptions, write_evaluation
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.studies import RULE, ModelSpec
-from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.sim_options import sim_config
@@ -65,12 +64,17 @@ class DemoConfig:
 
 def run_demo(config: DemoConfig, *, workers: int, force: bool) -> Path:
     """Run the demo and print where the report is; return the report's path."""
-    out, robots, cloth, seed = config.out, config.robots, config.cloth, config.seed
-    for robot in robots:
-        sim_config(robot=robot, cloth=cloth)
+    out = config.out
+    for robot in config.robots:
+        sim_config(robot=robot, cloth=config.cloth)
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; give another --out")
-    validators.writable_folder(out)
+    with folder_lock(out):
+        return _run_demo(config, workers, force=force)
+
+
+def _run_demo(config: DemoConfig, workers: int, *, force: bool) -> Path:
+    out, robots, cloth, seed = config.out, config.robots, config.cloth, config.seed
     report = out / "report.html"
     if report.exists() and not force:
         raise UsageError(f"{report} exists; give --force to replace it, or another --out")
@@ -85,7 +89,7 @@ def run_demo(config: DemoConfig, *, workers: int, force: bool) -> Path:
             store.train(model_specs(robot, cloth), progress, workers=workers)
         plan = plan_of(store, robots, cloth, range(seed, seed + config.episodes))
         progress.phase("evaluation", items=plan.n_episodes)
-        results = run_evaluation(plan, out, workers=workers, progress=progress)
+        results = run_evaluation(plan, out, workers=workers, progress=progress, locked=True)
         progress.phase("report")
         _write_frames(out / "frames.png", results, robots[0])
         sections = (_field_section(store, results.rows, robots, cloth),)

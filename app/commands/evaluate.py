@@ -12,7 +12,7 @@ from layflat.app.evaluation.paired import CONDITION
 from layflat.app.evaluation.plan import EvaluationPlan, plan_policies
 from layflat.app.evaluation.ray_engine import ray_engine
 from layflat.app.evaluation.results import EvaluationResults
-from layflat.app.evaluation.run import run_evaluation
+from layflat.app.evaluation.run import folder_lock, run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.report.comparison_sentences import paired_table
 from layflat.app.report.evaluation_page import PageOptions, write_evaluation
@@ -79,9 +79,9 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         say(taught_text(taught["policy"], taught["seeds"]))
     engine = engine_of(config.engine, workers, config.address)
     seconds = len(plan.seeds) * len(plan.cloths) * len(plan.entries) * (EPISODE_S + CASE_S * len(plan.cases))
-    with Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:
+    with folder_lock(config.out), Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:
         progress.phase("episodes", items=plan.n_episodes)
-        results = run_evaluation(plan, config.out, engine=engine, force=force, progress=progress)
+        results = run_evaluation(plan, config.out, engine=engine, force=force, progress=progress, locked=True)
         progress.phase("report")
         options = PageOptions(has_video=lambda example, row: config.videos)
         page = write_evaluation(results, options, on_progress=progress.status)

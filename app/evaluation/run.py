@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -49,15 +49,16 @@ def run_evaluation(
     force: bool = False,
     progress: Progress | None = None,
     make: EpisodeFactory = SimulatedEpisode,
+    locked: bool = False,
 ) -> EvaluationResults:
     """Run the part of a plan that ``out`` does not contain yet; episodes that crash are rows, not errors.
 
     ``engine`` is this machine's by default. ``progress`` is in a phase whose items are the plan's episodes.
+    ``locked``: the caller has the `folder_lock`.
     KeyboardInterrupt is raised after everything that is finished has been saved. UsageError where ``out`` contains
     another evaluation; LayflatError where it takes no more files.
     """
-    validators.writable_folder(out)
-    with WriterLock(out / LOCK, out), _disk(out):
+    with nullcontext() if locked else folder_lock(out), _disk(out):
         if force:
             clear(out)
         evaluation = Evaluation(plan, out, progress)
@@ -66,6 +67,14 @@ def run_evaluation(
         finally:
             evaluation.finish()
     return EvaluationResults.open(out)
+
+
+@contextmanager
+def folder_lock(out: Path) -> Iterator[None]:
+    """Make ``out`` and keep it for this process; DataError where another one works there."""
+    validators.writable_folder(out)
+    with WriterLock(out / LOCK, out):
+        yield
 
 
 def clear(out: Path) -> None:

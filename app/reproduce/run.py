@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from layflat.app.evaluation.run import folder_lock
 from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.reproduce.experiment_results import ExperimentResults
@@ -43,12 +44,17 @@ class ReproduceConfig:
 
 def reproduce(config: ReproduceConfig, *, workers: int) -> Path:
     """Run what DIR lacks, and write DIR/report.html and DIR/table.md; return the page's path."""
-    out, seed = config.out, config.seed
+    out = config.out
     for name in config.only:
         validators.one_of("experiment", name, EXPERIMENTS)
     scale = QUICK if config.quick else FULL
     scale = scale if config.seeds is None else scale.with_seeds(config.seeds)
-    validators.writable_folder(out)
+    with folder_lock(out):
+        return _reproduce(config, scale, workers)
+
+
+def _reproduce(config: ReproduceConfig, scale: ScaleConfig, workers: int) -> Path:
+    out, seed = config.out, config.seed
     check_config(out, scale, seed)
     store = ArtifactStore(out, seed=seed)
     trials = trials_of([EXPERIMENTS[name] for name in config.only or EXPERIMENTS], scale)

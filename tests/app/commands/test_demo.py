@@ -16,6 +16,7 @@ import pytest
 
 from layflat.app.cli import main
 from layflat.app.commands.demo import DEMONSTRATIONS, FINISHER, clear_demo, model_specs
+from layflat.app.evaluation.run import folder_lock
 from layflat.app.reproduce.artifact_store import ArtifactStore
 from layflat.app.support.metrics import COLUMNS
 from layflat.data.session.reader import open_session
@@ -49,6 +50,31 @@ def test_a_folder_below_a_file_cannot_be_written(tmp_path, capsys):
     (tmp_path / "notes.txt").write_text("precious")
     assert status_of("--out", str(tmp_path / "notes.txt" / "demo")) == 2
     one_sentence(capsys)
+
+
+@pytest.mark.parametrize(
+    "command", [("demo",), ("evaluate", "hold", "--robot", "hanger"), ("reproduce", "--report-only")], ids=" ".join
+)
+def test_a_folder_in_which_another_command_works_is_left_alone(tmp_path, capsys, command):
+    out = tmp_path / "d"
+    with folder_lock(out):
+        before = sorted(out.rglob("*"))
+        with pytest.raises(SystemExit) as stopped:
+            main.main([*command, "--out", str(out)])
+        assert stopped.value.code == 2
+        err = capsys.readouterr().err.splitlines()[-1]
+        assert err.startswith(f"layflat: {out} is being written by another program (process {os.getpid()}); wait")
+        assert sorted(out.rglob("*")) == before
+    assert not list(out.iterdir())
+
+
+def test_the_lock_of_a_program_that_was_killed_does_not_stay(tmp_path):
+    program = "import os, sys; from pathlib import Path; from layflat.app.evaluation.run import folder_lock\n"
+    program += "with folder_lock(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
+    assert subprocess.run([sys.executable, "-c", program, str(tmp_path)]).returncode == -9
+    assert (tmp_path / ".running").exists()
+    with folder_lock(tmp_path):
+        pass
 
 
 def test_an_unknown_cloth_gets_the_list(tmp_path, capsys):
