@@ -33,13 +33,22 @@ def calibrate(
     file: Annotated[
         Path | None, typer.Option("--file", metavar="FILE.json", help="File to write, instead of your settings.")
     ] = None,
+    sticks: Annotated[
+        bool, typer.Option("--sticks", help="Only learn where worn sticks rest; their mapping stays.")
+    ] = False,
+    dead_zone: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, max=0.9, metavar="SHARE", help="Only set the share of a stick's way that counts as rest."
+        ),
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Map the inputs of a gamepad, step by step.
 
-    For a gamepad that SDL does not know or maps wrongly; recording then uses the mapping.
+    For a gamepad that SDL does not know or maps wrongly, or whose sticks are worn; recording then uses the mapping.
     """
     from layflat.app.commands.gamepad import calibrate as run
 
-    run(file, force)
+    run(file, force, sticks=sticks, dead_zone=dead_zone)

@@ -60,8 +60,9 @@ def record(
         ),
     ] = None,
     window: Annotated[
-        bool, typer.Option("--window/--no-window", help="Open the live window where there is a display.")
-    ] = True,
+        bool | None,
+        typer.Option("--window/--no-window", show_default=False, help="Open the live window; by default if it can be."),
+    ] = None,
     mapping: Annotated[
         Path | None,
         typer.Option("--pad", metavar="FILE.json", help="Gamepad mapping from `layflat gamepad calibrate --file`."),

@@ -6,6 +6,8 @@ where the rest cannot.
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -127,6 +129,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     status = run_command(lambda: _dispatch(arguments), debug="--debug" in arguments)
     if argv is None and status == INTERRUPTED:
         # Where Ctrl-C struck inside exec(), as in many imports, CPython would end by a signal instead of a status.
+        with contextlib.suppress(KeyboardInterrupt):
+            atexit._run_exitfuncs()  # Folders for sockets are removed here.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.calibration import Calibration, RawState
 from layflat.app.workstation.teleop.devices import GamepadDevice, GamepadRegistry, gamepad_events
 from layflat.app.workstation.teleop.gamepad import COMMANDS
-from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
-from layflat.app.workstation.teleop.layouts import DeviceCapabilities
-from layflat.app.workstation.teleop.mapping import mapping_file, write_mapping
+from layflat.app.workstation.teleop.gamepad_state import STICKS, GamepadState, StickRest, label
+from layflat.app.workstation.teleop.layouts import DeviceCapabilities, RawGamepadState
+from layflat.app.workstation.teleop.mapping import mapping_file, read_settings, write_mapping
 
 POLL_S = 0.02
 LINE_S = 0.1
@@ -54,25 +55,78 @@ def monitor(mapping: Path | None, seconds: float | None) -> None:
             time.sleep(POLL_S)
 
 
-def calibrate(file: Path | None, force: bool) -> None:
-    """Ask for each stick and button of the first gamepad, and write a mapping."""
-    pygame, _ = sdl.start()
+class _Sticks:
+    """Sticks of a gamepad whose inputs are known, as a gamepad that has nothing else."""
+
+    def __init__(self, device: GamepadDevice) -> None:
+        self._device = device
+
+    def get_numaxes(self) -> int:
+        return len(STICKS)
+
+    def get_numbuttons(self) -> int:
+        return 0
+
+    def get_numhats(self) -> int:
+        return 0
+
+    def get_axis(self, axis_number: int, /) -> float:
+        return self._device.sticks()[STICKS[axis_number]]
+
+    def get_button(self, button: int, /) -> bool:
+        return False
+
+    def get_hat(self, hat_number: int, /) -> tuple[int, int]:
+        return (0, 0)
+
+
+def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone: float | None = None) -> None:
+    """Ask for each stick and button of the first gamepad, and write a mapping.
+
+    ``sticks`` only learns where its sticks rest; ``dead_zone`` alone is only stored. The rest of a mapping stays then.
+    """
+    pygame, controller = sdl.start()
     instance, joystick = _first(pygame)
     guid, name, capabilities = joystick.get_guid(), joystick.get_name(), DeviceCapabilities.of(joystick)
     path = file or mapping_file(guid)
-    validators.writable_file(path, force=force, suffix=".json")
+    changes = sticks or dead_zone is not None
+    validators.writable_file(path, force=force, append=changes, suffix=".json")
+    layout, rest = read_settings(path, capabilities) if changes and path.exists() else (None, StickRest())
     print(f"{name}: {capabilities}", file=sys.stderr)
+    inputs: RawGamepadState = joystick
+    with ExitStack() as stack:
+        if sticks:
+            gamepads = GamepadRegistry(pygame, controller, mapping=path if file and path.exists() else None)
+            stack.callback(gamepads.close)
+            gamepads.refresh()
+            if instance not in gamepads.devices:
+                raise LayflatError(gamepads.unknown.get(instance, f"{name} is not known; calibrate all of it"))
+            inputs = _Sticks(gamepads.devices[instance])
+        if sticks or not changes:
+            calibration = _converse(pygame, instance, name, inputs, only_sticks=sticks)
+            layout, rest = layout if sticks else calibration.layout(), calibration.rest()
+    if dead_zone is not None:
+        rest = replace(rest, dead_zone=dead_zone)
+    write_mapping(path, layout, guid=guid, name=name, capabilities=capabilities, rest=rest)
+    print(f"  dead zone {rest.dead_zone:.2f} of a stick's way", file=sys.stderr)
+    print(f"calibrated {name}: {path}")
+
+
+def _converse(pygame: Any, instance: int, name: str, inputs: RawGamepadState, *, only_sticks: bool) -> Calibration:
+    """Return the finished calibration."""
     calibration = Calibration(
-        capabilities, lambda text: print(f"  {text}", file=sys.stderr, flush=True), time.monotonic
+        DeviceCapabilities.of(inputs),
+        lambda text: print(f"  {text}", file=sys.stderr, flush=True),
+        time.monotonic,
+        only_sticks=only_sticks,
     )
     while not calibration.done:
         pygame.event.get(gamepad_events(pygame))
         if instance not in _joysticks(pygame):
             raise LayflatError(f"{name} was unplugged; nothing was written")
-        calibration.update(joystick)
+        calibration.update(inputs)
         time.sleep(POLL_S)
-    write_mapping(path, calibration.layout(), guid=guid, name=name, capabilities=capabilities)
-    print(f"calibrated {name}: {path}")
+    return calibration
 
 
 def _first(pygame: Any) -> tuple[int, Any]:

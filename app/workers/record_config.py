@@ -30,8 +30,8 @@ class RecordConfig:
     """Whether camera images are kept."""
     disturb: str = "push"
     """Disturbance that the device's disturb button starts."""
-    window: bool = True
-    """Whether to open the window where there is a display; this and the following are for a person."""
+    window: bool | None = None
+    """Whether to open the window, or None: where there is a display; this and the following are for a person."""
     mapping: Path | None = None
     """Mapping of a gamepad, written by `layflat gamepad calibrate --file`."""
     correct: Path | None = None

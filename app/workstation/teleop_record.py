@@ -14,7 +14,7 @@ from layflat.app.workstation.session.recording_session import RecordingSession
 from layflat.app.workstation.session.session_queries import next_seeds, recorded_seeds, skipped_text
 from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator
 from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording, stop_on_signals
-from layflat.app.workstation.window.launch import has_display, record_in_window
+from layflat.app.workstation.window.launch import NoWindowError, has_display, record_in_window
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io
 from layflat.policy.trained_model import TrainedModel
@@ -29,17 +29,22 @@ def record_teleoperated(config: RecordConfig) -> None:
     if config.mapping is not None:
         validators.readable_file(config.mapping, "a gamepad mapping, by `layflat gamepad calibrate --file`")
     model = None if config.correct is None else load_policy_to_correct(config.correct, config.robot, config.descriptor)
-    in_window = config.window and has_display()
-    if not in_window and not TELEOPERATORS[config.source].terminal:
+    in_terminal = TELEOPERATORS[config.source].terminal
+    if config.window or (config.window is None and has_display()):
+        try:
+            record_in_window(config, model)
+            return
+        except NoWindowError as error:
+            if config.window or not in_terminal:
+                raise
+            print(f"layflat: {str(error).partition(';')[0]}; recording in this terminal", file=sys.stderr)
+    if not in_terminal:
         missing = "there is no display" if not has_display() else "--no-window leaves none"
         raise LayflatError(
             f"--source {config.source} needs the window, and {missing}; in a terminal use --source keyboard or"
             " gamepad, or scripted, which needs no person"
         )
-    if in_window:
-        record_in_window(config, model)
-    else:
-        record_in_terminal(config, model)
+    record_in_terminal(config, model)
 
 
 def record_in_terminal(config: RecordConfig, model: TrainedModel | None) -> None:

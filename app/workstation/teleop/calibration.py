@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, label
+from layflat.app.workstation.teleop.gamepad_state import (
+    BUTTONS,
+    DEAD_ZONE_MAX,
+    MIDDLE_MAX,
+    STICKS,
+    TRIGGERS,
+    StickRest,
+    label,
+)
 from layflat.app.workstation.teleop.layouts import (
     REQUIRED,
     Binding,
@@ -21,6 +30,10 @@ MOVED = 0.6
 STIRRED = 0.3
 SETTLED = 0.05
 """Change of an axis that is held still."""
+CAME_BACK = 0.4
+"""Way back of a stick from its farthest place that means that it was let go."""
+DEAD_LEAST, DEAD_FACTOR, DEAD_MARGIN = 0.06, 1.5, 0.04
+"""Dead zone: so many times as far as the stick was seen to rest from its middle, and a margin for what was not seen."""
 STILL_S = 0.3
 OPTIONAL_S = 6.0
 REQUIRED_S = 60.0
@@ -81,9 +94,14 @@ class Calibration:
     """
 
     def __init__(
-        self, capabilities: DeviceCapabilities, prompt: Callable[[str], None], clock: Callable[[], float]
+        self,
+        capabilities: DeviceCapabilities,
+        prompt: Callable[[str], None],
+        clock: Callable[[], float],
+        *,
+        only_sticks: bool = False,
     ) -> None:
-        """Start a calibration that tells the person what to do by ``prompt``."""
+        """Start a calibration that asks the person by ``prompt``; ``only_sticks``: it learns only where they rest."""
         if capabilities.axes < len(STICKS):
             raise LayflatError(
                 f"the gamepad has {capabilities.axes} axes, and two sticks need four; use another one, or the keyboard"
@@ -94,6 +112,9 @@ class Calibration:
         self._found = _Found()
         self._raw = RawState((), frozenset())
         self._rest: tuple[float, ...] = ()
+        self._rests: list[tuple[float, ...]] = []
+        """Axes after each stick was let go."""
+        self._only_sticks = only_sticks
         self.done = False
         self._steps = self._all_steps()
 
@@ -109,16 +130,27 @@ class Calibration:
         layout = GamepadLayout(name="calibrated", sticks=found.sticks, triggers=found.triggers, buttons=found.buttons)
         return layout.check(self._capabilities)
 
+    def rest(self) -> StickRest:
+        """Return where the sticks rest."""
+        middle, away = {}, {}
+        for name, (axis, sign) in self._found.sticks.items():
+            readings = [sign * axes[axis] for axes in self._rests]
+            middle[name] = min(max((min(readings) + max(readings)) / 2.0, -MIDDLE_MAX), MIDDLE_MAX)
+            away[name] = max(abs(reading - middle[name]) for reading in readings)
+        farthest = max(math.hypot(away[f"{side}_x"], away[f"{side}_y"]) for side in ("left", "right"))
+        dead = min(max(DEAD_FACTOR * farthest + DEAD_MARGIN, DEAD_LEAST), DEAD_ZONE_MAX)
+        return StickRest(dead_zone=round(dead, 3), middle={name: round(value, 3) for name, value in middle.items()})
+
     def _all_steps(self) -> Iterator[None]:
         """Yield whenever a new reading is needed."""
         self._prompt("lay the gamepad down and touch nothing")
         yield from self._wait_until_still()
         self._rest = self._raw.axes
-        for name in TRIGGERS:
+        for name in () if self._only_sticks else TRIGGERS:
             yield from self._find_trigger(name)
         for name in STICKS:
             yield from self._find_stick(name)
-        for name in BUTTONS:
+        for name in () if self._only_sticks else BUTTONS:
             yield from self._find_button(name)
 
     def _wait_until_still(self) -> Iterator[None]:
@@ -173,9 +205,16 @@ class Calibration:
             yield
             self._check_patience(began, name)
             axis = self._moved_axis(MOVED, self._rest)
-        self._found.sticks[name] = (axis, 1 if self._raw.axes[axis] > self._rest[axis] else -1)
+        sign = 1 if self._raw.axes[axis] > self._rest[axis] else -1
+        self._found.sticks[name] = (axis, sign)
         self._found.axes.add(axis)
-        yield from self._wait_until_released()
+        farthest = -math.inf
+        while farthest - sign * self._raw.axes[axis] < CAME_BACK:
+            farthest = max(farthest, sign * self._raw.axes[axis])
+            yield
+        yield from self._wait_until_still()
+        self._rest = (*self._rest[:axis], self._raw.axes[axis], *self._rest[axis + 1 :])
+        self._rests.append(self._raw.axes)
 
     def _find_button(self, name: str) -> Iterator[None]:
         required = name in REQUIRED

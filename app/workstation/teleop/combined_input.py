@@ -19,7 +19,13 @@ class CombinedInput:
     def poll(self) -> TeleopInput:
         """Return the device's motion with the commands of both."""
         newest = self._device.poll()
-        return replace(newest, commands=(*newest.commands, *self._keyboard.poll().commands))
+        keys = self._keyboard.poll()
+        return replace(
+            newest,
+            commands=(*newest.commands, *keys.commands),
+            connected=newest.connected and keys.connected,
+            problem=newest.problem or keys.problem,
+        )
 
     def rumble(self, strength: float, seconds: float) -> None:
         """Rumble the device."""

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState, make_state
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState, StickRest, make_state
 from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, raw_layout
-from layflat.app.workstation.teleop.mapping import read_mapping, saved_mapping
+from layflat.app.workstation.teleop.mapping import mapping_file, read_settings
 
 AXIS_MAX = 32767
 """Full deflection of an axis of SDL's controllers."""
@@ -22,8 +22,9 @@ UNMOVED = (0, 16383, 16384)
 class GamepadDevice:
     """Base of gamepads whose buttons are known."""
 
-    def __init__(self, pygame: Any, joystick: Any, device: Any, source: str) -> None:
+    def __init__(self, pygame: Any, joystick: Any, device: Any, source: str, rest: StickRest) -> None:
         """Use ``device``, which is the joystick itself or SDL's controller on top of it."""
+        self.rest = rest
         self.source = source
         """Source of the knowledge: "SDL", "calibrated", "raw layout B"."""
         self.name = str(joystick.get_name() if device is joystick else device.name)
@@ -35,6 +36,10 @@ class GamepadDevice:
 
     def state(self) -> GamepadState:
         """Return the state now."""
+        raise NotImplementedError
+
+    def sticks(self) -> dict[str, float]:
+        """Return the raw readings of the sticks, -1..1; to the right and down are positive."""
         raise NotImplementedError
 
     def pressed_button(self, event: Any) -> str | None:
@@ -61,18 +66,22 @@ class GamepadDevice:
 class ControllerDevice(GamepadDevice):
     """Gamepad that SDL's database knows."""
 
-    def __init__(self, pygame: Any, controller: Any) -> None:
-        super().__init__(pygame, controller.as_joystick(), controller, "SDL")
+    def __init__(self, pygame: Any, controller: Any, rest: StickRest) -> None:
+        super().__init__(pygame, controller.as_joystick(), controller, "SDL", rest)
+
+    def sticks(self) -> dict[str, float]:
+        """Return the raw readings of the sticks."""
+        return {name: max(self._device.get_axis(axis) / AXIS_MAX, -1.0) for axis, name in enumerate(STICKS)}
 
     def state(self) -> GamepadState:
         """Return the state now."""
-        raw = [self._device.get_axis(axis) for axis in range(len(STICKS) + len(TRIGGERS))]
-        sticks = {name: max(raw[axis] / AXIS_MAX, -1.0) for axis, name in enumerate(STICKS)}
+        raw = [self._device.get_axis(len(STICKS) + k) for k in range(len(TRIGGERS))]
         triggers = {
             name: self._trigger_value(name, value / AXIS_MAX, unmoved=value in UNMOVED)
-            for name, value in zip(TRIGGERS, raw[len(STICKS) :], strict=True)
+            for name, value in zip(TRIGGERS, raw, strict=True)
         }
-        return make_state(sticks, triggers, [n for k, n in enumerate(BUTTONS) if self._device.get_button(k)])
+        pressed = [name for k, name in enumerate(BUTTONS) if self._device.get_button(k)]
+        return make_state(self.sticks(), triggers, pressed, self.rest)
 
     def pressed_button(self, event: Any) -> str | None:
         """Return the button whose press this event is, or None."""
@@ -84,16 +93,19 @@ class ControllerDevice(GamepadDevice):
 class RawGamepad(GamepadDevice):
     """Gamepad whose buttons a layout names."""
 
-    def __init__(self, pygame: Any, joystick: Any, layout: GamepadLayout, source: str) -> None:
-        super().__init__(pygame, joystick, joystick, source)
+    def __init__(self, pygame: Any, joystick: Any, layout: GamepadLayout, source: str, rest: StickRest) -> None:
+        super().__init__(pygame, joystick, joystick, source, rest)
         self._layout = layout
+
+    def sticks(self) -> dict[str, float]:
+        """Return the raw readings of the sticks."""
+        return {name: sign * self._device.get_axis(axis) for name, (axis, sign) in self._layout.sticks.items()}
 
     def state(self) -> GamepadState:
         """Return the state now."""
-        sticks = {name: sign * self._device.get_axis(axis) for name, (axis, sign) in self._layout.sticks.items()}
         triggers = {name: self._trigger(name) for name in self._layout.triggers}
         pressed = [name for name, binding in self._layout.buttons.items() if binding.is_pressed(self._device)]
-        return make_state(sticks, triggers, pressed)
+        return make_state(self.sticks(), triggers, pressed, self.rest)
 
     def _trigger(self, name: str) -> float:
         trigger = self._layout.triggers[name]
@@ -166,15 +178,19 @@ class GamepadRegistry:
     def _make_device(self, index: int, joystick: Any) -> GamepadDevice | None:
         capabilities = DeviceCapabilities.of(joystick)
         guid = joystick.get_guid()
-        calibrated = read_mapping(self._mapping, capabilities) if self._mapping else saved_mapping(guid, capabilities)
+        settings = self._mapping or mapping_file(guid)
+        calibrated, rest = (
+            read_settings(settings, capabilities) if self._mapping or settings.is_file() else (None, StickRest())
+        )
         if calibrated is not None:
-            return RawGamepad(self._pygame, joystick, calibrated, "calibrated")
+            return RawGamepad(self._pygame, joystick, calibrated, "calibrated", rest)
         if self._controller.is_controller(index):
             controller = self._controller.Controller(index)
             if _fits(controller.get_mapping(), capabilities):
-                return ControllerDevice(self._pygame, controller)
+                return ControllerDevice(self._pygame, controller, rest)
         layout = raw_layout(joystick)
-        return None if layout is None else RawGamepad(self._pygame, joystick, layout, f"raw layout {layout.name}")
+        source = f"raw layout {layout.name}" if layout else ""
+        return None if layout is None else RawGamepad(self._pygame, joystick, layout, source, rest)
 
     def close(self) -> None:
         """Release all of them."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 STICKS = ("left_x", "left_y", "right_x", "right_y")
 TRIGGERS = ("l2", "r2")
@@ -18,6 +18,30 @@ LABELS = {"l1": "L1", "r1": "R1", "l3": "L3", "r3": "R3", "ps": "PS", "up": "d-p
 
 DEAD_ZONE = 0.12
 """Share of a stick's way that counts as none: worn sticks rest up to 0.1 off the middle."""
+
+
+DEAD_ZONE_MAX, MIDDLE_MAX = 0.9, 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class StickRest:
+    """Places at which a gamepad's sticks rest: worn ones not in the middle, and not always at the same place."""
+
+    dead_zone: float = DEAD_ZONE
+    """Share of a stick's way around its middle that counts as none."""
+    middle: Mapping[str, float] = field(default_factory=dict)
+    """Reading in -1..1 at rest, by name from STICKS; 0 where there is none."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.dead_zone <= DEAD_ZONE_MAX:
+            raise ValueError(f"the dead zone is {self.dead_zone}; it must be within 0..{DEAD_ZONE_MAX}")
+        if not all(name in STICKS and abs(value) <= MIDDLE_MAX for name, value in self.middle.items()):
+            raise ValueError(f"the middle is {dict(self.middle)}; each of {', '.join(STICKS)} is within {MIDDLE_MAX}")
+
+    def centered(self, name: str, value: float) -> float:
+        """Return a reading so that it is 0 in the middle, and still -1 and 1 at the ends."""
+        middle = self.middle.get(name, 0.0)
+        return (value - middle) / (1.0 - middle if value > middle else 1.0 + middle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,11 +77,15 @@ def label(button: str) -> str:
     return LABELS.get(button, button.capitalize())
 
 
-def make_state(sticks: dict[str, float], triggers: dict[str, float], pressed: Iterable[str]) -> GamepadState:
+def make_state(
+    sticks: Mapping[str, float], triggers: Mapping[str, float], pressed: Iterable[str], rest: StickRest | None = None
+) -> GamepadState:
     """Make a state of raw sticks (-1..1, down is positive) and triggers (0..1)."""
+    rest = rest or StickRest()
+    at = {name: rest.centered(name, value) for name, value in sticks.items()}
     return GamepadState(
-        left=dead_zone(sticks["left_x"], -sticks["left_y"]),
-        right=dead_zone(sticks["right_x"], -sticks["right_y"]),
+        left=dead_zone(at["left_x"], -at["left_y"], dead=rest.dead_zone),
+        right=dead_zone(at["right_x"], -at["right_y"], dead=rest.dead_zone),
         l2=min(max(triggers.get("l2", 0.0), 0.0), 1.0),
         r2=min(max(triggers.get("r2", 0.0), 0.0), 1.0),
         pressed=frozenset(pressed),

@@ -12,6 +12,7 @@ import platformdirs
 
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
+from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE, StickRest
 from layflat.app.workstation.teleop.layouts import Binding, DeviceCapabilities, GamepadLayout, TriggerAxis
 from layflat.data.atomic_files import atomic_path
 
@@ -24,15 +25,17 @@ def mapping_file(guid: str) -> Path:
     return Path(platformdirs.user_config_dir("layflat")) / "pads" / f"{re.sub('[^0-9a-zA-Z]', '', guid)}.json"
 
 
-def saved_mapping(guid: str, capabilities: DeviceCapabilities) -> GamepadLayout | None:
-    """Return the checked layout that the user has calibrated for this kind of gamepad, or None."""
-    path = mapping_file(guid)
-    return read_mapping(path, capabilities) if path.is_file() else None
-
-
-def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, name: str, capabilities: DeviceCapabilities) -> None:
-    """Check a layout and write it atomically."""
-    layout.check(capabilities)
+def write_mapping(
+    path: Path,
+    layout: GamepadLayout | None,
+    *,
+    guid: str,
+    name: str,
+    capabilities: DeviceCapabilities,
+    rest: StickRest | None = None,
+) -> None:
+    """Check a layout, or None where SDL knows it, and write it atomically with the places where the sticks rest."""
+    rest = rest or StickRest()
     text = {
         "schema": SCHEMA,
         "pad": name,
@@ -40,17 +43,28 @@ def write_mapping(path: Path, layout: GamepadLayout, *, guid: str, name: str, ca
         "axes": capabilities.axes,
         "buttons": capabilities.buttons,
         "hats": capabilities.hats,
-        "sticks": {name: {"axis": axis, "sign": sign} for name, (axis, sign) in layout.sticks.items()},
-        "triggers": {name: _trigger_json(trigger) for name, trigger in layout.triggers.items()},
-        "pressed": {name: binding.text for name, binding in layout.buttons.items()},
+        "dead_zone": rest.dead_zone,
+        "middle": dict(rest.middle),
     }
+    if layout is not None:
+        layout.check(capabilities)
+        text |= {
+            "sticks": {name: {"axis": axis, "sign": sign} for name, (axis, sign) in layout.sticks.items()},
+            "triggers": {name: _trigger_json(trigger) for name, trigger in layout.triggers.items()},
+            "pressed": {name: binding.text for name, binding in layout.buttons.items()},
+        }
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as part:
         part.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
-def read_mapping(path: Path, capabilities: DeviceCapabilities) -> GamepadLayout:
-    """Return the layout in a file; UsageError where it is foreign, damaged or for a gamepad with other inputs."""
+def read_mapping(path: Path, capabilities: DeviceCapabilities) -> GamepadLayout | None:
+    """Return the layout in a file, or None where it only has the places where the sticks rest."""
+    return read_settings(path, capabilities)[0]
+
+
+def read_settings(path: Path, capabilities: DeviceCapabilities) -> tuple[GamepadLayout | None, StickRest]:
+    """Return what a file says of a gamepad; UsageError where it is foreign, damaged or for one with other inputs."""
     try:
         content = json.loads(validators.read_text(path, "the mapping of a gamepad", max_bytes=LARGEST_BYTES))
         if not isinstance(content, dict) or content.get("schema") != SCHEMA:
@@ -62,7 +76,13 @@ def read_mapping(path: Path, capabilities: DeviceCapabilities) -> GamepadLayout:
             raise UsageError(
                 f"{path} is for a gamepad with {mapped}, and this one has {capabilities}; calibrate this one"
             )
-        return _layout(content).check(capabilities)
+        rest = StickRest(
+            dead_zone=float(content.get("dead_zone", DEAD_ZONE)),
+            middle={name: float(value) for name, value in content.get("middle", {}).items()},
+        )
+        if "sticks" not in content and "dead_zone" in content:
+            return None, rest
+        return _layout(content).check(capabilities), rest
     except (json.JSONDecodeError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(
             f"{path} is not a gamepad mapping ({error}); write one with `layflat gamepad calibrate`"

@@ -8,6 +8,7 @@ from typing import Any
 
 from layflat.app.support.errors import LayflatError
 
+LABELS = "SDL_GAMECONTROLLER_USE_BUTTON_LABELS"
 SETTINGS = {
     "PYGAME_HIDE_SUPPORT_PROMPT": "1",
     # Else a gamepad is dead as soon as another window has the focus.
@@ -21,6 +22,8 @@ def prepare() -> None:
     """Set what SDL reads when it starts; call it before pygame is imported."""
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
+    # Buttons go by their place: by its labels a Nintendo pad would have keep and discard elsewhere than all others.
+    os.environ[LABELS] = "0"
 
 
 def load() -> Any:

@@ -60,12 +60,18 @@ class TerminalKeyboard(Teleoperator):
                 self._hold(key, now)
         if self._terminal is not None and self._terminal.gone:
             commands.append(Command.QUIT)
+        resumed = self._terminal is not None and self._terminal.resumed
+        if self._terminal is not None and resumed:
+            self._terminal.resumed = False
+            self._held_until.clear()  # Released meanwhile.
         held = [key for key, until in self._held_until.items() if now < until]
         return TeleopInput(
             motion=key_map.sum_motions(self.robot, self._motions, held),
             speed=self._speed,
             commands=tuple(commands),
             device="terminal",
+            connected=not resumed,
+            problem="the program was stopped" if resumed else "",
         )
 
     def help(self) -> tuple[Button, ...]:

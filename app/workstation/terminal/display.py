@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
+import select
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TextIO
 
 from layflat.app.workstation.session.rate_limiter import RateLimiter
@@ -21,6 +21,8 @@ from layflat.app.workstation.teleop.teleoperator import Teleoperator
 POLL_S = 0.01
 """Time between two polls of the teleoperator."""
 SHOW_S = 0.1
+FULL_WIDTH = 80
+"""Columns of a terminal that does not know its own, such as a serial line."""
 
 
 class TerminalDisplay:
@@ -29,7 +31,7 @@ class TerminalDisplay:
     def __init__(self, stream: TextIO, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream = stream
         self._clock = clock
-        self._live = stream.isatty()
+        self._live = stream.isatty() and os.environ.get("TERM") != "dumb"
         self._shown_s = -math.inf
         self._message = ""
         self._drawn = False
@@ -43,12 +45,17 @@ class TerminalDisplay:
         """Redraw the status line."""
         self.print_message(recording.message)
         now = self._clock()
-        if self._live and now - self._shown_s >= SHOW_S:
+        if self._live and now - self._shown_s >= SHOW_S and select.select([], [self._stream], [], 0)[1]:
             self._shown_s = now
-            width = shutil.get_terminal_size().columns - 1
-            self._stream.write(f"\r{status_line(recording, teleop)[:width]}\x1b[K")
+            self._stream.write(f"\r{status_line(recording, teleop)[: self._columns() - 1]}\x1b[K")
             self._stream.flush()
             self._drawn = True
+
+    def _columns(self) -> int:
+        """Return the terminal's width now; COLUMNS may be that of another moment, and stdout may be a file."""
+        with suppress(OSError):
+            return os.get_terminal_size(self._stream.fileno()).columns or FULL_WIDTH
+        return FULL_WIDTH
 
     def print_message(self, message: str) -> None:
         """Print a message where it is new."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,11 +23,18 @@ if TYPE_CHECKING:
     from layflat.app.workstation.window.window import Window
 
 ALTERNATIVES = (
-    "without one, use `layflat record --source keyboard`, `gamepad` or `scripted`, `train`, `place`, `replay`, `data`"
-    " and `demo` in this terminal"
+    "without one, use `layflat record --no-window --source keyboard`, `gamepad` or `scripted`, `train`, `place`,"
+    " `replay`, `data` and `demo` in this terminal"
 )
 NO_DISPLAY = f"there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); {ALTERNATIVES}"
 UNSEEN = ("dummy", "offscreen")
+X_PORT = 6000
+ANSWER_S = 5.0
+"""Time in which a display on another machine must answer; one that is switched off would take minutes to fail."""
+
+
+class NoWindowError(LayflatError):
+    """There is no display on which a window could be seen."""
 
 
 def has_display() -> bool:
@@ -46,7 +55,8 @@ def app(folder: Path) -> int:
 def open_window(folder: Path, **options: Any) -> Iterator[Window]:
     """Open a window, and close it at the end; LayflatError where there can be none."""
     if not has_display():
-        raise LayflatError(NO_DISPLAY)
+        raise NoWindowError(NO_DISPLAY)
+    _check_display()
     sdl.prepare()
     try:
         import pygame
@@ -58,15 +68,31 @@ def open_window(folder: Path, **options: Any) -> Iterator[Window]:
     try:
         pygame.display.init()
     except pygame.error as error:
-        raise LayflatError(f"no window can be opened on this display ({error}); {ALTERNATIVES}") from None
+        raise NoWindowError(f"no window can be opened on this display ({error}); {ALTERNATIVES}") from None
     if pygame.display.get_driver() in UNSEEN:
         # SDL would rather draw where nothing is seen than report that a display does not answer.
-        raise LayflatError(f"the display {os.environ.get('DISPLAY', '')} does not answer; {ALTERNATIVES}")
+        pygame.display.quit()
+        raise _unanswered()
     window = Window(folder, make_activity, **options)
     try:
         yield window
     finally:
         window.close()
+
+
+def _check_display() -> None:
+    """Raise NoWindowError where the display is on another machine that does not answer."""
+    found = re.fullmatch(r"(?:tcp/)?([^/:]+):(\d+)(?:\.\d+)?", os.environ.get("DISPLAY", ""))
+    if found and found[1] != "unix":
+        try:
+            socket.create_connection((found[1], X_PORT + int(found[2])), timeout=ANSWER_S).close()
+        except (OSError, OverflowError, UnicodeError):
+            raise _unanswered() from None
+
+
+def _unanswered() -> NoWindowError:
+    name = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY", "")
+    return NoWindowError(f"the display {name} does not answer; {ALTERNATIVES}")
 
 
 def record_in_window(config: RecordConfig, model: TrainedModel | None) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -18,7 +21,7 @@ from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.calibration import Calibration
 from layflat.app.workstation.teleop.devices import GamepadRegistry
 from layflat.app.workstation.teleop.gamepad import FINE_SPEED, Gamepad
-from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS
+from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState
 from layflat.app.workstation.teleop.layouts import DeviceCapabilities, GamepadLayout
 from layflat.app.workstation.teleop.mapping import mapping_file, read_mapping
 from layflat.app.workstation.teleop.teleop_input import Command
@@ -93,6 +96,21 @@ def _places(pad: VirtualPad, axes: dict[str, int], buttons: dict[str, int], flip
     return places | {name: button(number) for name, number in buttons.items()}
 
 
+def _asks(monkeypatch, person: Person) -> None:
+    """Let the person answer the command's questions, on a clock of their own."""
+
+    class Clock:
+        monotonic = staticmethod(lambda: person.now)
+        sleep = staticmethod(person.passes)
+
+    class Asked(Calibration):
+        def __init__(self, capabilities, prompt, clock, **options) -> None:
+            super().__init__(capabilities, lambda text: (prompt(text), person.ask(text)), clock, **options)
+
+    monkeypatch.setattr(commands, "time", Clock)
+    monkeypatch.setattr(commands, "Calibration", Asked)
+
+
 def test_a_calibration_finds_an_unknown_layout(plug, tmp_path):
     """Axes in another order, one reversed, triggers at 0 before their first move and buttons beside them, a hat."""
     import pygame
@@ -152,16 +170,7 @@ def test_calibrate_writes_a_mapping_that_recording_uses(plug, capsys, monkeypatc
     person = Person(pad, places)
     assert not Gamepad(HANGER).poll().connected
 
-    class Clock:
-        monotonic = staticmethod(lambda: person.now)
-        sleep = staticmethod(person.passes)
-
-    class Asked(Calibration):
-        def __init__(self, capabilities, prompt, clock) -> None:
-            super().__init__(capabilities, lambda text: (prompt(text), person.ask(text)), clock)
-
-    monkeypatch.setattr(commands, "time", Clock)
-    monkeypatch.setattr(commands, "Calibration", Asked)
+    _asks(monkeypatch, person)
     status, out, err = _call(capsys, "gamepad", "calibrate")
     assert status == 0
     assert "push the left stick to the right" in err
@@ -179,6 +188,96 @@ def test_calibrate_writes_a_mapping_that_recording_uses(plug, capsys, monkeypatc
     status, _, err = _call(capsys, "gamepad", "calibrate")
     assert status == 2
     assert "--force" in err
+
+
+def _state_of_first():
+    """Return the state of the first gamepad as recording reads it."""
+    pygame, controller = sdl.start()
+    pads = GamepadRegistry(pygame, controller)
+    pads.refresh()
+    pygame.event.pump()
+    (device,) = pads.devices.values()
+    state = device.state()
+    pads.close()
+    return state, device.source
+
+
+def test_worn_sticks_are_learned_and_their_mapping_stays(plug, capsys, monkeypatch):
+    """A stick that rests at 0.35 and another time at 0.25 no longer moves anything, and still reaches both ends."""
+    pad = plug(name="Worn")
+    rests = iter([0.35, 0.25, 0.3, 0.25])
+
+    def stick(name: str):
+        def move(on: bool) -> None:
+            pad.axis(name, 1.0 if on else -0.1 if name == "left_y" else 0.0)
+            if not on:
+                pad.axis("left_x", next(rests))
+
+        return move
+
+    pad.axis("left_x", 0.35)
+    pad.axis("left_y", -0.1)
+    person = Person(pad, {name: stick(name) for name in STICKS})
+    person._left = list(STICKS)
+    with monkeypatch.context() as patch:
+        _asks(patch, person)
+        status, out, err = _call(capsys, "gamepad", "calibrate", "--sticks")
+    assert status == 0, err
+    assert len(person.asked) == 1 + len(STICKS)
+    for rest in (0.25, 0.3, 0.35):
+        pad.axis("left_x", rest)
+        state, source = _state_of_first()
+        assert (state.left, source) == ((0.0, 0.0), "SDL")
+    for end in (-1.0, 1.0):
+        pad.axis("left_x", end)
+        assert _state_of_first()[0].left[0] == pytest.approx(end, abs=0.02)
+    (path,) = mapping_file("x").parent.iterdir()
+    assert out == f"calibrated Worn: {path}\n"
+    assert json.loads(path.read_text())["middle"]["left_x"] == pytest.approx(0.3, abs=0.06)
+
+
+def test_a_dead_zone_is_set_without_a_calibration(plug, capsys):
+    pad = plug(name="Loose")
+    pad.axis("right_x", 0.25)
+    assert _state_of_first()[0].right[0] > 0.1
+    assert _call(capsys, "gamepad", "calibrate", "--dead-zone", 0.3)[0] == 0
+    assert _state_of_first() == (GamepadState(), "SDL")
+    assert _call(capsys, "gamepad", "calibrate", "--dead-zone", 0.05)[0] == 0
+    assert _state_of_first()[0].right[0] > 0.2
+    assert _call(capsys, "gamepad", "calibrate", "--dead-zone", 1.0)[0] == 2
+
+
+@pytest.mark.parametrize(
+    "change", [{"dead_zone": 2.0}, {"dead_zone": None}, {"middle": {"left_x": 0.9}}, {"middle": 3}]
+)
+def test_invalid_rests_are_refused(tmp_path, change):
+    path = tmp_path / "m.json"
+    path.write_text(json.dumps({"schema": 1, "axes": 6, "buttons": 16, "hats": 0, "dead_zone": 0.1} | change))
+    with pytest.raises(UsageError):
+        read_mapping(path, DeviceCapabilities(6, 16, 0))
+
+
+NINTENDO = """
+import ctypes
+from layflat.tests.virtual_pad import library
+sdl = library()
+class GUID(ctypes.Structure):
+    _fields_ = [("data", ctypes.c_uint8 * 16)]
+sdl.SDL_JoystickGetGUIDFromString.restype = GUID
+sdl.SDL_GameControllerMappingForGUID.argtypes = [GUID]
+sdl.SDL_GameControllerMappingForGUID.restype = ctypes.c_char_p
+guid = sdl.SDL_JoystickGetGUIDFromString(b"030000007e0500000920000011810000")
+print(sdl.SDL_GameControllerMappingForGUID(guid).decode())
+"""
+
+
+@pytest.mark.parametrize("labels", [None, "1"])
+def test_a_nintendo_pad_s_buttons_go_by_their_place(labels):
+    """In SDL's own database, as the program starts it; its numbers are the kernel's: b0 is the lower one."""
+    environment = {**os.environ, **({"SDL_GAMECONTROLLER_USE_BUTTON_LABELS": labels} if labels else {})}
+    done = subprocess.run([sys.executable, "-c", NINTENDO], env=environment, capture_output=True, text=True, check=True)
+    places = dict(part.split(":") for part in done.stdout.strip().split(",") if part.count(":") == 1)
+    assert [places[button] for button in "abxy"] == ["b0", "b1", "b3", "b2"]
 
 
 def test_a_mapping_for_another_pad_is_refused(plug, tmp_path):
