@@ -77,7 +77,7 @@ def check_state(path: Path) -> None:
 
 def _busy(path: Path) -> FileBusyError:
     who = next((f" ({name}, process {pid})" for pid, name in writers_of(path).items()), "")
-    return FileBusyError(f"{path} is open for writing in another program{who}; close it there, then run this again")
+    return FileBusyError(f"{path} is open for writing in another program{who}; close it there")
 
 
 def check_session(file: h5py.File) -> dict[str, Attribute]:

@@ -12,6 +12,7 @@ the episodes of the journals: complete ones that had not been reported yet, and 
 from __future__ import annotations
 
 import contextlib
+import logging
 import time
 import uuid
 from dataclasses import replace
@@ -23,6 +24,7 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
 from layflat.data.format.encode import shared_attributes
+from layflat.data.format.opening import FileBusyError
 from layflat.data.robot import RobotSpec
 from layflat.data.session.assembly import assemble, is_worthwhile
 from layflat.data.session.journal import JournalHandle
@@ -33,6 +35,7 @@ from layflat.data.session.saved_episode import SavedEpisode, save_part, saved_in
 from layflat.data.session.session_writer import check_writable, write_errors
 from layflat.data.types import DESCRIPTORS, Episode, StoppedBy
 
+_LOG = logging.getLogger("layflat")
 DYING_S = 5.0
 """Time that a journal's writer may take to die when its recorder has been killed."""
 
@@ -197,6 +200,9 @@ class SessionRecorder:
         try:
             if part_files(self._real):
                 assemble(self.path)
+        except FileBusyError as error:
+            # Nothing is lost or missing: readers see the parts, too, and the next recorder or a repair moves them.
+            _LOG.warning("layflat: %s; the new episodes are safe in %s, and part of the session", error, self._parts)
         finally:
             self._lock.release()
 
