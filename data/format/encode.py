@@ -246,7 +246,8 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
         "env_type": schema.ENV_TYPE_GYM,
         "env_name": schema.ENV_NAME,
         "env_version": versions.get("layflat", "unknown"),
-        "env_kwargs": {key: first[key] for key in (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)},
+        "env_kwargs": {key: first[key] for key in (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)}
+        | json.loads(str(first[schema.SIM_CONFIG])),
     }
     # As others expect it, of variable length; never read here.
     data.attrs[schema.ENV_ARGS] = json.dumps(env_args)

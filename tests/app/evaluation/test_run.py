@@ -68,7 +68,10 @@ def test_every_episode_is_a_session_that_says_who_and_what(tmp_path):
         episode = results.episode(run)
         assert (episode.source, episode.disturbance, episode.seed) == (policy, case, 0)
         assert validate(tmp_path / "runs" / f"{run}.h5") == ()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["config.json", "episodes.csv", "runs", "summary.json"]
+    files = ["columns.json", "config.json", "episodes.csv", "runs", "summary.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == files
+    legend = json.loads((tmp_path / "columns.json").read_text())["tables"]["episodes.csv"]
+    assert list(legend) == list(results.rows.columns)
 
 
 def test_the_summary_has_groups_pairs_undisturbed_pairs_and_provenance(tmp_path):

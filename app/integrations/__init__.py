@@ -1,0 +1,1 @@
+"""Adapters to other people's programs, each imported only with that program."""
