@@ -80,8 +80,10 @@ class LayflatEnv(env_base.EnvBase):  # type: ignore[misc]  # untyped
         return self.get_observation()
 
     def reset_to(self, state: dict[str, Any]) -> dict[str, Any]:
-        """Bring about a state of a known recording."""
+        """Bring about the state of now, or one of a known recording."""
         place = self.recordings.get(np.asarray(state["states"], dtype="<f8").tobytes())
+        if place is None and np.array_equal(state["states"], self.get_state()["states"]):
+            return self.get_observation()
         if place is None:
             raise UsageError("this state is not of a known recording; call LayflatEnv.know(data set) first")
         path, name, step = place
@@ -101,7 +103,7 @@ class LayflatEnv(env_base.EnvBase):  # type: ignore[misc]  # untyped
     def render(
         self, mode: str = "human", height: int | None = None, width: int | None = None, camera_name: str = "", **_: Any
     ) -> Any:
-        """Return an image for people; ``camera_name`` rgb gives the camera's own."""
+        """Return an image for people, whatever the camera is called."""
         if mode != "rgb_array":
             raise UsageError("robomimic's own window is not supported; give --video_path")
         return self.env.simulation.camera.render(width or 640, height or 480)
