@@ -48,7 +48,7 @@ class ExportOptions:
         """Check that the options go together; UsageError otherwise."""
         given = {
             "--no-images": (not self.images, ("lerobot", "minari", "rrd")),
-            "--trim-idle": (self.trim_idle, ("robomimic", "lerobot", "csv")),
+            "--trim-idle": (self.trim_idle, ("robomimic", "lerobot", "csv", "minari")),
             "--depth": (self.depth, ("lerobot",)),
             "--task-text": (bool(self.task_texts), ("lerobot",)),
             "--license": (self.data_license != LeRobotOptions.licence, ("lerobot",)),
@@ -105,7 +105,7 @@ def _export_session(session: Session, names: Sequence[str], out: Path, options: 
         steps = export_csv(session, out, names=names, trim_idle=options.trim_idle)
         print(f"exported {len(names)} episodes, {steps} steps {out}")
     else:
-        _export_episodes(session, out, names, options.form, images=options.images)
+        _export_episodes(session, out, names, options)
 
 
 def _export_lerobot(
@@ -133,7 +133,7 @@ def _export_lerobot(
     print(f"exported {written.episodes} episodes, {written.frames} frames {what} {out}")
 
 
-def _export_episodes(session: Session, out: Path, names: Sequence[str], form: Format, *, images: bool) -> None:
+def _export_episodes(session: Session, out: Path, names: Sequence[str], options: ExportOptions) -> None:
     from layflat.data.exchange.minari import export_minari
     from layflat.data.exchange.rerun import export_rerun
 
@@ -143,10 +143,13 @@ def _export_episodes(session: Session, out: Path, names: Sequence[str], form: Fo
         def advance(name: str) -> None:
             progress.advance(1 / len(names), name)
 
-        if form == "minari":
-            where = f"{export_minari(session, out, names=names, images=images, on_episode=advance)} in {out}"
+        if options.form == "minari":
+            name = export_minari(
+                session, out, names=names, images=options.images, trim_idle=options.trim_idle, on_episode=advance
+            )
+            where = f"{name} in {out}"
         else:
-            export_rerun(session, out, names=names, images=images, on_episode=advance)
+            export_rerun(session, out, names=names, images=options.images, on_episode=advance)
             where = str(out)
     print(f"exported {len(names)} episodes {where}")
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from layflat.data.atomic_files import atomic_folder
 from layflat.data.errors import DataError
+from layflat.data.exchange.idle_end import kept_steps
 from layflat.data.exchange.optional_imports import require
 from layflat.data.format import schema
 from layflat.data.format.opening import errors_name
@@ -29,6 +30,7 @@ def export_minari(
     *,
     names: Iterable[str] | None = None,
     images: bool = True,
+    trim_idle: bool = False,
     on_episode: Callable[[str], None] | None = None,
 ) -> str:
     """Write a Minari data set into ``folder``, which serves as MINARI_DATASETS_PATH; return the data set's name.
@@ -41,12 +43,18 @@ def export_minari(
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
     with atomic_folder(folder / dataset_id(session)) as aside:
         (aside / "data").mkdir()
-        _write(session, aside / "data", chosen, images=images, on_episode=on_episode)
+        _write(session, aside / "data", chosen, images=images, trim_idle=trim_idle, on_episode=on_episode)
     return dataset_id(session)
 
 
 def _write(
-    session: Session, data: Path, chosen: Sequence[str], *, images: bool, on_episode: Callable[[str], None] | None
+    session: Session,
+    data: Path,
+    chosen: Sequence[str],
+    *,
+    images: bool,
+    trim_idle: bool,
+    on_episode: Callable[[str], None] | None,
 ) -> None:
     minari, storages = require("minari"), require("minari.dataset.minari_storage")
     keys = _keys(session, chosen, images)
@@ -66,7 +74,7 @@ def _write(
             "requirements": ["layflat"],
         }
     )
-    storage.update_episodes(_buffers(session, chosen, keys, minari, on_episode))
+    storage.update_episodes(_buffers(session, chosen, keys, minari, trim_idle, on_episode))
     details = [_details(session, name) for name in chosen]
     storage.update_episode_metadata(details, list(range(len(chosen))))
 
@@ -111,7 +119,12 @@ def _env_spec(session: Session) -> Any:
 
 
 def _buffers(
-    session: Session, names: Sequence[str], keys: Sequence[str], minari: Any, on_episode: Callable[[str], None] | None
+    session: Session,
+    names: Sequence[str],
+    keys: Sequence[str],
+    minari: Any,
+    trim_idle: bool,
+    on_episode: Callable[[str], None] | None,
 ) -> Iterator[Any]:
     images = schema.RGB in keys or schema.DEPTH in keys
     for number, name in enumerate(names):
@@ -119,18 +132,22 @@ def _buffers(
         with errors_name(session.path):
             rows = demo_rows(group, images=images)
             rewards = group[schema.REWARDS][()]
-        ended = np.arange(1, info.n_steps + 1) == info.n_steps
+        count = kept_steps(session, name, trim_idle=trim_idle)
+        ended = np.arange(1, count + 1) == count
         unstable = info.stopped_by == "unstable"
         truth = (schema.CONTACT_TRUE, schema.FLAT_AREA) if schema.STATES in rows else ()
         yield minari.data_collector.EpisodeBuffer(
             id=number,
             seed=info.seed if info.seed >= 0 else None,
-            observations={key: np.clip(rows[key], *schema.OBSERVATION_LIMITS[key]).astype(_dtype(key)) for key in keys},
-            actions=(rows[schema.ACTION_M] / ACTION_LIMIT_M).astype(np.float32),
-            rewards=rewards,
+            observations={
+                key: np.clip(rows[key][: count + 1], *schema.OBSERVATION_LIMITS[key]).astype(_dtype(key))
+                for key in keys
+            },
+            actions=(rows[schema.ACTION_M][:count] / ACTION_LIMIT_M).astype(np.float32),
+            rewards=rewards[:count],
             terminations=ended & unstable,
             truncations=ended & (not unstable),
-            infos={key.rpartition("/")[2]: rows[key][:, 0] for key in truth} or None,
+            infos={key.rpartition("/")[2]: rows[key][: count + 1, 0] for key in truth} or None,
         )
         if on_episode is not None:
             on_episode(name)

@@ -1,7 +1,7 @@
 """Train PPO of stable-baselines3 in the environment, and roll the policy out.
 
-    pip install layflat stable-baselines3
-    python stable_baselines3_ppo.py --steps 20000 --envs 2
+pip install layflat stable-baselines3
+python stable_baselines3_ppo.py --steps 20000 --envs 2
 """
 
 from __future__ import annotations
