@@ -32,7 +32,8 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], *, fps: float =
         raise LayflatError(f"{path} is not a .webm file; videos are written as .webm", 2)
     with atomic_path(path, path.with_name(f".video.{os.getpid()}{PART_SUFFIX}.webm")) as aside:
         count = _encode(aside, frames, fps)
-        readable = count_frames(aside)
+        with _quiet_stderr():
+            readable = count_frames(aside)
         if readable != count:
             with aside.open("ab") as file:  # OpenCV does not say that a disk is full; this does.
                 file.write(bytes(1 << 16))
@@ -88,6 +89,8 @@ def _encode(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
 
 
 def _open(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWriter:
+    # Of each frame that has no room on the disk it would print a line.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     with _quiet_stderr(), ascii_folder(path) as name:
         writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*FOURCC), fps, size)
     if not writer.isOpened():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+
 import cv2
 import numpy as np
 import pytest
@@ -41,3 +43,19 @@ def test_a_video_that_cannot_be_written_leaves_no_file(name, frames, message, tm
     with pytest.raises(LayflatError, match=message):
         write_video(tmp_path / name, frames)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_said(tmp_path, capfd):
+    """OpenCV writes on without an error."""
+    rng = np.random.default_rng(0)
+    frames = [rng.integers(0, 256, (64, 64, 3), dtype=np.uint8) for _ in range(20)]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            write_video(tmp_path / "v.webm", frames)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert caught.value.filename == str(tmp_path / "v.webm")
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
