@@ -80,7 +80,7 @@ def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
         flat_pixels=config.flat_pixels,
         rng=np.random.default_rng(config.seed),
     )
-    relief = measure_relief(frame.camera, depth, frame.cloth_mask, frame.config.smoothing_px)
+    relief = measure_relief(frame.camera, depth, frame.cloth_mask)
     wrinkles, regions = relief.wrinkles(), wrinkle_regions(relief) if config.regions else []
     result = result_json(frame, descriptor, wrinkles, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
     result |= {"depth_scale_mm": config.depth_scale, "seed": config.seed}

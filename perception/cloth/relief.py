@@ -28,6 +28,8 @@ BAND_MM = (8.0, 30.0)
 130 mm; neither the pixels' noise nor the fall of a lifted part."""
 BAND_GAIN = 0.70
 """Gain for waves of 60 mm, which is taken out."""
+BOX_MM = 16.0
+"""Side of the box over which pixels of depth are averaged first."""
 RIM_MM = 14.0
 """The relief this close to the cloth's outline does not count: hem, thickness, mixed pixels."""
 HOLE_MM2 = 2000.0
@@ -114,8 +116,8 @@ class Relief:
     grid: TableGrid
 
     def wrinkles(self, part: BoolArray | None = None) -> Wrinkles:
-        """Return the wrinkles of the cloth, or of a ``part`` (h, w) of it."""
-        xx, xy, yy = self._mean(self.low, part, MIN_AREA_MM2)
+        """Return the wrinkles of the cloth, or of a ``part`` (h, w) of it, which has a direction at any height."""
+        xx, xy, yy = self._mean(self.low if part is None else self.inner, part, MIN_AREA_MM2)
         power, double = xx + yy, complex(xx - yy, 2 * xy)
         half = cmath.phase(double) / 2
         whole = self._mean(self.inner, part, 0.0)
@@ -135,14 +137,15 @@ class Relief:
         return np.asarray(self.tensor[:, counted].mean(axis=1, dtype=np.float64) - self.noise)
 
 
-def measure_relief(camera: PinholeCamera, depth: FloatArray, cloth: BoolArray, smoothing_px: int) -> Relief:
+def measure_relief(camera: PinholeCamera, depth: FloatArray, cloth: BoolArray) -> Relief:
     """Return the relief of the ``cloth`` (H, W) in an image of ``depth`` (H, W), m; 0 or NaN where there is none."""
     if depth.shape != cloth.shape:
         raise PerceptionError(f"depth has shape {depth.shape} and the cloth {cloth.shape}; they must be the same")
     grid = grid_around(camera, cloth, margin_m=MARGIN_M)
     rectifier, px_per_mm = TableRectifier(camera, grid), 1 / grid.mm_per_px
     height = camera.height_above_table(depth)
-    hole_px = HOLE_MM2 * _px_per_mm2(cloth, rectifier.rectify_mask(cloth), grid.mm_per_px)
+    density = _px_per_mm2(cloth, rectifier.rectify_mask(cloth), grid.mm_per_px)
+    hole_px, smoothing_px = HOLE_MM2 * density, 2 * round(BOX_MM * math.sqrt(density) / 2 - 0.5) + 1
     cloth = fill_small_holes(cloth, hole_px)
     seen, smooth = rectifier.rectify_mask(cloth), rectifier.rectify(smooth_height(height, cloth, smoothing_px))
     bare = fill_small_holes(np.abs(np.nan_to_num(height, nan=1.0)) < TABLE_M, hole_px) & ~dilate(cloth, 2)

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from layflat.perception.arrays import BoolArray, Float32Array, Float64Array
 from layflat.perception.cloth.relief import Relief, Wrinkles
 
 CELL_MM = 15.0
 """Side of the cells that are put together to regions."""
-SPREAD_MM = 20.0
+SPREAD_MM = 24.0
 """Standard deviation of the window in which a cell's direction is found: one wrinkle and what lies beside it."""
 REACH_MM = 200.0
 """So far apart cells of one direction are as unlike as cells at the same place that differ by 30 degrees."""
-MAX_WARD = 8.0
+MAX_WARD = 6.0
 """Regions are put together (Ward's method) up to this distance: 25 cells each that are one unit apart make 3.5."""
 MIN_AREA_MM2 = 2500.0
 MIN_SHARE = 0.03
@@ -66,18 +67,17 @@ def _label_cells(relief: Relief) -> Float64Array:
 
     shape, side = relief.inner.shape, max(1, round(CELL_MM / relief.grid.mm_per_px))
     rows, columns = (np.arange(side // 2, size, side) for size in shape)
-    cells = relief.inner[np.ix_(rows, columns)]
-    labels = np.zeros(cells.shape)
-    if np.count_nonzero(cells) < 2:
-        labels[cells] = 1
-    else:
-        row, column = np.nonzero(cells)
-        place = np.stack([row, column], axis=1) * (CELL_MM / REACH_MM)
-        axes = _local_axes(relief)[:, rows[row], columns[column]].T
+    axes, labels = _local_axes(relief)[:, rows][:, :, columns], np.zeros((len(rows), len(columns)))
+    pieces, count = ndimage.label(relief.inner[np.ix_(rows, columns)])
+    for piece in range(1, count + 1):
+        cells = pieces == piece
+        if np.count_nonzero(cells) * CELL_MM**2 < MIN_AREA_MM2 / 2:
+            continue
+        place = np.argwhere(cells) * (CELL_MM / REACH_MM)
         graph = grid_to_graph(*cells.shape, mask=cells)
         ward = AgglomerativeClustering(n_clusters=None, distance_threshold=MAX_WARD, connectivity=graph)
-        labels[cells] = 1 + ward.fit_predict(np.hstack([axes, place]))
-    near = [np.minimum(np.arange(size) // side, count - 1) for size, count in zip(shape, cells.shape, strict=True)]
+        labels[cells] = labels.max() + 1 + ward.fit_predict(np.hstack([axes[:, cells].T, place]))
+    near = [np.minimum(np.arange(size) // side, count - 1) for size, count in zip(shape, labels.shape, strict=True)]
     return np.asarray(labels[np.ix_(*near)])
 
 

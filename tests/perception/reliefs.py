@@ -33,7 +33,7 @@ class DepthShot:
     """(H, W) pixels of the cloth."""
 
     def relief(self) -> Relief:
-        return measure_relief(self.camera, self.depth, self.cloth, 5 if self.camera.width <= 320 else 9)
+        return measure_relief(self.camera, self.depth, self.cloth)
 
 
 def camera_above(tilt=20.0, distance=0.7, width=320) -> PinholeCamera:
