@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from layflat.app.support import validators
+from layflat.app.support import machine, validators
 
 
 def list_commands(context: typer.Context) -> None:
@@ -78,8 +78,8 @@ Workers = Annotated[
     int,
     typer.Option(
         callback=count,
-        default_factory=validators.available_cores,
-        show_default="one per core",
+        default_factory=machine.default_workers,
+        show_default="one per core, as far as memory allows",
         help="Number of processes; results do not depend on it.",
     ),
 ]

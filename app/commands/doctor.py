@@ -18,13 +18,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
+from layflat.app.support import machine
 from layflat.app.support.errors import LayflatError, run_command
-from layflat.app.support.validators import SUPPORTED_PYTHONS, available_cores
+from layflat.app.support.validators import SUPPORTED_PYTHONS
 
 State = Literal["ok", "note", "problem"]
 
 REQUIRED = {
-    "pybullet": "pybullet",
+    "pybullet": "layflat.sim.physics.bullet",  # pybullet itself prints when it is imported first
     "gymnasium": "gymnasium",
     "numpy": "numpy",
     "scipy": "scipy",
@@ -131,18 +132,20 @@ def videos() -> list[Check]:
 
 def resources() -> list[Check]:
     """Check cores, disk and memory."""
-    cores = available_cores()
+    cores = machine.available_cores()
     advice = "one core works; a demo then takes about twice as long" if cores < 2 else ""
     lines = [Check("cores", "note" if advice else "ok", f"{cores} of {os.cpu_count()}", advice)]
     free_gb = shutil.disk_usage(Path.cwd()).free / 1e9
     advice = f"free some: recordings with images need it, at least {MIN_DISK_GB:g} GB" if free_gb < MIN_DISK_GB else ""
     lines.append(Check("free disk", "note" if advice else "ok", f"{free_gb:.1f} GB in {Path.cwd()}", advice))
-    try:
-        memory_gb = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
-    except (AttributeError, OSError, ValueError):
+    size = machine.memory_bytes()
+    if size is None:
         return lines
-    advice = "use --workers 1 and --no-images" if memory_gb < MIN_MEMORY_GB else ""
-    return [*lines, Check("memory", "note" if advice else "ok", f"{memory_gb:.1f} GB", advice)]
+    advice = "use --workers 1 and --no-images" if size / 1e9 < MIN_MEMORY_GB else ""
+    limited = ", a limit of this container or job" if machine.memory_limit_bytes() else ""
+    lines.append(Check("memory", "note" if advice else "ok", f"{size / 1e9:.1f} GB{limited}", advice))
+    workers = machine.default_workers()
+    return [*lines, Check("workers", "ok", f"{workers} where --workers is not given")]
 
 
 def display() -> list[Check]:

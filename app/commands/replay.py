@@ -112,7 +112,9 @@ def rerun(recorded: Episode) -> Episode:
         except FutureTimeoutError:
             raise LayflatError(f"the replay took more than {LIMIT_S:.0f} s; its physics may hang") from None
         except ProcessExpired as error:
-            raise LayflatError(f"the replay {describe_exit_status(error.exitcode, LIMIT_S)}; try again") from None
+            raise LayflatError(
+                f"the replay was lost: {describe_exit_status(error.exitcode, LIMIT_S)}; try again"
+            ) from None
         progress.advance()
     return again
 

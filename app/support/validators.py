@@ -109,10 +109,3 @@ def read_text(path: Path, what: str, *, max_bytes: int) -> str:
     if "\0" in text:
         raise UsageError(f"{path} is not UTF-8 text; save it as UTF-8, an encoding that editors offer where they save")
     return text
-
-
-def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

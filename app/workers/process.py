@@ -18,6 +18,7 @@ from typing import Any
 import cv2
 from pebble import ProcessFuture, ProcessPool
 
+from layflat.app.support.machine import memory_limit_bytes
 from layflat.app.workers.interrupts import defer_interrupts
 
 PR_SET_PDEATHSIG = 1
@@ -69,7 +70,9 @@ def describe_exit_status(exitcode: int | None, limit_s: float) -> str:
     if exitcode is None or exitcode == -signal.SIGALRM:
         return f"took more than {limit_s:g} s"
     if exitcode == -signal.SIGKILL:
-        return "its process was killed, by a person or because memory ran out (SIGKILL)"
+        limit = memory_limit_bytes()
+        where = "" if limit is None else f" (the limit here is {limit / 1e9:.1f} GB)"
+        return f"its process was killed, probably because memory ran out{where}: use fewer --workers or --no-images"
     if exitcode < 0:
         return f"its process was ended by {_signal_name(-exitcode)}"
     return f"its process ended with status {exitcode}"

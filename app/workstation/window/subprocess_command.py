@@ -18,6 +18,7 @@ from typing import IO
 
 from layflat.app.support.child_python import start_python
 from layflat.app.support.errors import INTERRUPTED
+from layflat.app.workers.process import describe_exit_status
 
 MAX_LINES = 400
 CANCEL_S = 10.0
@@ -79,7 +80,13 @@ class SubprocessCommand:
             return ""
         if self.status == 0:
             return "done"
-        return "cancelled" if self.cancelled or self.status == INTERRUPTED else f"failed, exit status {self.status}"
+        if self.cancelled or self.status == INTERRUPTED:
+            return "cancelled"
+        return (
+            f"failed: {describe_exit_status(self.status, 0.0)}"
+            if self.status < 0
+            else f"failed, exit status {self.status}"
+        )
 
     def cancel(self) -> None:
         """Interrupt it as Ctrl-C does; return at once."""

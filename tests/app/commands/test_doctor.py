@@ -46,3 +46,10 @@ def test_it_needs_nothing_but_the_standard_library(tmp_path):
     )
     assert "missing" in done.stdout
     assert "ModuleNotFoundError" not in done.stderr
+
+
+def test_stdout_begins_with_the_first_check_and_names_the_limits():
+    done = subprocess.run([sys.executable, "-m", "layflat.app.cli.main", "doctor"], capture_output=True, text=True)
+    assert done.stdout.startswith("ok      interpreter")
+    assert "build time" not in done.stdout
+    assert "\nok      workers" in done.stdout
