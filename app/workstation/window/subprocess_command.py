@@ -82,11 +82,9 @@ class SubprocessCommand:
             return "done"
         if self.cancelled or self.status == INTERRUPTED:
             return "cancelled"
-        return (
-            f"failed: {describe_exit_status(self.status, 0.0)}"
-            if self.status < 0
-            else f"failed, exit status {self.status}"
-        )
+        if self.status < 0:
+            return f"failed: {describe_exit_status(self.status, 0.0)}"
+        return f"failed, exit status {self.status}"
 
     def cancel(self) -> None:
         """Interrupt it as Ctrl-C does; return at once."""
