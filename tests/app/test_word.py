@@ -191,13 +191,16 @@ def test_regions_of_a_cloth_that_is_wrinkled_two_ways(run, tmp_path):
     regions = json.loads(Path("out.json").read_text())["regions"]
     assert len(regions) >= 2
     assert out.count("\nregion ") == len(regions)
-    assert 0.6 < sum(region["share"] for region in regions) <= 1.0
+    assert sum(region["share"] for region in regions) <= 1.0
     for region in regions:
         side = np.sign(region["pixel"][0] - 320)
+        if region["coherence"] < 0.5:  # on the seam
+            assert abs(region["pixel"][0] - 320) < 40
+            continue
         assert side == np.sign(region["place_m"][0])
         assert abs((axial_deg(region) - (30 if side < 0 else 120) + 90) % 180 - 90) < 8.0
         assert region["strength"] > 0.1
-        assert region["coherence"] > 0.5
+    assert sum(region["share"] for region in regions if region["coherence"] > 0.5) > 0.6
 
 
 def test_the_color_given_learned_and_suggested_see_the_same_cloth(frames, run, analyze):
