@@ -89,7 +89,7 @@ class Session(Sequence[Episode]):
     def camera_of(self, name: str) -> CameraModel | None:
         """Return the camera of an episode, or None where it is not known; its arrays are not read."""
         with errors_name(self.catalog.entry(name).file):
-            return camera_of(stored_attributes(self.group(name)))
+            return camera_of(stored_attributes(self.catalog.group(name, (schema.PHASE,))))
 
     @property
     def names(self) -> tuple[str, ...]:
