@@ -158,7 +158,7 @@ class Session(Sequence[Episode]):
     def settings(self, name: str) -> dict[str, Any]:
         """Return the settings of the simulation of an episode, such as its ``start``; its arrays are not read."""
         with errors_name(self.catalog.entry(name).file):
-            return json_object(stored_attributes(self.catalog.group(name, (schema.ACTIONS,))), schema.SIM_CONFIG)
+            return json_object(stored_attributes(self.catalog.group(name, (schema.ACTION_M,))), schema.SIM_CONFIG)
 
     def view(self, names: Sequence[str], *, images: bool = True) -> EpisodeView:
         """Return these episodes as a sequence that reads each when it is asked for."""

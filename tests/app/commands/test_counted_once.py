@@ -144,3 +144,21 @@ def test_the_summary_and_the_page_say_which_starts_were_taught(tmp_path):
     assert entry == {"policy": TAUGHT.policy, "robot": "hanger", "cloth": "towel", "seeds": [3, 4]}
     page = write_evaluation(results).read_text()
     assert f"{TAUGHT.policy} was taught on seeds 3, 4" in page
+
+
+@pytest.mark.slow
+def test_two_people_who_record_the_default_seeds_have_one_demonstration(run, tmp_path):
+    sessions = [tmp_path / f"{name}.h5" for name in "ab"]
+    for path in sessions:
+        assert run("record", path, "--episodes", 1)[0] == 0
+    status, out, err = run("data", "merge", *sessions, "--out", tmp_path / "all.h5")
+    assert "wrote 1 episodes of 2 sessions" in out
+    assert f"demo_0 of {sessions[1]} is demo_0" in err
+    assert "needs 2 demonstrations" in run("train", tmp_path / "all.h5", tmp_path / "m.npz")[1]
+    status, out, err = run("record", sessions[0], "--episodes", 1)
+    assert "kept demo_1" in out
+    assert "a.h5 has seed 0 already; this records seed 1" in err
+    with open_session(sessions[0]) as session:
+        assert session.copies() == {}
+    err = run("place", tmp_path / "m.npz", "--seed", 0)[2]
+    assert "was taught on seed 0" in err
