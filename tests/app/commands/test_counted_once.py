@@ -155,7 +155,7 @@ def test_two_people_who_record_the_default_seeds_have_one_demonstration(run, tmp
     assert "wrote 1 episodes of 2 sessions" in out
     assert f"demo_0 of {sessions[1]} is demo_0" in err
     assert "needs 2 demonstrations" in run("train", tmp_path / "all.h5", tmp_path / "m.npz")[1]
-    status, out, err = run("record", sessions[0], "--episodes", 1)
+    _, out, err = run("record", sessions[0], "--episodes", 1)
     assert "kept demo_1" in out
     assert "a.h5 has seed 0 already; this records seed 1" in err
     with open_session(sessions[0]) as session:
