@@ -151,7 +151,7 @@ def test_two_people_who_record_the_default_seeds_have_one_demonstration(run, tmp
     sessions = [tmp_path / f"{name}.h5" for name in "ab"]
     for path in sessions:
         assert run("record", path, "--episodes", 1)[0] == 0
-    status, out, err = run("data", "merge", *sessions, "--out", tmp_path / "all.h5")
+    _, out, err = run("data", "merge", *sessions, "--out", tmp_path / "all.h5")
     assert "wrote 1 episodes of 2 sessions" in out
     assert f"demo_0 of {sessions[1]} is demo_0" in err
     assert "needs 2 demonstrations" in run("train", tmp_path / "all.h5", tmp_path / "m.npz")[1]
