@@ -7,6 +7,7 @@ Bullet shuffles self-collision impulses with a seed that it never resets.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -15,15 +16,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from layflat.data.format import schema
-from layflat.data.types import ACTION_LIMIT_M
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import disturbance_spec
-from layflat.sim.errors import SimError
+from layflat.sim.errors import SimError, look_up
+from layflat.sim.reward import DEFAULT_REWARD, REWARDS, Situation, potential
 from layflat.sim.robots.registry import DEFAULT_ROBOT
 from layflat.sim.simulation import ClothSimulation
-from layflat.sim.tasks import DEFAULT_TASK
+from layflat.sim.tasks import DEFAULT_TASK, TASKS
 
 RENDER_SIZE = (640, 480)
 DISTURB_STEP = 100
@@ -42,6 +44,13 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         Whether observations hold ``rgb`` and ``depth``.
     disturbance
         Name of a disturbance that starts at step ``disturb_step``.
+    reward
+        "contact", "shaped" or "sparse", see below.
+    terminate_on_success
+        Whether the episode ends where ``info["is_success"]`` becomes true, not before a disturbance has been.
+    start
+        Name of the start. None: ``hanging-quick`` where the program begins with ``hanging`` (the same place after a
+        third of its simulation), else the task's. With "hanging" the start of a seed is the program's, to the bit.
     render_mode
         None or "rgb_array".
     **settings
@@ -55,12 +64,14 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     Observation: what a policy may see, with the names, shapes and units of one row of ``obs`` in a session file
     (docs/reference/session-file.md): ``corner_positions`` (6,), ``depth`` (H, W, 1), numbers as (1,).
 
-    Reward: gain of the camera's contact portion in this step, so that an episode's rewards add up to the portion at its
-    end less that at its start. The flat area, which decides success, is in ``info`` and not in the reward: it is the
-    simulator's knowledge.
+    All numbers are float32 (files keep float64).
+
+    Reward: "contact" is the gain of the camera's contact portion in this step, which a real robot can measure too.
+    "shaped" is the gain of `layflat.sim.reward.potential`, which knows the mesh; it moves from the first step on.
+    "sparse" is 1 in each step that ends flat. The first two add up to the difference between an episode's ends.
 
     Terminated: the cloth has diverged; ``info["unstable"]`` says why, the observation is the last valid one, and the
-    reward is 0. There is no other end: the policy decides when the cloth is flat (``info["is_success"]``).
+    reward is 0 (for "shaped" the loss of the potential). With ``terminate_on_success`` also where the cloth is flat.
 
     Info: contact_portion_true, flat_area, is_success, unstable ("" or why), seed (of the start).
     """
@@ -76,6 +87,9 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         images: bool = False,
         disturbance: str | None = None,
         disturb_step: int = DISTURB_STEP,
+        reward: str = DEFAULT_REWARD,
+        terminate_on_success: bool = False,
+        start: str | None = None,
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
@@ -84,10 +98,15 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         if disturbance is not None:
             disturbance_spec(disturbance)
         self.render_mode = render_mode
-        self.simulation = ClothSimulation(SimConfig(robot=robot, cloth=cloth, task=task, **settings))
+        self._reward = look_up("reward", reward, REWARDS)
+        self._ends_flat = terminate_on_success
+        start = start or look_up("task", task, TASKS).quick_start
+        self.simulation = ClothSimulation(SimConfig(robot=robot, cloth=cloth, task=task, start=start, **settings))
         self._images = images
         self._disturbance, self._disturb_step = disturbance, disturb_step
         self._step_index = self._seed = 0
+        self._truth: GroundTruth | None = None
+        self._situation: Situation
         self._size = self.simulation.spec.robot.size
         self._spaces = self._make_spaces()
         self.action_space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
@@ -102,7 +121,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
             if self._images or not field.optional:
                 shape = schema.row_shape(field, self.simulation.spec.robot, sides)
                 low, high = schema.OBSERVATION_LIMITS[field.key]
-                boxes[field.key] = spaces.Box(low, high, shape, np.dtype(field.dtype).type)
+                boxes[field.key] = spaces.Box(low, high, shape, np.uint8 if field.dtype == "uint8" else np.float32)
         return boxes
 
     def reset(
@@ -113,8 +132,8 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
         self.simulation.reset(self._seed)
         self._step_index = 0
-        self._observation = self.simulation.observe(images=self._images)
-        return self._as_dict(), self._info(None)
+        self._look()
+        return self._as_dict(), self._info("")
 
     def step(self, action: NDArray[np.float32]) -> tuple[ObsDict, float, bool, bool, dict[str, Any]]:
         """Move the robot in one control step."""
@@ -125,12 +144,30 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
             self.simulation.disturb(self._disturbance)
         self._step_index += 1
         self.simulation.step(np.clip(values, -1.0, 1.0) * ACTION_LIMIT_M)
-        reason = self.simulation.divergence_reason()
-        if reason is not None:
-            return self._as_dict(), 0.0, True, False, self._info(reason)
-        before, self._observation = self._observation, self.simulation.observe(images=self._images)
-        reward = self._observation.contact_portion - before.contact_portion
-        return self._as_dict(), reward, False, False, self._info(None)
+        reason, before = self.simulation.divergence_reason(), self._situation
+        if reason is None:
+            self._look()
+        else:  # The mesh of a diverged cloth means nothing.
+            self._truth = None
+            self._situation = replace(before, potential=0.0, is_success=False)
+        reward = self._reward(before, self._situation)
+        ended = reason is not None or (self._ends_flat and self._situation.is_success and not self._awaits_disturbance)
+        return self._as_dict(), reward, ended, False, self._info(reason or "")
+
+    @property
+    def _awaits_disturbance(self) -> bool:
+        return self._disturbance is not None and (self._step_index <= self._disturb_step or self.simulation.disturbed)
+
+    def _look(self) -> None:
+        """Observe, and note what the reward needs."""
+        simulation = self.simulation
+        self._observation = simulation.observe(images=self._images)
+        self._truth = truth = simulation.ground_truth()
+        self._situation = Situation(
+            contact_portion=self._observation.contact_portion,
+            potential=potential(truth, simulation.config.cloth_spec),
+            is_success=simulation.config.task_spec.is_success(truth),
+        )
 
     def _as_dict(self) -> ObsDict:
         values = {
@@ -138,13 +175,15 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         }
         return {name: np.clip(values[name].astype(b.dtype), b.low, b.high) for name, b in self._spaces.items()}
 
-    def _info(self, unstable: str | None) -> dict[str, Any]:
-        info = {"unstable": unstable or "", "seed": self._seed}
-        if unstable is not None:  # The mesh of a diverged cloth means nothing.
-            return {"contact_portion_true": 0.0, "flat_area": 0.0, "is_success": False} | info
-        ground_truth = self.simulation.ground_truth()
-        areas = {"contact_portion_true": ground_truth.contact_portion_true, "flat_area": ground_truth.flat_area}
-        return areas | {"is_success": self.simulation.config.task_spec.is_success(ground_truth)} | info
+    def _info(self, unstable: str) -> dict[str, Any]:
+        truth = self._truth
+        return {
+            "contact_portion_true": 0.0 if truth is None else truth.contact_portion_true,
+            "flat_area": 0.0 if truth is None else truth.flat_area,
+            "is_success": self._situation.is_success,
+            "unstable": unstable,
+            "seed": self._seed,
+        }
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
         """Return an image for people, (480, 640, 3), or None without a render mode."""

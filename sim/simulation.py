@@ -57,7 +57,7 @@ class ClothSimulation:
         world = self.world = make_world(
             config.physics, substep_s=1.0 / spec.rate_hz, table_friction=config.table_friction
         )
-        initial = config.start_spec.initial_state(spec, rng)
+        initial = config.start_spec.initial_state(spec, robot_type(config.robot), rng)
         self.cloth: Cloth = world.add_cloth(spec, initial.nodes)
         world.add_air(self.cloth)
         attach(self.cloth, initial.corners)

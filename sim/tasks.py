@@ -16,6 +16,8 @@ class Task:
     name: str
     starts: tuple[str, ...]
     """Names of the starts that belong to the task, in `layflat.sim.starts.registry`; the first is the default."""
+    quick_start: str | None = None
+    """Name of the start that a learner begins with, as it needs many; None: the default."""
     demonstrator: str
     """Name of the policy that ``scripted`` stands for in this task."""
     instruction: str = "Lay the {cloth} flat on the table with the {robot}."
@@ -28,7 +30,12 @@ class Task:
         return ground_truth.flat_area > FLAT_AREA
 
 
-PLACE = Task(name="place", starts=("hanging", "folded-corner", "swinging", "crumpled"), demonstrator="scripted")
+PLACE = Task(
+    name="place",
+    starts=("hanging", "hanging-quick", "folded-corner", "swinging", "crumpled"),
+    demonstrator="scripted",
+    quick_start="hanging-quick",
+)
 """Lay a cloth flat on the table (chapter 4)."""
 SMOOTH = Task(
     name="smooth",

@@ -7,6 +7,7 @@ bodies (an arm, a hanger) come from the physics engine and are put in front by t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,7 @@ class _Background(Framebuffer):
     on_table: NDArray[np.bool_]
 
 
+@lru_cache(maxsize=4)
 def _background(pinhole: PinholeCamera) -> _Background:
     """Draw the table as a box and the floor below, by intersecting each pixel's ray with them."""
     size = pinhole.width * pinhole.height

@@ -70,6 +70,12 @@ class Robot(ABC):
     def hold(self) -> None:
         """Stay in place while the world is only stepped, as benchmarks do, until the next control step."""
 
+    @classmethod
+    def within_reach(cls, corners: FloatArray, cloth: ClothSpec) -> FloatArray:
+        """Return the corners (2, 3) m that are nearest to the wanted ones within workspace and cloth."""
+        centre = corners.mean(axis=0)
+        return corners - centre + np.clip(centre, cls.workspace_low_m, cls.workspace_high_m)
+
     def joint_angles(self) -> FloatArray:
         """Return the joint angles of the arm, (J,) rad; empty without an arm."""
         return np.zeros(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -28,6 +29,7 @@ _MESHES = Path(str(files("pybullet_data"))) / "franka_panda" / "meshes" / "colli
 _SOURCE = _MESHES.parent.parent / "panda.urdf"
 
 
+@lru_cache(maxsize=8)
 def arm_urdf(clip_distance_m: float) -> bytes:
     """Make the robot description from pybullet_data's Panda, with three changes.
 

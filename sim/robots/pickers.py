@@ -8,6 +8,7 @@ import numpy as np
 
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec, two_points
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.base import Cloth
 from layflat.sim.robots.base import Control, Robot
 from layflat.sim.robots.hand_guiding import HAND_SPEED_M_S
@@ -64,15 +65,20 @@ class FreePickers(Robot):
 
     def _move_to(self, target: FloatArray, substeps: int) -> None:
         """Go there evenly in one step, as far as workspace and cloth allow."""
-        target = np.clip(target, self.workspace_low_m, self.workspace_high_m)
-        limit = MAX_SPREAD * self._cloth.spec.width_m
+        target = self.within_reach(target, self._cloth.spec)
+        substep_s = self._cloth.world.substep_s
+        velocity = (target - self._corners) / (substeps * substep_s)
+        self._step, self._speeds = velocity * substep_s, velocity.tolist()
+
+    @classmethod
+    def within_reach(cls, corners: FloatArray, cloth: ClothSpec) -> FloatArray:
+        target: FloatArray = np.clip(corners, cls.workspace_low_m, cls.workspace_high_m)
+        limit = MAX_SPREAD * cloth.width_m
         apart = target[0] - target[1]
         distance = float(np.linalg.norm(apart))
         if distance > limit:
             target = target.mean(axis=0) + np.array([0.5, -0.5])[:, None] * apart * (limit / distance)
-        substep_s = self._cloth.world.substep_s
-        velocity = (target - self._corners) / (substeps * substep_s)
-        self._step, self._speeds = velocity * substep_s, velocity.tolist()
+        return target
 
     def before_substep(self) -> None:
         self._corners = self._corners + self._step

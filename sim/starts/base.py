@@ -43,10 +43,15 @@ class StartScene:
     rng: np.random.Generator
 
 
-def hanging_state(spec: ClothSpec, rng: np.random.Generator) -> InitialState:
+def hanging_state(spec: ClothSpec, robot: type[Robot], rng: np.random.Generator) -> InitialState:
     """Return a cloth that hangs in the air, a little narrower than the robot holds it."""
     corners = home_corners(spec)
-    return InitialState(corners=corners, nodes=spec.hanging_nodes(corners / np.array([1.0, HELD_STRETCH, 1.0])))
+    return InitialState(corners=corners, nodes=spec.hanging_nodes(narrowed(corners)))
+
+
+def narrowed(corners: FloatArray) -> FloatArray:
+    """Return corners (2, 3) m, level and symmetric about y = 0, as far apart as the cloth is wide at rest."""
+    return corners / np.array([1.0, HELD_STRETCH, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +61,7 @@ class Start:
     name: str
     move: Callable[[StartScene], Mapping[str, float]]
     """Makes the moves before the first observation; returns what was drawn, by name."""
-    initial_state: Callable[[ClothSpec, np.random.Generator], InitialState] = field(default=hanging_state)
+    initial_state: Callable[[ClothSpec, type[Robot], np.random.Generator], InitialState] = field(default=hanging_state)
     two_points: bool = False
     """Whether the robot has to move each corner on its own."""
 

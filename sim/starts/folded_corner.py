@@ -8,6 +8,7 @@ import numpy as np
 
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.disturbances.presets import disturbance_spec
+from layflat.sim.robots.base import Robot
 from layflat.sim.starts.base import InitialState, Start, StartScene
 
 LAID_FREE_EDGE_M = (-0.04, 0.14)
@@ -24,7 +25,7 @@ CALM_STEPS = 3
 """Steps in which the laid cloth comes to rest."""
 
 
-def _laid_taut(spec: ClothSpec, rng: np.random.Generator) -> InitialState:
+def _laid_taut(spec: ClothSpec, robot: type[Robot], rng: np.random.Generator) -> InitialState:
     x = rng.uniform(*LAID_FREE_EDGE_M)
     corners = spec.corners_at(x + LAID_STRETCH * spec.length_m, LAID_HEIGHT_M)
     return InitialState(corners=corners, nodes=spec.flat_nodes(x_m=x))

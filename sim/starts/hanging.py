@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
-from layflat.sim.starts.base import Start, StartScene
+from layflat.sim.cloth.spec import ClothSpec
+from layflat.sim.robots.base import Robot
+from layflat.sim.starts.base import InitialState, Start, StartScene, home_corners, narrowed
 
 START_MOVES = 20
+QUICK_MOVES = 4
+"""Moves of a quick start that are simulated; the ones before only say where it begins."""
 SWING_STEP_M = (0.016, 0.020)
 """Displacement to and fro in one step, drawn: 0.2 m/s is too fast for a hanging cloth."""
 SWING_STEPS = (5, 4)
@@ -18,11 +23,22 @@ SWING_CLEARANCE_M = (0.0, 0.012)
 back before it touches, and ends flat."""
 
 
-def _move_randomly(scene: StartScene) -> Mapping[str, float]:
+def _move_randomly(scene: StartScene, n_moves: int = START_MOVES) -> Mapping[str, float]:
     robot = scene.robot
-    for _ in range(START_MOVES):
+    for _ in range(n_moves):
         scene.step(scene.rng.uniform(-1.0, 1.0, robot.spec.size) * robot.start_step_m)
     return {}
+
+
+def _moved_state(cloth: ClothSpec, robot: type[Robot], rng: np.random.Generator) -> InitialState:
+    """Return a cloth that hangs where the first moves would have carried it."""
+    home = corners = home_corners(cloth)
+    for _ in range(START_MOVES - QUICK_MOVES):
+        move = robot.spec.unpack(rng.uniform(-1.0, 1.0, robot.spec.size) * robot.start_step_m)
+        corners = robot.within_reach(corners + move, cloth)
+    # Made level and as wide as at rest: `attach` draws the corners to where the robot takes them.
+    level = narrowed(home) + corners.mean(axis=0) - home.mean(axis=0)
+    return InitialState(corners=corners, nodes=cloth.hanging_nodes(level))
 
 
 def _swing(scene: StartScene) -> Mapping[str, float]:
@@ -39,4 +55,8 @@ def _swing(scene: StartScene) -> Mapping[str, float]:
 
 
 HANGING = Start(name="hanging", move=_move_randomly)
+HANGING_QUICK = Start(
+    name="hanging-quick", move=partial(_move_randomly, n_moves=QUICK_MOVES), initial_state=_moved_state
+)
+"""At the place of `HANGING` with the same seed, after a third of its simulation."""
 SWINGING = Start(name="swinging", move=_swing)

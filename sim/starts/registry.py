@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from layflat.sim.starts.base import Start
 from layflat.sim.starts.crumpled import CRUMPLED
 from layflat.sim.starts.folded_corner import FOLDED_CORNER
-from layflat.sim.starts.hanging import HANGING, SWINGING
+from layflat.sim.starts.hanging import HANGING, HANGING_QUICK, SWINGING
 
-STARTS: Mapping[str, Start] = {start.name: start for start in (HANGING, CRUMPLED, FOLDED_CORNER, SWINGING)}
+STARTS: Mapping[str, Start] = {
+    start.name: start for start in (HANGING, HANGING_QUICK, CRUMPLED, FOLDED_CORNER, SWINGING)
+}
