@@ -17,7 +17,7 @@ FLAT_WEIGHT = 0.75
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """What a reward is computed from."""
+    """State of an episode, as far as rewards need it."""
 
     contact_portion: float
     """As the camera sees it, 0..1."""

@@ -78,7 +78,7 @@ class ClothSimulation:
 
         scene = StartScene(cloth=self.cloth, robot=self.robot, step=self.step, disturb=disturb, rng=rng)
         drawn = config.start_spec.move(scene)
-        self._halves_before = world.halves_done
+        self._ticks_before = world.ticks_done
         self.start = self._describe_start() | dict(drawn)
 
     def _start_camera(self, seed: int) -> None:
@@ -132,9 +132,16 @@ class ClothSimulation:
         )
 
     def step(self, action: FloatArray) -> None:
-        """Move the robot by ``action``, (A,) m in the order of its axes, in one control step."""
+        """Move the robot by ``action``, (A,) m in the order of its axes, in one control step.
+
+        Like a border of the workspace, cloth that lies in a heap below the held edge stops a move down.
+        """
+        axes, move = self.robot.spec.axes, np.array(action, dtype=float)
+        if move.shape == (len(axes),):
+            lowest = self.cloth.drop_to_heap_m(self._nodes, self._held_points())
+            move = np.maximum(move, [lowest[axis.point] if axis.axis == 2 else -np.inf for axis in axes])
         substeps = self._substeps()
-        self.robot.start_step(np.asarray(action, dtype=float), substeps)
+        self.robot.start_step(move, substeps)
         self._advance(substeps)
 
     def guide(self, hand_m: FloatArray | None) -> FloatArray:
@@ -144,7 +151,10 @@ class ClothSimulation:
         """
         self._running()
         hand = None if hand_m is None else _finite("hand", hand_m, self.robot.spec.hand_shape)
-        spec = self.robot.spec
+        spec, held = self.robot.spec, self._held_points()
+        if hand is not None:
+            lowest = self.cloth.drop_to_heap_m(self._nodes, held)
+            hand[..., 2] = np.maximum(hand[..., 2], held[..., 2] + lowest.reshape(hand.shape[:-1]))
         before = spec.pack(self._held_points())
         # What does not lie on the table is held up by the robot alone.
         load = self.config.cloth_spec.mass_kg * GRAVITY_M_S2 * (1.0 - self.cloth.contact_portion_true(self._nodes))
@@ -157,8 +167,10 @@ class ClothSimulation:
         return self.robot.position() if self.robot.spec.n_points == 1 else self.robot.corner_positions()
 
     def _substeps(self) -> int:
-        """Return the number for the next step: twice as many where cloth lies on cloth, which diverges when lifted."""
-        return self.config.substeps * self._running().refine(self.cloth.is_layered(self._nodes))
+        """Return the number for the next step, more where cloth lies on cloth."""
+        parts = self.cloth.refinement(self._nodes)
+        self._running().refine(parts)
+        return self.config.substeps * parts
 
     def _advance(self, substeps: int) -> None:
         world = self._running()
@@ -262,7 +274,7 @@ class ClothSimulation:
     def time_s(self) -> float:
         """Simulated time since the start's moves ended."""
         world = self._running()
-        return world.seconds(world.halves_done - self._halves_before)
+        return world.seconds(world.ticks_done - self._ticks_before)
 
     def success(self) -> bool:
         """Whether the cloth is now as the task wants it."""

@@ -26,7 +26,7 @@ class DisturbanceController:
         self._began: int | None = None
         self._finished: int | None = None
         self._now = 0
-        """These three are values of ``World.halves_done`` at a `before_substep`."""
+        """These three are values of ``World.ticks_done`` at a `before_substep`."""
         self._hands: ForceAnchors | None = None
         self._blowing = False
         self._impulse = np.zeros(3)
@@ -47,7 +47,7 @@ class DisturbanceController:
 
     def before_substep(self) -> None:
         """Apply the forces of the next substep; call after ``World.begin_substep``."""
-        self._now = self._world.halves_done
+        self._now = self._world.ticks_done
         if self._finished is not None:
             return
         if self._began is None:

@@ -38,7 +38,7 @@ class MouseDrag:
         self.node = node
         self._world = world = cloth.world
         self._cloth = cloth
-        self._every = world.halves(FEEL_S)
+        self._every = world.ticks(FEEL_S)
         self._slips_at = min(max(SLIP_STRETCH[0], self._stretch() + SLIP_MORE), SLIP_STRETCH[1])
         limit_n = FORCE_WEIGHTS * cloth.spec.mass_kg * GRAVITY_M_S2
         self._hands = world.add_force_anchors(cloth, [free_node(cloth.spec, node)], limit_n)
@@ -55,7 +55,7 @@ class MouseDrag:
 
     def before_substep(self) -> None:
         """Pull for one substep; call after ``World.begin_substep``."""
-        if self._world.halves_done % self._every == 0 and self._stretch() > self._slips_at:
+        if self._world.ticks_done % self._every == 0 and self._stretch() > self._slips_at:
             # Not to nothing at once: a hand without any force flies on with what the cloth had stored.
             self._target, self._velocity = self.position(), np.zeros(3)
         self._target = self._target + self._velocity * self._world.substep_s

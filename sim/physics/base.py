@@ -25,6 +25,8 @@ TABLE_CENTRE_M = (0.3, 0.0)
 TABLE_RGBA = (0.86, 0.86, 0.84, 1.0)
 NEAR_M, FAR_M = 0.05, 4.0
 """Depths between which a body is drawn."""
+TICKS = 4
+"""Parts of a coarse step in which time is counted: the finest substep."""
 Vector = tuple[float, float, float]
 
 
@@ -128,8 +130,10 @@ class World(ABC):
             raise SimError(f"the table's friction is {table_friction}; it must be between 0 and 5")
         self.coarse_substep_s = self.substep_s = substep_s
         self.substeps_done = 0
-        self.halves_done = 0
-        """Time in halves of a coarse step: a whole number, so that an unrefined world keeps its times to the bit."""
+        self._ticks = TICKS
+        """Ticks of a substep."""
+        self.ticks_done = 0
+        """Time in parts of a coarse step: a whole number, so that an unrefined world keeps its times to the bit."""
 
     @abstractmethod
     def add_cloth(self, spec: ClothSpec, nodes: FloatArray | None = None) -> Cloth:
@@ -179,23 +183,24 @@ class World(ABC):
     def _apply_substep(self) -> None:
         """Make `substep_s` the engine's step."""
 
-    def refine(self, finer: bool) -> int:
-        """Halve the step from now on, or make it whole again; return the number of substeps of a coarse step."""
-        parts = 2 if finer else 1
+    def refine(self, parts: int) -> None:
+        """Divide a coarse step into 1, 2 or 4 substeps from now on."""
+        if TICKS % parts:
+            raise SimError(f"a step cannot be divided into {parts} parts; it must be 1, 2 or 4")
         if self.substep_s != self.coarse_substep_s / parts:
             self.substep_s = self.coarse_substep_s / parts
+            self._ticks = TICKS // parts
             self._apply_substep()
-        return parts
 
-    def halves(self, duration_s: float) -> int:
-        """Return a duration in whole coarse steps, at least one, counted as `halves_done` is."""
-        return 2 * max(1, round(duration_s / self.coarse_substep_s))
+    def ticks(self, duration_s: float) -> int:
+        """Return a duration in whole coarse steps, at least one, counted as `ticks_done` is."""
+        return TICKS * max(1, round(duration_s / self.coarse_substep_s))
 
-    def seconds(self, halves: int) -> float:
-        """Return the duration of so many halves of a coarse step."""
-        return halves * (self.coarse_substep_s / 2)
+    def seconds(self, ticks: int) -> float:
+        """Return the duration of so many ticks."""
+        return ticks * (self.coarse_substep_s / TICKS)
 
     @property
     def time_s(self) -> float:
         """Simulated time since the world was made."""
-        return self.seconds(self.halves_done)
+        return self.seconds(self.ticks_done)

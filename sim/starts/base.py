@@ -10,7 +10,7 @@ import numpy as np
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
-from layflat.sim.physics.base import Cloth
+from layflat.sim.physics.base import TICKS, Cloth
 from layflat.sim.robots.base import Robot
 from layflat.sim.robots.pickers import FreePickers
 
@@ -77,7 +77,7 @@ def attach(cloth: Cloth, corners: FloatArray) -> None:
     at = cloth.nodes()[list(cloth.spec.corners)]
     fingers = FreePickers(cloth, at)
     fingers.grasp()
-    substeps = world.halves(ATTACH_S) // 2
+    substeps = world.ticks(ATTACH_S) // TICKS
     fingers.start_step((corners - at).ravel(), substeps)
     for _ in range(substeps):
         world.begin_substep()

@@ -26,23 +26,23 @@ class AirDrag:
         self._world = world = cloth.world
         self._set_gravity = set_gravity
         self._cloth = cloth
-        self._every = world.halves(UPDATE_S)
+        self._every = world.ticks(UPDATE_S)
         self._last: tuple[int, float, float] | None = None
-        """``halves_done``, and the cloth's centre along x and y, m."""
+        """``ticks_done``, and the cloth's centre along x and y, m."""
 
     def update(self) -> None:
         """Set the gravity of the next 20 ms by the cloth's mean velocity; acts every 20 ms."""
         world = self._world
-        if world.halves_done % self._every:
+        if world.ticks_done % self._every:
             return
         # Single numbers from here on: numpy's overhead on three of them is most of what this would cost.
         cx, cy, _ = self._cloth.nodes().mean(axis=0).tolist()
         if not math.isfinite(cx + cy):
             return  # The simulation finds a cloth that has diverged at the end of the step.
-        last, self._last = self._last, (world.halves_done, cx, cy)
+        last, self._last = self._last, (world.ticks_done, cx, cy)
         if last is None:
             return
-        duration_s = world.seconds(world.halves_done - last[0])
+        duration_s = world.seconds(world.ticks_done - last[0])
         # The descent is driven by the robot; only the swing needs damping.
         ax, ay = _drag((cx - last[1]) / duration_s), _drag((cy - last[2]) / duration_s)
         self._set_gravity((ax, ay, -GRAVITY_M_S2))

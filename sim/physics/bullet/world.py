@@ -103,7 +103,7 @@ class BulletWorld(World):
     def step(self) -> None:
         bullet.stepSimulation(physicsClientId=self.client)
         self.substeps_done += 1
-        self.halves_done += 2 if self.substep_s == self.coarse_substep_s else 1
+        self.ticks_done += self._ticks
 
     def _apply_substep(self) -> None:
         bullet.setPhysicsEngineParameter(fixedTimeStep=self.substep_s, physicsClientId=self.client)

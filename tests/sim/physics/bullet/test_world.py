@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from layflat.sim.errors import SimError
-from layflat.sim.physics.base import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M
+from layflat.sim.physics.base import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, TICKS
 from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.physics.registry import PHYSICS, make_world
 from layflat.tests.sim.helpers import bullet_world, cloth_in_world, run, small_cloth
@@ -42,12 +42,15 @@ def test_wind_adds_to_gravity_until_it_ends() -> None:
 
 def test_time_is_substeps_and_close_can_be_repeated() -> None:
     with bullet_world(200) as world:
-        for parts, steps in ((1, 3), (2, 4), (1, 1)):
-            assert world.refine(parts == 2) == parts
+        for parts, steps in ((1, 3), (2, 4), (1, 1), (4, 4)):
+            world.refine(parts)
+            assert world.substep_s == 1 / 200 / parts
             run(world, steps)
-        assert world.time_s == 6 / 200
-        assert world.halves(0.02) == 8
-        assert world.seconds(8) == 0.02
+        assert world.time_s == 7 / 200
+        assert world.ticks(0.02) == 4 * TICKS
+        assert world.seconds(4 * TICKS) == 0.02
+        with pytest.raises(SimError, match="3 parts"):
+            world.refine(3)
         world.close()
 
 
