@@ -9,7 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from layflat.app.benchmarks import measure, measure_batch, measure_data, measure_perception, measure_solver_settings
+from layflat.app.benchmarks import (
+    measure,
+    measure_batch,
+    measure_data,
+    measure_env,
+    measure_perception,
+    measure_solver_settings,
+)
 from layflat.app.benchmarks.rows import BenchmarkRow, Samples, comparison_row, real_time_row, wall_row
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
@@ -120,6 +127,17 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
         ("opening", 30.0, measure_data.opening, measure_data.opening_rows),
     ):
         yield Measurement(title=title, seconds=seconds, work=work, arguments=(folder,), rows=rows)
+    yield Measurement(
+        title="environment", seconds=15.0, work=measure_env.one, arguments=(CLOTH,), rows=measure_env.one_rows
+    )
+    yield Measurement(
+        title="environments",
+        seconds=10.0,
+        work=measure_env.processes,
+        arguments=(CLOTH,),
+        rows=measure_env.process_rows,
+        forks=True,
+    )
     yield Measurement(
         title="evaluation",
         seconds=70.0,

@@ -15,6 +15,9 @@ LAYERED_SHARE = 0.01
 STRAINED, STRAINED_LAYERS = 1.2, 1.15
 """Stretch of an edge that only a cloth in a heap has, and one where cloth lies on cloth: a hanging or dragged cloth
 stretches to 1.18, a lifted fold to 1.13."""
+HEAP_GAP_M, PRESSED_GAP_M = 0.040, 0.012
+"""Way of the held edge down to what lies below it, where that is a heap: with layers in it, and without a sign of them
+(upright folds). A cloth that is laid with care comes within 17 mm, without layers."""
 HEAP_ROWS = 3
 """Rows next to the held edge that always hang from it, and do not lie below it in a heap."""
 HEAP_REACH = 1.2
@@ -67,12 +70,14 @@ class ClothGeometry:
         return bool(np.mean(normals @ mean < -0.5 * np.linalg.norm(mean)) > LAYERED_SHARE)
 
     def refinement(self, nodes: FloatArray) -> int:
-        """Return into how many parts a step must be divided: 2 where cloth lies on cloth, 4 where a heap strains it.
+        """Return into how many parts a step must be divided: 2 where cloth lies on cloth, 4 where it is a heap.
 
-        A layer that is lifted diverges with the whole step, and a heap that is pressed with half of it.
+        A layer that is lifted diverges with the whole step, and a heap below the held edge with half of it, within one
+        substep and without a sign before.
         """
-        layered = self.is_layered(nodes)
-        if float(self.stretch(nodes).max()) > (STRAINED_LAYERS if layered else STRAINED):
+        layered, stretch = self.is_layered(nodes), float(self.stretch(nodes).max())
+        gap = -float(self.drop_to_heap_m(nodes, nodes[list(self.spec.corners)]).max())
+        if stretch > (STRAINED_LAYERS if layered else STRAINED) or gap < (HEAP_GAP_M if layered else PRESSED_GAP_M):
             return 4
         return 2 if layered else 1
 

@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from layflat.data.types import ACTION_LIMIT_M
+from layflat.data.types import ACTION_LIMIT_M, GroundTruth
+from layflat.policy.spec import SCRIPTED, PolicySpec
+from layflat.sim.cloth.geometry import ClothGeometry
+from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
 from layflat.sim.registration import MAX_EPISODE_STEPS, register_environments
-from layflat.tests.sim.helpers import fresh_process_outputs, set_nodes
+from layflat.sim.reward import potential
+from layflat.sim.starts.base import home_corners
+from layflat.tests.sim.helpers import fresh_process_outputs, set_nodes, simulation
 
 register_environments()
 IDS = ["layflat/HangerPlace-v0", "layflat/PickersPlace-v0"]
@@ -102,6 +107,7 @@ def test_a_diverged_cloth_ends_the_episode_and_says_why(env: ClothPlaceEnv) -> N
     assert info["unstable"]
     assert info["is_success"] is False
     assert env.observation_space.contains(seen)
+    assert {value.dtype for value in seen.values()} == {np.dtype(np.float32)}
 
 
 @pytest.mark.parametrize("wrong", [np.full(6, np.nan), np.full(6, np.inf), np.zeros(2), np.zeros((2, 3))])
@@ -140,7 +146,74 @@ def test_a_disturbance_comes_at_its_step_of_every_episode_and_images_when_asked_
     made.close()
 
 
-@pytest.mark.parametrize("wrong", [{"cloth": "silk"}, {"render_mode": "human"}, {"disturbance": "earthquake"}])
+def test_a_hanging_start_is_the_programs_to_the_bit() -> None:
+    made = ClothPlaceEnv("pickers", cloth="napkin", start="hanging", noise=False)
+    made.reset(seed=8)
+    with simulation("pickers", 8, cloth="napkin") as program:
+        np.testing.assert_array_equal(made.simulation.ground_truth().nodes, program.ground_truth().nodes)
+    made.close()
+
+
+def test_rewards_of_a_demonstration_that_ends_where_the_cloth_is_flat() -> None:
+    """Both start below 0.1 and add up to what the episode gained; the shaped one pays from the first step on."""
+    made = ClothPlaceEnv("pickers", cloth="napkin", reward="shaped", terminate_on_success=True)
+    made.reset(seed=8)
+    spec = made.simulation.config.cloth_spec
+    begin = potential(made.simulation.ground_truth(), spec)
+    policy = PolicySpec(builtin=SCRIPTED).make(made.simulation)
+    policy.reset(8)
+    rewards, ended, info = [], False, {"is_success": False}
+    while not ended and len(rewards) < 150:
+        assert info["is_success"] is False
+        action = policy.act(made.simulation.observe()).action / ACTION_LIMIT_M
+        _, reward, ended, _, info = made.step(action.astype(np.float32))
+        rewards.append(reward)
+    assert ended
+    assert info["is_success"] is True
+    assert 0.05 < begin < 0.15
+    assert begin + sum(rewards) == pytest.approx(potential(made.simulation.ground_truth(), spec))
+    assert begin + sum(rewards) > 0.95
+    assert sum(rewards[:10]) > 0.02
+    made.close()
+
+
+def test_a_heap_is_worth_more_than_a_hanging_cloth_and_less_than_half_a_flat_one() -> None:
+    spec = cloth_spec("napkin")
+    geometry = ClothGeometry(spec)
+    hanging = spec.hanging_nodes(home_corners(spec))
+    heap = hanging * [1.0, 1.0, 0.06]
+    half = spec.flat_nodes()
+    half[:, 2] = np.maximum(half[:, 0] - 0.14, 0.004)
+    values = []
+    for nodes in (hanging, heap, half, spec.flat_nodes()):
+        truth = GroundTruth(nodes=nodes, contact_portion_true=0.0, flat_area=geometry.flat_area(nodes))
+        values.append(potential(truth, spec))
+    assert values == sorted(values)
+    assert values[1] < 0.3 < values[2] - 0.1
+    assert values[3] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_reward_that_knows_the_mesh_is_lost_with_a_cloth_that_comes_apart() -> None:
+    made = ClothPlaceEnv("pickers", cloth="napkin", reward="shaped")
+    made.reset(seed=0)
+    before = potential(made.simulation.ground_truth(), made.simulation.config.cloth_spec)
+    nodes = made.simulation.cloth.nodes().copy()
+    nodes[100] += [3.0, 0.0, 0.0]
+    set_nodes(made.simulation.cloth, nodes)
+    assert made.step(np.zeros(6, np.float32))[1] == pytest.approx(-before)
+    made.close()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"reward": "gold"},
+        {"start": "lying"},
+        {"cloth": "silk"},
+        {"render_mode": "human"},
+        {"disturbance": "earthquake"},
+    ],
+)
 def test_impossible_environments_are_refused(wrong: dict) -> None:
-    with pytest.raises(SimError, match=r"silk|human|earthquake"):
+    with pytest.raises(SimError, match=r"gold|lying|silk|human|earthquake"):
         ClothPlaceEnv("hanger", **wrong)

@@ -14,6 +14,7 @@ from layflat.app.benchmarks import (
     measure,
     measure_batch,
     measure_data,
+    measure_env,
     measure_perception,
     measure_solver_settings,
 )
@@ -34,6 +35,8 @@ NAMES = {
     "published cloths": tuple(
         f"{where} {who}" for where in SITUATIONS for who in (measure_solver_settings.OURS, *SOLVER_SETTINGS)
     ),
+    "environment": ("reset", "hanging", "step", "image", "bare"),
+    "environments": tuple(str(number) for number in measure_env.PROCESSES),
     "evaluation": tuple(str(workers) for workers in measure_batch.WORKERS),
     "recording": ("step", "hand over", "journal", "keep", "raw", "size", *PACKED),
     "opening": ("open", "read", "columns", "growth", "episodes"),
@@ -169,3 +172,11 @@ def test_recording_and_opening_are_really_measured(tmp_path):
     assert np.median(opening["open"]) < np.median(opening["read"]) * 30
     assert np.median(opening["columns"]) < np.median(opening["read"])
     assert not list(tmp_path.iterdir())
+
+
+def test_a_reset_and_a_step_of_the_environment_are_really_timed():
+    walls = measure_env.one("napkin", resets=1, steps=2)
+    assert {name: len(wall) for name, wall in walls.items()} == {
+        "reset": 1, "hanging": 1, "step": 2, "image": 2, "bare": 2
+    }  # fmt: skip
+    assert walls["reset"] < walls["hanging"]

@@ -106,3 +106,32 @@ def test_layers_are_not_bends_or_wrinkles() -> None:
     wrinkled = flat + np.array([0.0, 0.0, 0.04]) * np.sin(flat[:, :1] * 2 * np.pi / 0.1)
     for nodes in (flat, half_laid, wrinkled, np.full_like(flat, np.inf)):
         assert not geometry.is_layered(nodes)
+
+
+def test_a_heap_is_stepped_finer_than_a_fold_and_a_fold_finer_than_a_sheet() -> None:
+    spec = cloth_spec("towel")
+    geometry, flat = ClothGeometry(spec), spec.flat_nodes()
+    folded = fold_corner(flat, spec, (0.15, 0.15), left=True)
+    assert [geometry.refinement(nodes) for nodes in (flat, 1.1 * flat, folded, 1.1 * folded)] == [1, 1, 2, 2]
+    assert [geometry.refinement(nodes) for nodes in (1.22 * flat, 1.17 * folded)] == [4, 4]
+    assert geometry.refinement(np.full_like(flat, np.nan)) == 1
+
+
+def test_the_held_edge_stops_above_what_lies_below_it_and_nowhere_else() -> None:
+    spec = cloth_spec("towel")
+    geometry, floor = ClothGeometry(spec), 2 * spec.margin_m
+    corners = spec.corners_at(0.2, 0.10)
+    heap = spec.hanging_nodes(corners)
+    rows = heap.reshape(spec.rows, spec.columns, 3)
+    rows[:-4, :, 2] = np.linspace(0.004, 0.03, spec.rows - 4)[:, None]
+    middle = corners.mean(axis=0)
+    assert geometry.drop_to_heap_m(heap, middle) == pytest.approx([0.03 + floor - 0.10])
+    # Pressed in already, it may not go deeper; it is not lifted.
+    assert geometry.drop_to_heap_m(heap, middle - [0.0, 0.0, 0.08]) == pytest.approx([0.0])
+    # Two points: a heap under picker 2 does not stop picker 1.
+    rows[:-3, : spec.columns // 2 + 3, 0] -= 0.2
+    first, second = geometry.drop_to_heap_m(heap, corners)
+    assert first == -np.inf
+    assert second == pytest.approx(0.03 + floor - 0.10)
+    laid = spec.flat_nodes()
+    assert geometry.drop_to_heap_m(laid, laid[list(spec.corners)]) == pytest.approx([-np.inf] * 2)

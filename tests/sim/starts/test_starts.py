@@ -49,6 +49,20 @@ def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
+def test_a_quick_start_is_at_the_place_of_the_whole_one_after_a_third_of_its_steps(robot: str) -> None:
+    seen, substeps = [], []
+    for start in ("hanging", "hanging-quick"):
+        with simulation(robot, 31, cloth="napkin", start=start) as sim:
+            seen.append(sim.robot.corner_positions())
+            substeps.append(sim.world.substeps_done)
+            nodes = sim.ground_truth().nodes
+            assert sim.cloth.stretch(nodes).max() < 1.2
+            assert 0.05 < nodes[:, 2].min() < 0.25
+    np.testing.assert_allclose(*seen, atol=1e-3)
+    assert substeps[1] < 0.36 * substeps[0]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_a_folded_corner_lies_still_with_the_hem_held(robot: str) -> None:
     with simulation(robot, 3, cloth="towel", start="folded-corner", camera=True) as sim:
         ground_truth, seen = sim.ground_truth(), sim.observe(images=False)
