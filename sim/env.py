@@ -127,7 +127,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[ObsDict, dict[str, Any]]:
-        """Start the episode of ``seed``, the same as the program's; without one, of a random seed."""
+        """Start the episode of ``seed``; without one, of a random seed."""
         super().reset(seed=seed)
         self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
         self.simulation.reset(self._seed)
