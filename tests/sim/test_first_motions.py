@@ -20,7 +20,8 @@ with simulation(robot, seed, cloth=cloth) as sim:
         sim.step(sim.spec.robot.pack(move))
         if reason := sim.divergence_reason():
             break
-    print(reason, float(sim.robot.position()[2]), sim.cloth.contact_portion_true(sim.ground_truth().nodes))
+    seen = reason, float(sim.robot.position()[2]), sim.cloth.contact_portion_true(sim.ground_truth().nodes)
+    print(*seen, sep="/")
 """
 MOVES = (DOWN, "[-0.01, 0.0, -0.01]", "[0.003, 0.0, -0.01]", "[0.0, 0.0, -0.02]")
 
@@ -31,7 +32,7 @@ MOVES = (DOWN, "[-0.01, 0.0, -0.01]", "[0.003, 0.0, -0.01]", "[0.0, 0.0, -0.02]"
     [
         pytest.param("pickers", "napkin", DOWN, 45, id="fast"),
         *(
-            pytest.param(robot, cloth, move, 70, marks=pytest.mark.slow)
+            pytest.param(robot, cloth, move, 60, marks=pytest.mark.slow)
             for robot in ROBOTS
             for cloth, moves in (("napkin", MOVES), ("towel", (DOWN,)))
             for move in moves
@@ -43,7 +44,7 @@ def test_a_cloth_that_is_lowered_blindly_lies_in_a_heap_and_does_not_come_apart(
 ) -> None:
     seeds = (900,) if steps == 45 else (900, 901)
     for output in fresh_process_outputs(_SCRIPT, *((robot, cloth, str(seed), str(steps), move) for seed in seeds)):
-        reason, height, contact = output.rsplit(" ", 2)
+        reason, height, contact = output.split("/")
         assert reason == "None"
         assert float(contact) > 0.02
         assert np.isfinite(float(height))
