@@ -121,7 +121,9 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
             if self._images or not field.optional:
                 shape = schema.row_shape(field, self.simulation.spec.robot, sides)
                 low, high = schema.OBSERVATION_LIMITS[field.key]
-                boxes[field.key] = spaces.Box(low, high, shape, np.uint8 if np.dtype(field.dtype) == np.uint8 else np.float32)
+                boxes[field.key] = spaces.Box(
+                    low, high, shape, np.uint8 if np.dtype(field.dtype) == np.uint8 else np.float32
+                )
         return boxes
 
     def reset(
