@@ -75,6 +75,15 @@ def draw_regions(image: RgbArray, regions: Sequence[WrinkleRegion], grid: TableG
     return canvas
 
 
+def draw_refusal(rgb: RgbArray, taken: BoolArray) -> RgbArray:
+    """Return the image (H, W, 3) with the pixels that were found (H, W) outlined, and that they are no whole cloth."""
+    canvas = np.array(rgb, dtype=np.uint8)
+    pen = max(1, round(canvas.shape[1] / REFERENCE_WIDTH))
+    _outline(canvas, taken, np.eye(3), WARNING, 2 * pen)
+    _write_lines(canvas, [("not taken for a cloth" if taken.any() else "nothing stands out", WARNING)], pen)
+    return canvas
+
+
 def _grid_to_canvas(state: ClothState, camera: PinholeCamera, scale: int) -> Float64Array:
     """Return the (3, 3) homography from grid pixels to the enlarged image (pixel centres at integers in both)."""
     shift = (scale - 1) / 2
@@ -139,6 +148,10 @@ def _write_numbers(canvas: RgbArray, state: ClothState, pen: int, label: str) ->
         lines.append((f"{label} {angle:+.0f} deg  {state.strength:.3f}", ARROW))
     if state.out_of_view:
         lines.append(("out of view", WARNING))
+    _write_lines(canvas, lines, pen)
+
+
+def _write_lines(canvas: RgbArray, lines: list[tuple[str, Color]], pen: int) -> None:
     font, size, weight = cv2.FONT_HERSHEY_SIMPLEX, 0.36 * pen, max(1, round(0.5 * pen))
     pitch, pad = 13 * pen, 5 * pen
     extent = max(cv2.getTextSize(text, font, size, weight)[0][0] for text, _ in lines)

@@ -65,10 +65,12 @@ def app_(
 
 
 def word(
-    rgb: Annotated[Path, typer.Argument(metavar="RGB.png", show_default=False, help="The colour picture.")],
+    rgb: Annotated[Path, typer.Argument(metavar="RGB.png", show_default=False, help="The colour picture, or .jpg.")],
     depth: Annotated[Path, typer.Argument(metavar="DEPTH.png", show_default=False, help="Aligned depth, 16 bits.")],
     json: Json = None,
-    overlay: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there.")] = None,
+    overlay: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there, also if refused.")
+    ] = None,
     flat_pixels: Annotated[
         int | None, typer.Option(callback=count, metavar="N", help="Cloth pixels of the cloth laid flat.")
     ] = None,
@@ -79,7 +81,8 @@ def word(
     hsv: Annotated[
         str | None, typer.Option(metavar="H_MIN,H_MAX,S_MIN,V_MIN", help="The cloth's colour: degrees, 0..1, 0..1.")
     ] = None,
-    cloth_at: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel on the cloth: learn its colour.")] = None,
+    cloth_at: Annotated[str | None, typer.Option(metavar="X,Y", help="A pixel on the cloth.")] = None,
+    mask: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Not black where the cloth is.")] = None,
     contact_mm: Annotated[
         float | None, typer.Option(metavar="MM", help="Cloth no higher than this is in contact; 8 by default.")
     ] = None,

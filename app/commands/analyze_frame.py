@@ -11,27 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.media.png import write_png
-from layflat.app.media.rgbd_io import check_same_size, read_depth, read_rgb
+from layflat.app.media.rgbd_io import match_sizes, read_depth, read_mask, read_rgb
 from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import write_json
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
-from layflat.perception.cloth.color_calibration import hue_name
 from layflat.perception.cloth.pipeline import PerceptionConfig
 from layflat.perception.cloth.relief import MIN_COHERENCE, Wrinkles, measure_relief
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.cloth.wrinkle_regions import WrinkleRegion, wrinkle_regions
 from layflat.perception.descriptors.base import Descriptor
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS, make_descriptor
-from layflat.perception.overlay import draw_cloth_state, draw_regions
+from layflat.perception.errors import ClothRefusedError
+from layflat.perception.overlay import draw_cloth_state, draw_refusal, draw_regions
 
 INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 MAX_CONTACT = 1.05
 """A larger contact portion is not explained by noise."""
-MAX_NAMED_SPAN = 120.0
-"""Degrees; a wider range of hue has no name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +49,9 @@ class FrameConfig:
     hsv: str | None = None
     """Colour of the cloth, ``H_MIN,H_MAX,S_MIN,V_MIN``."""
     cloth_at: str | None = None
-    """``X,Y`` of a pixel on the cloth, from which its colour is learned."""
+    """``X,Y`` of a pixel on the cloth."""
+    mask: Path | None = None
+    """PNG that is not black where the cloth is."""
     contact_mm: float | None = None
     regions: bool = False
     """Also find the parts of the cloth whose wrinkles run one way."""
@@ -62,25 +62,12 @@ class FrameConfig:
 
 def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
     """Analyze the frame; print the result, and write a JSON file and an overlay if asked for."""
-    if config.hsv is not None and config.cloth_at is not None:
-        raise UsageError("--hsv and --cloth-at both say what colour the cloth has; give one of them")
-    color, at = parse_hsv(config.hsv), parse_point(config.cloth_at)
-    contact_m = contact_height(config.contact_mm)
+    if sum(option is not None for option in (config.hsv, config.cloth_at, config.mask)) > 1:
+        raise UsageError("--hsv, --cloth-at and --mask each say where the cloth is; give one of them")
+    _check_outputs(config.json, config.overlay, _inputs(config), force=force)
     descriptor = make_descriptor(validators.one_of("descriptor", config.descriptor, DESCRIPTORS))
-    _check_outputs(config.json, config.overlay, (config.rgb, config.depth), force=force)
-    rgb, depth = read_rgb(config.rgb), read_depth(config.depth, config.depth_scale)
-    check_same_size(config.rgb, rgb, config.depth, depth)
-    frame = analyze_frame(
-        rgb,
-        depth,
-        parse_intrinsics(config.intrinsics, *rgb.shape[1::-1]),
-        color=color,
-        cloth_at=at,
-        contact_height_m=contact_m,
-        flat_pixels=config.flat_pixels,
-        rng=np.random.default_rng(config.seed),
-    )
-    relief = measure_relief(frame.camera, depth, frame.cloth_mask)
+    rgb, frame = _see(config)
+    relief = measure_relief(frame.camera, frame.depth, frame.cloth_mask)
     wrinkles, regions = relief.wrinkles(), wrinkle_regions(relief) if config.regions else []
     result = result_json(frame, descriptor, wrinkles, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
     result |= {"depth_scale_mm": config.depth_scale, "seed": config.seed}
@@ -93,6 +80,50 @@ def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
         write_json(config.json, result)
     print_results(result)
     return frame
+
+
+def _see(config: FrameConfig) -> tuple[NDArray[np.uint8], FrameResult]:
+    """Return the colour picture (H, W, 3) as it is analyzed, and what is seen; a refusal leaves an overlay."""
+    color, at, contact_m = parse_hsv(config.hsv), parse_point(config.cloth_at), contact_height(config.contact_mm)
+    rgb, depth = read_rgb(config.rgb), read_depth(config.depth, config.depth_scale)
+    match = match_sizes(config.rgb, rgb, config.depth, depth)
+    if at is not None:
+        if not (0 <= at[0] < rgb.shape[1] and 0 <= at[1] < rgb.shape[0]):
+            raise UsageError(f"point {at[0]},{at[1]} is outside the image, which is {rgb.shape[1]}x{rgb.shape[0]} px")
+        at = match.point(at, rgb.shape[0])
+    mask = None if config.mask is None else match.mask(_mask_of(config.mask, rgb.shape[:2], match.size))
+    rgb = match.color(rgb)
+    try:
+        frame = analyze_frame(
+            rgb,
+            match.depth(depth),
+            parse_intrinsics(config.intrinsics, *rgb.shape[1::-1]),
+            color=color,
+            cloth_at=at,
+            mask=mask,
+            contact_height_m=contact_m,
+            flat_pixels=config.flat_pixels,
+            rng=np.random.default_rng(config.seed),
+        )
+    except ClothRefusedError as error:
+        if config.overlay is not None:
+            write_png(config.overlay, draw_refusal(rgb, error.taken))
+        raise
+    return rgb, replace(frame, warnings=(match.note, *frame.warnings)) if match.note else frame
+
+
+def _inputs(config: FrameConfig) -> tuple[Path, ...]:
+    return tuple(path for path in (config.rgb, config.depth, config.mask) if path is not None)
+
+
+def _mask_of(path: Path, *sizes: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Read a mask of one of ``sizes`` (H, W)."""
+    mask = read_mask(path)
+    if mask.shape not in sizes:
+        raise UsageError(
+            f"{path} is {mask.shape[1]}x{mask.shape[0]} px; the colour picture is {sizes[0][1]}x{sizes[0][0]} px"
+        )
+    return mask
 
 
 def contact_height(millimetres: float | None) -> float:
@@ -217,7 +248,11 @@ def result_json(
             "coherence": direction.coherence,
             "strength": direction.strength,
         },
-        "hsv": {**asdict(frame.config.color), "source": frame.color_source},
+        "hsv": {
+            **(asdict(frame.color) if frame.color else dict.fromkeys(asdict(HsvRange()))),
+            "source": frame.color_source,
+            "name": frame.color_name,
+        },
         "plane": {
             "normal": plane.normal,
             "distance_mm": 1000 * plane.distance_m,
@@ -287,7 +322,7 @@ def _contact(result: dict[str, Any]) -> str:
 
 
 def _color(hsv: dict[str, Any]) -> str:
-    span = (hsv["hue_max"] - hsv["hue_min"]) % 360.0
-    name = hue_name(hsv["hue_min"] + span / 2) if 0 < span < MAX_NAMED_SPAN else "several hues"
-    numbers = ",".join(f"{hsv[key]:g}" for key in ("hue_min", "hue_max", "saturation_min", "value_min"))
-    return f"{name}, {hsv['source']}: --hsv {numbers}"
+    keys = ("hue_min", "hue_max", "saturation_min", "value_min")
+    if hsv["hue_min"] is None:
+        return f"{hsv['name']}, {hsv['source']}"
+    return f"{hsv['name']}, {hsv['source']}: --hsv {','.join(f'{hsv[key]:g}' for key in keys)}"

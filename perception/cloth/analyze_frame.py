@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
 
-import cv2
 import numpy as np
 
 from layflat.perception.arrays import BoolArray, Float32Array, FloatArray, RgbArray, touches_border
@@ -15,28 +13,32 @@ from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.camera.rectified_view import ClothView
 from layflat.perception.camera.table_grid import TableGrid, grid_around
 from layflat.perception.camera.table_plane import TablePlane, fit_table_plane
-from layflat.perception.cloth.color_calibration import learn_hsv, suggest_hsv
+from layflat.perception.cloth.contact import SUNKEN_M as IMPOSSIBLE_M
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
-from layflat.perception.cloth.segmentation import HsvRange, segment
-from layflat.perception.errors import PerceptionError
-
-ColorSource: TypeAlias = Literal["given", "learned", "suggested"]
+from layflat.perception.cloth.segmentation import HsvRange
+from layflat.perception.cloth.take_cloth import (
+    FAR_M,
+    REFERENCE_WIDTH,
+    ClothSource,
+    TakenCloth,
+    cut_by_border,
+    scaled_area,
+    take_cloth,
+)
+from layflat.perception.errors import ClothRefusedError, PerceptionError
 
 TABLE_RANGE_M = (0.15, 6.0)
 """Distances from which a D4xx camera sees cloth on a table; outside, the unit of the depth is wrong."""
-ON_TABLE_M = (-0.03, 0.6)
-"""Heights above the table where a cloth of unknown colour is searched."""
+MAX_DEPTH_M = 10.0
+"""Farther values are no depth; 65.535 m is a usual mark for a missing one."""
 SUNKEN_M = -0.02
 """A cloth mostly below this lies on something else than the fitted plane."""
-REFERENCE_WIDTH = 320
-"""Image width that PerceptionConfig's camera pixels are meant for; they are scaled to the image."""
-PIECE_SHARE, PIECE_GAP = 0.02, 0.12
-"""Smallest piece of the cloth's colour that belongs to the cloth, share of the main piece; largest gap between them
-(something lies across the cloth), share of its side."""
 NOISY_SHARE, HOLES_SHARE = 0.5, 0.3
 """Warn where the depth scatters by more than this share of the contact height, or is missing on more of the cloth."""
 MIN_DEPTH_SHARE = 0.2
 """Share of the cloth that must have a depth."""
+LARGE_M2, NO_CONTACT_SHARE = 0.5, 0.05
+"""A cloth larger than this, on a table farther than FAR_M, with less contact: the unit of the depth is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,10 +50,16 @@ class FrameResult:
     camera: PinholeCamera
     plane: TablePlane
     config: PerceptionConfig
-    """Settings with the cloth's colour, and lengths scaled to the image."""
-    color_source: ColorSource
+    """Settings, with lengths scaled to the image."""
+    color: HsvRange | None
+    """Range of colour that finds this cloth; None if there is none (white, grey, black, printed)."""
+    color_name: str
+    color_source: ClothSource
+    """How the cloth was found."""
     cloth_mask: BoolArray
     """(H, W) pixels of the image that were taken for the cloth."""
+    depth: Float32Array
+    """(H, W) m, 0 where missing or impossible."""
     view: ClothView
     """Input of a descriptor."""
     warnings: tuple[str, ...]
@@ -65,58 +73,53 @@ def analyze_frame(
     *,
     color: HsvRange | None = None,
     cloth_at: tuple[int, int] | None = None,
+    mask: BoolArray | None = None,
     contact_height_m: float = PerceptionConfig.contact_height_m,
     flat_pixels: int | None = None,
     rng: np.random.Generator,
 ) -> FrameResult:
-    """Estimate the state of the cloth in a frame of a camera with unknown pose; ``depth`` is aligned with ``rgb``.
+    """Estimate the cloth's state from ``rgb`` (H, W, 3) uint8 and ``depth`` (H, W) m along the axis, 0 if missing.
 
-    The cloth's ``color`` is by default learned at the pixel ``cloth_at`` (column, row) of the cloth, else suggested.
-    ``rng`` draws the pixels and trials of the table fit. PerceptionError if there is no cloth, no table, or only a part
-    of the cloth.
+    The cloth is what ``mask`` (H, W) says, has ``color``, is at ``cloth_at`` (column, row), or stands out from the
+    table. ``rng`` draws the pixels and trials of the plane fit. PerceptionError says what cannot be seen;
+    ClothRefusedError also holds what was found instead of a whole cloth.
     """
     _check_images(rgb, depth, intrinsics)
-    source: ColorSource = "given" if color else "learned" if cloth_at else "suggested"
-    if color is None:
-        color = learn_hsv(rgb, cloth_at) if cloth_at else suggest_hsv(rgb, _near_table(depth, intrinsics, rng))
-    config = _scaled_config(intrinsics.width, color, contact_height_m)
-    alike = segment(rgb, color, config.min_area_px)
-    cloth = _main_piece(alike, cloth_at)
-    if not cloth.any():
-        raise PerceptionError(
-            f"no cloth: no piece of the image has a hue of {color.hue_min:g} to {color.hue_max:g} degrees with a "
-            f"saturation from {color.saturation_min:g} and a value from {color.value_min:g}"
-        )
-    plane = fit_table_plane(depth, intrinsics, rng=rng, cloth=cloth)
+    depth = np.where((depth > 0) & (depth < MAX_DEPTH_M), depth, 0).astype(np.float32)
+    cloth = take_cloth(rgb, depth, intrinsics, rng=rng, color=color, at=cloth_at, mask=mask)
+    plane = fit_table_plane(depth, intrinsics, rng=rng, cloth=cloth.mask)
     camera = plane.camera(intrinsics)
-    _check_on_table(plane, cloth, camera.height_above_table(depth))
-    config = replace(config, grid=grid_around(camera, cloth))
-    pipeline = PerceptionPipeline(camera, config, flat_pixels)
-    alone = np.where((alike & ~cloth)[..., None], np.uint8(0), rgb)  # black is in no range
-    state, view = pipeline.perceive(alone, depth), pipeline.cloth_view(alone, depth)
+    height = camera.height_above_table(depth)
+    _check_on_table(plane, cloth.mask, height)
+    depth = np.where(cloth.mask & (height < IMPOSSIBLE_M), np.float32(0), depth)
+    config = _scaled_config(intrinsics.width, cloth.color, contact_height_m)
+    config = replace(config, grid=grid_around(camera, cloth.mask))
+    state, view = PerceptionPipeline(camera, config, flat_pixels).see(rgb, depth, cloth.mask)
     if view is None or state.out_of_view:
-        raise PerceptionError(
-            "the cloth is cut by the image's border; move the camera or the cloth so that all is seen"
-        )
+        raise ClothRefusedError(cut_by_border(cloth.color_name), cloth.mask)
+    _check_unit(plane, state, cloth.mask)
     return FrameResult(
         cloth_state=state,
         camera=camera,
         plane=plane,
         config=config,
-        color_source=source,
-        cloth_mask=cloth,
+        color=cloth.color,
+        color_name=cloth.color_name,
+        color_source=cloth.source,
+        cloth_mask=cloth.mask,
+        depth=depth,
         view=view,
-        warnings=tuple(_warnings(alike, cloth, depth, plane, config)),
+        warnings=tuple(_warnings(cloth, depth, height, plane, config)),
     )
 
 
-def _scaled_config(width: int, color: HsvRange, contact_height_m: float) -> PerceptionConfig:
+def _scaled_config(width: int, color: HsvRange | None, contact_height_m: float) -> PerceptionConfig:
     scale = max(1.0, width / REFERENCE_WIDTH)
     return PerceptionConfig(
-        color=color,
+        color=HsvRange() if color is None else color,
         contact_height_m=contact_height_m,
         smoothing_px=2 * round(PerceptionConfig.smoothing_px * scale / 2 - 0.5) + 1,
-        min_area_px=round(PerceptionConfig.min_area_px * scale**2),
+        min_area_px=scaled_area(PerceptionConfig.min_area_px, width),
     )
 
 
@@ -157,44 +160,37 @@ def _check_on_table(plane: TablePlane, cloth: BoolArray, height: Float32Array) -
         )
 
 
-def _near_table(depth: FloatArray, intrinsics: Intrinsics, rng: np.random.Generator) -> BoolArray | None:
-    """Return where a cloth can be; None if no plane is found without knowing the cloth."""
-    try:
-        height = fit_table_plane(depth, intrinsics, rng=rng).camera(intrinsics).height_above_table(depth)
-    except PerceptionError:
-        return None
-    return np.isnan(height) | (height > ON_TABLE_M[0]) & (height < ON_TABLE_M[1])
-
-
-def _main_piece(mask: BoolArray, at: tuple[int, int] | None) -> BoolArray:
-    """Return the piece at ``at``, or the largest, with what is near it; other things may have the cloth's colour."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = stats[:, cv2.CC_STAT_AREA].copy()
-    areas[0] = 0
-    if count == 1:
-        return mask
-    main = 0 if at is None else int(labels[at[1], at[0]])
-    main = main or int(np.argmax(areas))
-    reach = max(1, round(PIECE_GAP * float(np.sqrt(areas[main]))))
-    gap = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 3)
-    near = np.unique(labels[mask & (gap <= reach)])
-    return np.isin(labels, near[areas[near] >= PIECE_SHARE * areas[main]])
+def _check_unit(plane: TablePlane, state: ClothState, mask: BoolArray) -> None:
+    """Raise ClothRefusedError where distance, area and contact together say that the unit of the depth is too large."""
+    area = state.cloth_pixels * state.grid.metres_per_px**2
+    contact = state.contact_pixels / max(state.cloth_pixels, 1)
+    if plane.distance_m > FAR_M and area > LARGE_M2 and contact < NO_CONTACT_SHARE:
+        raise ClothRefusedError(
+            f"a cloth of {area:.1f} m2, {plane.distance_m:.1f} m away, with {100 * contact:.0f} % of it on the table "
+            f"and depth that scatters by {1000 * plane.rms_m:.1f} mm: is --depth-scale the depth's unit (0.25 or 0.1)?",
+            mask,
+        )
 
 
 def _warnings(
-    alike: BoolArray, cloth: BoolArray, depth: FloatArray, plane: TablePlane, config: PerceptionConfig
+    cloth: TakenCloth, depth: FloatArray, height: Float32Array, plane: TablePlane, config: PerceptionConfig
 ) -> Iterator[str]:
-    if np.count_nonzero(alike & ~cloth):
-        yield "other things in the picture have the cloth's colour; the piece that was taken is outlined in the overlay"
-    if touches_border(cloth):
+    yield from cloth.warnings
+    if touches_border(cloth.mask):
         yield "a lifted part of the cloth leaves the picture"
     if plane.rms_m > NOISY_SHARE * config.contact_height_m:
         yield (
             f"the table's depth scatters by {1000 * plane.rms_m:.1f} mm, much for a contact height of "
             f"{1000 * config.contact_height_m:g} mm: move the camera nearer"
         )
-    holes = 1 - np.count_nonzero(depth[cloth] > 0) / np.count_nonzero(cloth)
+    holes = 1 - np.count_nonzero(depth[cloth.mask] > 0) / np.count_nonzero(cloth.mask)
     if holes > HOLES_SHARE:
         yield f"{100 * holes:.0f} % of the cloth has no depth and was filled from its neighbours"
+    middle, high = np.nanpercentile(height[cloth.mask], [50, 90])
+    if 0.5 * config.contact_height_m < middle and config.contact_height_m < high < 2 * config.contact_height_m:
+        yield (
+            f"the cloth is {1000 * middle:.0f} mm high in the middle and nowhere much higher: if it is thick and lies "
+            f"flat, give --contact-mm {1000 * high + 1:.0f}"
+        )
     if config.grid.mm_per_px > TableGrid.mm_per_px:
         yield f"the cloth is so large that a pixel is {config.grid.mm_per_px:g} mm: flat pixels of others do not fit"

@@ -1,4 +1,4 @@
-"""Colour range of the cloth from the image itself: learned around a pixel, or suggested from what stands out."""
+"""Colour of the cloth from the image itself: learned around a pixel, or that of its pixels."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from layflat.perception.arrays import BoolArray, Float32Array, Float64Array, RgbArray, Window
-from layflat.perception.cloth.segmentation import HsvRange
+from layflat.perception.arrays import BoolArray, Float32Array, RgbArray, Window
+from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.perception.errors import PerceptionError
 
 GREY = 0.18
@@ -27,8 +27,8 @@ HUE_MARGIN, HUE_MIN_REACH, HUE_MAX_REACH = 8.0, 14.0, 40.0
 side or coloured light from the side differs by 5 to 10."""
 MIN_AREA_SHARE = 0.002
 """Smallest share of the image that a cloth covers."""
-BORDER_PENALTY = 20.0
-"""How strongly a piece loses by running along the image border: that is a table or a floor."""
+ONE_COLOR_SHARE = 0.85
+"""Share of a cloth that must lie in its range of colour."""
 
 
 class _Hsv(NamedTuple):
@@ -77,31 +77,29 @@ def learn_hsv(rgb: RgbArray, at: tuple[int, int]) -> HsvRange:
     return _range_of(hsv, region)
 
 
-def suggest_hsv(rgb: RgbArray, where: BoolArray | None = None) -> HsvRange:
-    """Return the colour range of the most saturated, large and compact uniform piece of an image (H, W, 3).
-
-    ``where`` (H, W) limits the search, for instance to what is on the table. What runs along the image border is taken
-    for the table. A white, grey or black cloth has no hue and is never found.
-    """
+def range_of_cloth(rgb: RgbArray, mask: BoolArray) -> HsvRange | None:
+    """Return the colour range that finds the pixels of ``mask`` (H, W); None for white, grey, black and prints."""
     hsv = _Hsv.from_rgb(rgb)
-    smooth = _Hsv(*(np.asarray(cv2.medianBlur(channel, 5), np.float32) for channel in hsv))
-    colored = smooth.colored()
-    if where is not None:
-        colored &= where
-    best, best_score = None, 0.0
-    for peak in _hue_peaks(smooth.hue[colored], smooth.saturation[colored]):
-        alike = colored & (np.abs(_hue_difference(smooth.hue - peak)) < HUE_REACH)
-        # On a wooden table an orange cloth is the more saturated part of one hue.
-        for mask in (alike, alike & (smooth.saturation > _otsu(smooth.saturation[alike]))):
-            piece, score = _best_piece(mask, smooth.saturation)
-            if score > best_score:
-                best, best_score = piece, score
-    if best is None:
-        raise PerceptionError(
-            "no coloured cloth stands out in the picture; give its colour or a point on it "
-            "(a white, grey or black cloth has no hue: use a coloured one)"
-        )
-    return _range_of(hsv, best)
+    colored = mask & hsv.colored()
+    if np.count_nonzero(colored) < ONE_COLOR_SHARE * np.count_nonzero(mask):
+        return None
+    color = _range_of(hsv, colored)
+    found = segment(rgb, color) & mask
+    return color if np.count_nonzero(found) > ONE_COLOR_SHARE * np.count_nonzero(mask) else None
+
+
+def name_color(rgb: RgbArray, mask: BoolArray) -> str:
+    """Return the everyday name of the colour of most pixels of ``mask`` (H, W)."""
+    if not mask.any():
+        return "no colour"
+    hue, saturation, value = (np.asarray(channel)[mask] for channel in _Hsv.from_rgb(rgb))
+    colored = (saturation > GREY) & (value > DARK)
+    middle = float(np.median(value))
+    if np.mean(colored) < 0.4 or middle < 0.2:
+        return next(name for limit, name in ((0.25, "black"), (0.6, "grey"), (2.0, "white")) if middle < limit)
+    centre = _mean_hue(hue[colored])
+    near = np.abs(_hue_difference(hue[colored] - np.float32(centre))) < HUE_MAX_REACH
+    return hue_name(centre) if np.count_nonzero(near) > 0.6 * len(value) else "many-coloured"
 
 
 def hue_name(degrees: float) -> str:
@@ -148,49 +146,3 @@ def _range_of(hsv: _Hsv, region: BoolArray) -> HsvRange:
         saturation_min=round(float(np.clip(0.75 * saturation, 0.7 * GREY, 0.8)), 3),
         value_min=round(float(np.clip(0.5 * value, 0.5 * DARK, 0.5)), 3),
     )
-
-
-def _otsu(values: Float32Array) -> float:
-    """Return the threshold in 0..1 that best separates low from high values."""
-    level, _ = cv2.threshold(np.rint(255 * values).astype(np.uint8), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    return float(level) / 255
-
-
-def _hue_peaks(hue: Float32Array, saturation: Float32Array) -> Float64Array:
-    """Return the maxima, degrees, of the saturation-weighted histogram of hue."""
-    from scipy.ndimage import gaussian_filter1d  # slow to import
-    from scipy.signal import find_peaks
-
-    bins, width = 72, 5.0
-    counts, _ = np.histogram(hue % 360.0, bins=bins, range=(0.0, 360.0), weights=saturation)
-    smooth = gaussian_filter1d(counts.astype(np.float64), 1.5, mode="wrap")
-    if smooth.max(initial=0.0) <= 0:
-        return np.zeros(0)
-    wrapped = np.concatenate([smooth[-1:], smooth, smooth[:1], smooth[1:2]])  # a peak may be at the seam
-    peaks, _ = find_peaks(wrapped, height=0.01 * smooth.max())
-    return np.asarray(np.unique((peaks - 1) % bins) * width + width / 2)
-
-
-def _best_piece(mask: BoolArray, saturation: Float32Array) -> tuple[BoolArray | None, float]:
-    """Return the connected piece of ``mask`` that is most like a cloth, and its score; None if all are too small."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    best, best_score = None, 0.0
-    for label in range(1, count):
-        area = int(stats[label, cv2.CC_STAT_AREA])
-        if area < MIN_AREA_SHARE * mask.size:
-            continue
-        piece = labels == label
-        score = _cloth_score(piece, area, float(saturation[piece].mean()))
-        if score > best_score:
-            best, best_score = piece, score
-    return best, best_score
-
-
-def _cloth_score(piece: BoolArray, area: int, saturation: float) -> float:
-    """Return area times saturation, less for a piece that is ragged or runs along the image border."""
-    outlines, _ = cv2.findContours(piece.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    hull = cv2.contourArea(cv2.convexHull(np.concatenate(outlines)))
-    compactness = min(1.0, area / max(hull, 1.0))
-    edges = (piece[0], piece[-1], piece[:, 0], piece[:, -1])
-    border_share = sum(int(np.count_nonzero(edge)) for edge in edges) / sum(edge.size for edge in edges)
-    return area * saturation * compactness / (1 + BORDER_PENALTY * border_share)

@@ -131,10 +131,19 @@ class PerceptionPipeline:
 
     def perceive(self, rgb: RgbArray, depth: FloatArray) -> ClothState:
         """Estimate the cloth's state from ``rgb`` (H, W, 3) and ``depth`` (H, W) m along the axis, 0 if missing."""
-        frame = self._rectify(rgb, depth)
+        return self.see(rgb, depth)[0]
+
+    def see(
+        self, rgb: RgbArray, depth: FloatArray, cloth: BoolArray | None = None
+    ) -> tuple[ClothState, ClothView | None]:
+        """Return the cloth's state, and a descriptor's input (None without cloth).
+
+        ``cloth`` (H, W) says where the cloth is; without it the pixels of the configured colour are the cloth.
+        """
+        frame = self._rectify(rgb, depth, cloth)
         direction = WrinkleDirection.none() if frame.view is None else self.config.descriptor.direction(frame.view)
         contact_pixels = int(np.count_nonzero(frame.contact))
-        return ClothState(
+        state = ClothState(
             grid=self.config.grid,
             cloth_mask=frame.cloth,
             contact_mask=frame.contact,
@@ -147,6 +156,7 @@ class PerceptionPipeline:
             free_edge_m=frame.free_edge_m,
             out_of_view=frame.out_of_view,
         )
+        return state, frame.view
 
     def cloth_view(self, rgb: RgbArray, depth: FloatArray) -> ClothView | None:
         """Return a descriptor's input for a frame; None without cloth. Parameters as for ``perceive``."""
@@ -159,14 +169,15 @@ class PerceptionPipeline:
         covered = 0.0 if view is None else covered_pixels(view.cloth, view.height, **heights)
         return contact_portion(contact_pixels, covered=covered, flat_pixels=self.flat_pixels)
 
-    def _rectify(self, rgb: RgbArray, depth: FloatArray) -> _RectifiedFrame:
+    def _rectify(self, rgb: RgbArray, depth: FloatArray, image_cloth: BoolArray | None = None) -> _RectifiedFrame:
         """Find cloth and contact and resample them into the table grid."""
         expected = (self.camera.height, self.camera.width, 3)
         if rgb.shape != expected or rgb.dtype != np.uint8:
             raise PerceptionError(f"rgb is {rgb.dtype} of shape {rgb.shape}; this camera gives uint8 of {expected}")
         grid = self.config.grid
         contact = np.zeros((grid.height, grid.width), dtype=np.bool_)
-        image_cloth = segment(rgb, self.config.color, self.config.min_area_px)
+        if image_cloth is None:
+            image_cloth = segment(rgb, self.config.color, self.config.min_area_px)
         image_height, cut_by_image = self._cloth_height(image_cloth, depth)
         edge = free_edge(self.camera, image_cloth, depth)
         cloth = np.zeros_like(contact)

@@ -86,8 +86,11 @@ def frames(tmp_path_factory) -> Path:
         "depth3": np.dstack([depth] * 3),
         "depth-0": 0 * depth,
         "depth-half": depth[::2, ::2],
+        "depth-narrow": depth[:, :200],
+        "mask-narrow": (grey[:, :200] > 150).astype(np.uint8),
         "depth-2mm": np.where(depth > 0, 2, 0).astype(np.uint16),
         "depth-20m": np.minimum(depth.astype(int) * 25, 65535).astype(np.uint16),
+        "black": 0 * grey,
         "tiny": rgb[:3, :3],
         "tiny-depth": depth[:3, :3],
     }.items():
@@ -283,21 +286,23 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
 @pytest.mark.parametrize(
     ("arguments", "hint"),
     [
-        (("good-rgb.png", "depth-half.png"), "320x240 px and"),
+        (("good-rgb.png", "depth-narrow.png"), "of another shape"),
+        ((*GOOD, "--mask", "mask-narrow.png"), "mask-narrow.png is 200x240 px"),
+        ((*GOOD, "--mask", "black.png"), "black everywhere"),
+        ((*GOOD, "--mask", "good-rgb.png"), "not black everywhere"),
         (("good-rgb.png", "depth8.png"), "8 bits"),
         (("good-rgb.png", "depth3.png"), "3 channels"),
-        (("good-rgb.png", "depth-0.png"), "0 everywhere"),
+        (("good-rgb.png", "depth-0.png"), "65535 everywhere"),
         (("good-rgb.png", "depth-2mm.png"), "unit"),
         (("good-rgb.png", "depth-20m.png"), "unit"),
         (("good-rgb.png", "metres.tiff"), "TIFF"),
         (("good-rgb.png", "text.png"), "not a whole picture"),
         (("good-rgb.png", "missing.png"), "does not exist"),
         (("good-rgb.png", "."), "not a file"),
-        (("photo.jpg", "good-depth.png"), "JPEG"),
-        (("grey.png", "good-depth.png"), "is grey"),
+        (("good-rgb.png", "photo.jpg"), "JPEG"),
         (("good-depth.png", "good-rgb.png"), "is it the depth?"),
         (("rgb16.png", "good-depth.png"), "16 bits"),
-        (("tiny.png", "tiny-depth.png"), "stands out"),
+        (("tiny.png", "tiny-depth.png"), "at least 400"),
         (("vast.png", "good-depth.png"), "million"),
         (("large.png", "good-depth.png"), "million"),
         (("cut-rgb.png", "cut-depth.png"), "cut by the image's border"),
@@ -307,6 +312,7 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
         ((*GOOD, "--hsv", "nan,20,0.4,0.1"), "4 numbers"),
         ((*GOOD, "--hsv", "0,360,0,0"), "both 0"),
         ((*GOOD, "--hsv", "0,20,0.4,0.1", "--cloth-at", "3,3"), "one of them"),
+        ((*GOOD, "--hsv", "0,20,0.4,0.1", "--mask", "grey.png"), "one of them"),
         ((*GOOD, "--cloth-at", "5,5"), "is grey"),
         ((*GOOD, "--cloth-at", "320,5"), "outside the image"),
         ((*GOOD, "--cloth-at=-1,5"), "outside the image"),
@@ -323,12 +329,12 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
         ((*GOOD, "--contact-mm", "nan"), "--contact-mm is nan"),
         ((*GOOD, "--flat-pixels", "0"), "--flat-pixels is 0"),
         ((*GOOD, "--descriptor", "silk"), "'silk' is unknown"),
-        ((*GOOD, "--json", "text.png"), "--force"),
+        ((*GOOD, "--json", "text.png"), ".json"),
         ((*GOOD, "--overlay", "text.png"), "--force"),
         ((*GOOD, "--overlay", "over.jpg"), ".png"),
         ((*GOOD, "--json", "good-rgb.png", "--force"), "named twice"),
         ((*GOOD, "--json", "x.png", "--overlay", "x.png"), "named twice"),
-        ((*GOOD, "--json", "."), "is a folder"),
+        ((*GOOD, "--json", "."), ".json"),
         ((*GOOD, "--json", "/proc/nowhere/x.json"), "cannot be written"),
         ((*GOOD, "--overlay", "text.png/x.png"), "cannot be written"),
         *(((f"{name}.png", "good-depth.png"), "not a whole picture") for name in NO_PICTURES),
@@ -346,10 +352,11 @@ def test_bad_input_is_one_sentence(arguments, hint, frames, run, monkeypatch):
     assert {path: path.read_bytes() for path in frames.rglob("*") if path.is_file()} == before
 
 
-def test_a_failure_leaves_no_file_and_force_replaces_one(frames, run, tmp_path):
-    status, _, _ = run(frames / "cut-rgb.png", frames / "cut-depth.png", "--json", "a.json", "--overlay", "a.png")
+def test_a_refusal_leaves_only_the_overlay_and_force_replaces_one(frames, run, tmp_path):
+    status, _, err = run(frames / "cut-rgb.png", frames / "cut-depth.png", "--json", "a.json", "--overlay", "a.png")
     assert status == 2
-    assert not list(tmp_path.iterdir())
+    assert "the blue cloth is cut" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]  # it shows what was found
     (tmp_path / "a.json").write_text("old")
     assert run(frames / "good-rgb.png", frames / "good-depth.png", "--json", "a.json", "--force")[0] == 0
     assert json.loads((tmp_path / "a.json").read_text())["schema"] == 1

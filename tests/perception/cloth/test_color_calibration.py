@@ -1,4 +1,4 @@
-"""Ranges of colour that are learned or suggested find the cloth, and nothing else."""
+"""Ranges of colour that are learned from a point or from the cloth's pixels find the cloth, and nothing else."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.perception.cloth.color_calibration import hue_name, learn_hsv, suggest_hsv
+from layflat.perception.cloth.color_calibration import hue_name, learn_hsv, name_color, range_of_cloth
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.perception.errors import PerceptionError
-from layflat.tests.scenes import CLOTHS, TABLES, WOOD, Scene, Shot, shoot, stand
+from layflat.tests.scenes import CLOTHS, TABLES, Scene, Shot, shoot, stand
 
 CAMERA, LENS = stand(width=320, height=240)
 
@@ -32,12 +32,14 @@ def test_a_coloured_cloth_is_learned_and_suggested(cloth, table):
     rows, columns = np.nonzero(shot.cloth)
     middle = (int(columns.mean()), int(rows.mean()))
     assert overlap(shot, learn_hsv(shot.rgb, middle)) > 0.95
-    assert overlap(shot, suggest_hsv(shot.rgb)) > 0.95
+    color = range_of_cloth(shot.rgb, shot.cloth)
+    assert color is not None
+    assert overlap(shot, color) > 0.95
 
 
 def test_a_red_cloths_range_goes_through_0():
     shot = scene_of("red")
-    for colour in (suggest_hsv(shot.rgb), learn_hsv(shot.rgb, (160, 120))):
+    for colour in (range_of_cloth(shot.rgb, shot.cloth), learn_hsv(shot.rgb, (160, 120))):
         assert colour.hue_min > 300 > 60 > colour.hue_max
 
 
@@ -50,20 +52,6 @@ def test_the_range_learned_in_the_light_holds_the_shade():
     assert overlap(shot, learn_hsv(shot.rgb, (int(columns[50]), int(rows[50])))) > 0.9
 
 
-def test_a_larger_cloth_wins_over_a_box_and_over_wood():
-    shot = scene_of("blue", WOOD, box=CLOTHS["red"])
-    assert overlap(shot, suggest_hsv(shot.rgb)) > 0.95
-
-
-def test_where_leaves_the_floor_out():
-    shot = scene_of("green", table_half=(0.25, 0.25), floor=(30.0, 60.0, 220.0), side=0.2)
-    on_table = np.abs(CAMERA.height_above_table(shot.depth)) < 0.1
-    assert overlap(shot, suggest_hsv(shot.rgb, on_table)) > 0.95
-    none = np.zeros(on_table.shape, dtype=bool)
-    with pytest.raises(PerceptionError, match="no coloured cloth stands out"):
-        suggest_hsv(shot.rgb, none)
-
-
 def test_grey_has_no_hue():
     shot = scene_of("blue")
     with pytest.raises(PerceptionError, match="is grey"):
@@ -71,9 +59,24 @@ def test_grey_has_no_hue():
     black = np.full((240, 320, 3), 12, np.uint8)
     with pytest.raises(PerceptionError, match="is black"):
         learn_hsv(black, (5, 5))
-    white_cloth = shoot(Scene(cloth=(235.0, 235.0, 235.0), table=TABLES["grey"]), CAMERA, LENS, seed=0)
-    with pytest.raises(PerceptionError, match="white, grey or black cloth has no hue"):
-        suggest_hsv(white_cloth.rgb)
+
+
+@pytest.mark.parametrize(
+    ("rgb", "name"), [((235, 235, 235), "white"), ((110, 112, 108), "grey"), ((20, 20, 24), "black")]
+)
+def test_a_cloth_without_a_hue_has_a_name_and_no_range(rgb, name):
+    shot = shoot(Scene(cloth=rgb, table=TABLES["grey"]), CAMERA, LENS, seed=0)
+    assert range_of_cloth(shot.rgb, shot.cloth) is None
+    assert name_color(shot.rgb, shot.cloth) == name
+
+
+def test_two_halves_of_two_colours_are_many_coloured():
+    rgb = np.full((240, 320, 3), 220, np.uint8)
+    rgb[60:120, 100:200], rgb[120:180, 100:200] = CLOTHS["red"], CLOTHS["green"]
+    cloth = np.zeros((240, 320), dtype=bool)
+    cloth[60:180, 100:200] = True
+    assert name_color(rgb, cloth) == "many-coloured"
+    assert name_color(rgb, cloth & (np.arange(240)[:, None] < 120)) == "red"
 
 
 @pytest.mark.parametrize("at", [(-1, 0), (0, -1), (320, 0), (0, 240)])
@@ -87,8 +90,6 @@ def test_a_speck_is_no_cloth():
     rgb[100:107, 100:107] = CLOTHS["blue"]
     with pytest.raises(PerceptionError, match="point at the middle"):
         learn_hsv(rgb, (103, 103))
-    with pytest.raises(PerceptionError, match="stands out"):
-        suggest_hsv(rgb)
 
 
 def test_hues_have_names():
