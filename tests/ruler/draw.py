@@ -153,7 +153,7 @@ def _light(rng: np.random.Generator, top: Top, x: NDArray, y: NDArray, depth: ND
     if rng.random() < 0.3:  # someone's shadow, or a sun spot
         lit = lit * (1 + rng.choice([-0.6, 0.5]) / (1 + np.exp(-14 * (things.noise(rng, 0.5) - 0.8))))
     ambient = rng.uniform(0.35, 0.65)
-    half_way = lamp + (0, 0, 1)
+    half_way = lamp + np.array([0.0, 0.0, 1.0])
     half_way /= np.linalg.norm(half_way)
     mirror = (half_way[2] - gx * half_way[0] - gy * half_way[1]) / norm
     color = top.rgb * (ambient + (1 - ambient) * lit)[..., None]
