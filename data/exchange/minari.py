@@ -13,8 +13,10 @@ from layflat.data.errors import DataError
 from layflat.data.exchange.idle_end import kept_steps
 from layflat.data.exchange.optional_imports import require
 from layflat.data.format import schema
+from layflat.data.format.attributes import json_object
 from layflat.data.format.opening import errors_name
 from layflat.data.format.rows import demo_rows
+from layflat.data.format.structure_checks import stored_attributes
 from layflat.data.session.reader import Session
 from layflat.data.types import ACTION_LIMIT_M
 
@@ -41,7 +43,8 @@ def export_minari(
     chosen = tuple(session.names if names is None else names)
     if not chosen:
         raise DataError(f"no episodes of {session.path} were chosen; there is nothing to export")
-    with atomic_folder(folder / dataset_id(session)) as aside:
+    # Minari joins a relative path twice.
+    with atomic_folder(folder.absolute() / dataset_id(session)) as aside:
         (aside / "data").mkdir()
         _write(session, aside / "data", chosen, images=images, trim_idle=trim_idle, on_episode=on_episode)
     return dataset_id(session)
@@ -62,7 +65,7 @@ def _write(
         data,
         observation_space=_observation_space(session, chosen[0], keys),
         action_space=require("gymnasium").spaces.Box(-1.0, 1.0, (session.robot.size,), np.float32),
-        env_spec=_env_spec(session),
+        env_spec=_env_spec(session, chosen[0]),
         jpeg_encoding=False,
     )
     storage.update_metadata(
@@ -104,17 +107,18 @@ def _dtype(key: str) -> type:
     return np.uint8 if key == schema.RGB else np.float32
 
 
-def _env_spec(session: Session) -> Any:
-    """Return how Gymnasium makes the environment again; None for a real robot."""
+def _env_spec(session: Session, name: str) -> Any:
+    """Return how Gymnasium makes the environment of an episode again; None for a real robot."""
     if session.physics == "real":
         return None
     keys = (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)
+    settings = json_object(stored_attributes(session.group(name)), schema.SIM_CONFIG)
     registration = require("gymnasium.envs.registration")
     return registration.EnvSpec(
         schema.ENV_NAME,
         entry_point="layflat.sim.env:ClothPlaceEnv",
         max_episode_steps=200,
-        kwargs={key: session.shared[key] for key in keys},
+        kwargs={key: session.shared[key] for key in keys} | settings,
     )
 
 

@@ -144,9 +144,16 @@ def _blueprint() -> Any:
     rrb = require("rerun.blueprint")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(origin="world", name="Scene"),
+            rrb.Tabs(
+                # Points of the depth would hide the cloth.
+                rrb.Spatial3DView(origin="world", name="Scene", contents=["+ $origin/**", "- $origin/camera/depth"]),
+                rrb.Spatial3DView(origin="world", name="Scene with depth"),
+            ),
             rrb.Vertical(
-                rrb.Spatial2DView(origin="world/camera", name="Camera"),
+                rrb.Tabs(
+                    rrb.Spatial2DView(origin="world/camera/rgb", name="Camera"),
+                    rrb.Spatial2DView(origin="world/camera/depth", name="Depth"),
+                ),
                 rrb.TimeSeriesView(origin="curves/contact", name="Contact"),
                 rrb.TimeSeriesView(origin="curves/action", name="Action, shares of the limit"),
                 rrb.TextDocumentView(origin="about", name="About"),

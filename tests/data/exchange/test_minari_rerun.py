@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +37,8 @@ def test_minari_reads_every_step(session, tmp_path, monkeypatch):
     pytest.importorskip("minari")
     seen = []
     name = export_minari(session, tmp_path / "out", on_episode=seen.append)
-    export_minari(session, tmp_path / "out")  # Replaces the first.
+    monkeypatch.chdir(tmp_path)
+    export_minari(session, Path("out"))  # Replaces the first.
     data = _loaded(tmp_path / "out", name, monkeypatch)
     assert (name, seen) == ("hanger-place-towel-v0", ["demo_0", "demo_1"])
     assert (data.total_episodes, data.total_steps) == (2, 7)
