@@ -331,7 +331,7 @@ WRONG = {
     ("merge", "hanger.h5", "pickers.h5", "--out", "o.h5"): "robot",
     ("merge", "hanger.h5", "more.h5", "--out", "hanger.h5", "--force"): "one of the files",
     ("export", "hanger.h5", "--out", "o", "--format", "xml"): "xml",
-    ("export", "hanger.h5", "--out", "o", "--valid-share", "1"): "share",
+    ("export", "hanger.h5", "--out", "o.hdf5", "--valid-share", "1"): "share",
     ("export", "hanger.h5", "--out", "o", "--format", "csv", "--no-images"): "--no-images",
     ("export", "hanger.h5", "--out", "o", "--outcome", "partial"): "partial",
     ("export", "hanger.h5", "--out", ".", "--format", "lerobot", "--force"): "not a LeRobot data set",

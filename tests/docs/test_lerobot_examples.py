@@ -1,0 +1,136 @@
+"""docs/examples/lerobot_*.py: LeRobot trains on an export by its own command, and its policies act in the environment.
+
+Most tests need LeRobot: in this Python, or in the one that the environment variable LAYFLAT_LEROBOT_PYTHON names.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from layflat.data.exchange.lerobot import TaskEpisodes, export_lerobot
+from layflat.data.session.reader import open_session
+from layflat.sim.env import ClothPlaceEnv
+from layflat.tests.factories import make_episode, write_session
+
+pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+OWN = sys.executable if importlib.util.find_spec("lerobot") else None
+PYTHONS = [python for python in (OWN, os.environ.get("LAYFLAT_LEROBOT_PYTHON")) if python]
+needs_lerobot = pytest.mark.skipif(not PYTHONS, reason="needs LeRobot, here or in LAYFLAT_LEROBOT_PYTHON")
+SMALL = {
+    "act": "--policy.dim_model=32 --policy.n_heads=2 --policy.dim_feedforward=32 --policy.n_encoder_layers=1"
+    " --policy.chunk_size=4 --policy.n_action_steps=2 --policy.use_vae=false"
+    " --policy.pretrained_backbone_weights=null",
+    "diffusion": "--policy.down_dims=[16,32] --policy.diffusion_step_embed_dim=16 --policy.horizon=8"
+    " --policy.n_action_steps=4 --policy.drop_n_last_frames=0 --policy.num_train_timesteps=4",
+}
+
+
+def exported(folder: Path, *, images: bool = False) -> Path:
+    """Return an export of four episodes."""
+    made = [make_episode(seed=seed, n_steps=12, images=images) for seed in range(4)]
+    with open_session(write_session(folder / "s.h5", made)) as session:
+        source = TaskEpisodes(session=session, names=session.names, task_text="Lay the towel flat.")
+        export_lerobot([source], folder / "lr")
+    return folder / "lr"
+
+
+def train(python: str, data: Path, out: Path, policy: str) -> Path:
+    """Train two steps as a user would, and return the checkpoint."""
+    command = [python, "-m", "lerobot.scripts.lerobot_train", "--dataset.repo_id=local/x", f"--dataset.root={data}"]
+    command += [f"--output_dir={out}", f"--policy.type={policy}", *SMALL[policy].split(), "--policy.device=cpu"]
+    command += ["--steps=2", "--save_freq=2", "--batch_size=4", "--num_workers=0", "--policy.push_to_hub=false"]
+    offline = {"HF_HUB_OFFLINE": "1", "HF_HOME": str(out.parent / "hf"), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, env=os.environ | offline, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return out / "checkpoints/last/pretrained_model"
+
+
+def rolled_out(*arguments: str) -> list[str]:
+    command = [sys.executable, str(EXAMPLES / "lerobot_rollout.py"), *arguments, "--episodes", "1", "--steps", "3"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return [line for line in done.stdout.splitlines() if "return" in line]
+
+
+@pytest.fixture(params=PYTHONS or [None])
+def served(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[str, Path, str]]:
+    """The address of a server, its checkpoint, and the Python of both."""
+    checkpoint = train(request.param, exported(tmp_path), tmp_path / "act", "act")
+    command = [request.param, str(EXAMPLES / "lerobot_server.py"), str(checkpoint), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        yield next(line.strip() for line in server.stdout if line.startswith("http")), checkpoint, request.param
+        server.terminate()
+
+
+def test_the_environments_observation_has_the_exports_columns(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    rollout = importlib.import_module("lerobot_rollout")
+    env = ClothPlaceEnv(images=True, noise=False)
+    try:
+        seen, _ = env.reset(seed=3)
+        observation = env.simulation.observe(images=True)
+    finally:
+        env.close()
+    episode = make_episode(n_steps=1, images=True)
+    episode = replace(
+        episode, steps=(replace(episode.steps[0], observation=observation),), final_observation=observation
+    )
+    with open_session(write_session(tmp_path / "s.h5", [episode])) as session:
+        source = TaskEpisodes(session=session, names=session.names, task_text="Lay it flat.")
+        export_lerobot([source], tmp_path / "lr")
+    (row,) = pq.read_table(tmp_path / "lr/data").to_pylist()
+    found = rollout.as_lerobot(seen)
+    assert found.keys() == {key for key in row if key.startswith("observation.")}
+    for key in ("observation.state", "observation.environment_state"):
+        assert found[key].dtype == np.float32
+        assert found[key].tolist() == row[key]
+
+
+@needs_lerobot
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("policy", SMALL)
+@pytest.mark.parametrize("python", PYTHONS)
+def test_lerobot_trains_on_an_export_as_it_is(python, policy, tmp_path):
+    assert train(python, exported(tmp_path), tmp_path / policy, policy).is_dir()
+
+
+@needs_lerobot
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_policy_acts_alike_here_and_behind_a_server(served):
+    address, checkpoint, python = served
+    remote = rolled_out("--server", address)
+    assert remote[-1].startswith("mean return")
+    if python == OWN:  # another version's checkpoint cannot be read here
+        assert rolled_out(str(checkpoint)) == remote
+
+
+@needs_lerobot
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_server_takes_arrays_and_nothing_else(served):
+    address, *_ = served
+    array = {"dtype": "object", "shape": [1], "base64": "gASVCgAAAAAAAACMBnN5c3RlbZQu"}
+    for body in (b"\x80\x04", b"[]", b"{}", json.dumps({"observation.state": array}).encode()):
+        with pytest.raises(urllib.error.HTTPError) as caught:
+            urllib.request.urlopen(urllib.request.Request(f"{address}/act", body), timeout=60)
+        assert caught.value.code == 400
+    with urllib.request.urlopen(address, timeout=60) as answer:
+        assert json.load(answer)["inputs"]["observation.state"] == [9]
