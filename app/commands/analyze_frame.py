@@ -19,7 +19,7 @@ from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.analyze_frame import FrameResult, analyze_frame
 from layflat.perception.cloth.pipeline import PerceptionConfig
-from layflat.perception.cloth.relief import MIN_COHERENCE, Wrinkles, measure_relief
+from layflat.perception.cloth.relief import MIN_COHERENCE, MIN_STRENGTH, Wrinkles, measure_relief
 from layflat.perception.cloth.segmentation import HsvRange
 from layflat.perception.cloth.wrinkle_regions import WrinkleRegion, wrinkle_regions
 from layflat.perception.descriptors.base import Descriptor
@@ -230,6 +230,11 @@ def result_json(
         warnings.append(
             f"{state.contact_pixels} pixels lie on the table, more than {flat_pixels} flat pixels: "
             "were these counted with this cloth?"
+        )
+    if wrinkles.min_strength > 2 * MIN_STRENGTH:
+        warnings.append(
+            f"wrinkles below a strength of {wrinkles.min_strength:.2f} are hidden by the depth's noise: "
+            "move the camera nearer"
         )
     return {
         "word": _or_none(sure_direction(make_descriptor("word"), frame, wrinkles)),
