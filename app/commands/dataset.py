@@ -26,6 +26,8 @@ from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.sim.tasks import TASKS
 
 Format: TypeAlias = Literal["robomimic", "lerobot", "csv", "minari", "rrd"]
+FILE_SUFFIXES = (".csv", ".rrd", ".parquet", ".json", *validators.SESSION_SUFFIXES)
+"""Ends of names that are files': a folder of such a name is a mistake."""
 EPISODE_S = 0.5
 """Expected wall time of the LeRobot export of one episode, for the first estimate of the time left."""
 
@@ -202,7 +204,7 @@ def chosen_names(session: Session, outcome: Outcome | None) -> Sequence[str]:
 
 def new_folder(path: Path, *, force: bool) -> None:
     """Check that a folder can be created or replaced; UsageError otherwise."""
-    if path.exists() and not path.is_dir():
+    if (path.exists() and not path.is_dir()) or path.suffix in FILE_SUFFIXES:
         raise UsageError(f"{path} is not a folder; this export makes a folder")
     if path.is_dir() and any(path.iterdir()) and not force:
         raise UsageError(f"{path} is not empty; give --force to replace it, or another name")

@@ -103,7 +103,7 @@ class LayflatEnv(env_base.EnvBase):  # type: ignore[misc]  # untyped
     def render(
         self, mode: str = "human", height: int | None = None, width: int | None = None, camera_name: str = "", **_: Any
     ) -> Any:
-        """Return an image for people, whatever the camera is called."""
+        """Return an image for people; the camera's name is ignored."""
         if mode != "rgb_array":
             raise UsageError("robomimic's own window is not supported; give --video_path")
         return self.env.simulation.camera.render(width or 640, height or 480)

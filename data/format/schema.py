@@ -130,7 +130,7 @@ class Field:
 
     @property
     def description(self) -> str:
-        """What the data set holds, in a sentence for its attribute."""
+        """Meaning of the data set, for its attribute."""
         text = DESCRIPTIONS[self.key.removeprefix(f"{NEXT_OBS}/").removeprefix(f"{OBS}/")]
         moment = {OBS: "before the step: ", NEXT_OBS: "after the step: "}
         return moment.get(self.key.partition("/")[0], "") + text

@@ -235,10 +235,12 @@ def test_repair_makes_a_sound_file_of_a_sick_one(run, done):
     assert "wrote 3 episodes" in done("repair", "r.h5")
 
 
-@pytest.mark.parametrize(("form", "path"), [("robomimic", "rm.hdf5"), ("csv", "tables"), ("lerobot", "lr")])
+FORMS = [("robomimic", "rm.hdf5"), ("csv", "tables"), ("lerobot", "lr"), ("minari", "mn"), ("rrd", "rr")]
+
+
+@pytest.mark.parametrize(("form", "path"), FORMS)
 def test_export_and_back(form, path, done):
-    if form == "lerobot":
-        pytest.importorskip("pyarrow")
+    pytest.importorskip({"lerobot": "pyarrow", "minari": "minari", "rrd": "rerun"}.get(form, "h5py"))
     assert "exported 3 episodes" in done("export", "hanger.h5", "--out", path, "--format", form, "--outcome", "success")
     if form == "robomimic":
         assert "imported 3 episodes, copied bit by bit" in done("import", path, "--out", "back.h5")
@@ -247,6 +249,13 @@ def test_export_and_back(form, path, done):
         assert any(Path(path).iterdir())
     again = done("export", "hanger.h5", "--out", path, "--format", form, "--force")
     assert "exported 4 episodes" in again
+
+
+def test_a_folder_is_not_named_like_a_file(run):
+    for form, path in (("rrd", "demo.rrd"), ("csv", "steps.csv"), ("minari", "data.hdf5")):
+        status, _, err = run("export", "hanger.h5", "--out", path, "--format", form)
+        assert (status, Path(path).exists()) == (2, False)
+        assert f"{path} is not a folder" in err
 
 
 def test_a_lerobot_export_says_what_was_asked(done):
