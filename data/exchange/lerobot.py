@@ -9,8 +9,6 @@ PNG, depth as TIFF of float32 metres).
 from __future__ import annotations
 
 import json
-import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.data.atomic_files import PART_SUFFIX
+from layflat.data.atomic_files import atomic_folder
 from layflat.data.errors import DataError
 from layflat.data.exchange.idle_end import kept_steps
 from layflat.data.exchange.lerobot_card import CARD, card
@@ -99,14 +97,8 @@ def export_lerobot(
     fps = round(1.0 / step_s)
     if fps < 1 or abs(fps * step_s - 1.0) > 1e-9:
         raise DataError(f"a step is {step_s} s; LeRobot needs a whole number of frames per second")
-    aside = folder.with_name(f".{folder.name}.{os.getpid()}{PART_SUFFIX}")
-    shutil.rmtree(aside, ignore_errors=True)
-    try:
-        export = _write(sources, aside, options, fps=fps, on_episode=on_episode)
-        _replace_folder(aside, folder)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
-    return export
+    with atomic_folder(folder) as aside:
+        return _write(sources, aside, options, fps=fps, on_episode=on_episode)
 
 
 def _check_agreement(sessions: Sequence[Session]) -> None:
@@ -118,15 +110,6 @@ def _check_agreement(sessions: Sequence[Session]) -> None:
                     f"{session.path} has {key} {session.shared[key]} and {first.path} has {first.shared[key]};"
                     " export them one by one"
                 )
-
-
-def _replace_folder(aside: Path, folder: Path) -> None:
-    """Move the old folder out of the way first: a folder cannot replace a folder in one step."""
-    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
-    if folder.exists():
-        os.replace(folder, old)
-    os.replace(aside, folder)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _write(
