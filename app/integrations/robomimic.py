@@ -24,7 +24,8 @@ from layflat.app.support.errors import UsageError
 from layflat.data.format import schema
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.env import ClothPlaceEnv
-from layflat.sim.errors import SimError
+from layflat.sim.errors import SimError, look_up
+from layflat.sim.tasks import DEFAULT_TASK, TASKS
 
 IMAGES = {schema.RGB: "rgb", schema.DEPTH: "depth"}
 """robomimic's modality of each image; all other observations are ``low_dim``."""
@@ -53,7 +54,9 @@ class LayflatEnv(env_base.EnvBase):  # type: ignore[misc]  # untyped
         if not env_name.startswith("layflat/"):
             raise UsageError(f"environment {env_name} is not one of Layflat's; run robomimic's own script for it")
         self._name, self._kwargs, self._postprocess = env_name, kwargs, postprocess_visual_obs
-        self.env = ClothPlaceEnv(**kwargs, images=use_image_obs, render_mode="rgb_array")
+        # Episodes were recorded from the program's start, which a replay needs to the bit.
+        start = look_up("task", kwargs.get("task", DEFAULT_TASK), TASKS).starts[0]
+        self.env = ClothPlaceEnv(**{"start": start} | kwargs, images=use_image_obs, render_mode="rgb_array")
         self._at: tuple[str, str, int] | None = None
 
     @classmethod
