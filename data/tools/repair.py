@@ -139,7 +139,7 @@ class _Repair:
 
     def _unmark(self, real: Path, aside: Path) -> bool:
         """Copy a file without its mark; return False, with no copy, where it has none or more is wrong."""
-        head = superblock.head_of(real)
+        head = superblock.head_of(real) if real.is_file() else b""
         if not superblock.is_marked(head):
             return False
         with suppress(FileMarkedError):
