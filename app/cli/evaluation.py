@@ -71,7 +71,8 @@ def evaluate(
     start: Annotated[
         str | None,
         typer.Option(
-            show_default="that of the task", help="Start of the cloth: hanging, crumpled, folded-corner or swinging."
+            show_default="that of the task",
+            help="Start of the cloth: hanging, hanging-quick, crumpled, folded-corner or swinging.",
         ),
     ] = None,
     limit_s: Annotated[

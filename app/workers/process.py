@@ -72,7 +72,8 @@ def describe_exit_status(exitcode: int | None, limit_s: float) -> str:
     if exitcode == -signal.SIGKILL:
         limit = memory_limit_bytes()
         where = "" if limit is None else f" (the limit here is {limit / 1e9:.1f} GB)"
-        return f"its process was killed, probably because memory ran out{where}: use fewer --workers or --no-images"
+        reason = f"its process was killed (SIGKILL), probably because memory ran out{where}"
+        return f"{reason}: use fewer --workers or --no-images"
     if exitcode < 0:
         return f"its process was ended by {_signal_name(-exitcode)}"
     return f"its process ended with status {exitcode}"

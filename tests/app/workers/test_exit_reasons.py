@@ -19,7 +19,7 @@ def die(number: int) -> int:
 @pytest.mark.parametrize(
     ("number", "words"),
     [
-        (signal.SIGKILL, "its process was killed, probably because memory ran out"),
+        (signal.SIGKILL, "its process was killed (SIGKILL), probably because memory ran out"),
         (signal.SIGSEGV, "its process was ended by SIGSEGV"),
         (signal.SIGRTMIN + 3, f"its process was ended by signal {signal.SIGRTMIN + 3}"),
     ],
