@@ -21,6 +21,8 @@ MAX_SHARPENED_PX = 120_000
 """Cloths in larger windows have the outline of the reduced image: there a pixel is a small share of them."""
 LIT_SHARE = 0.4
 """Where less of the piece looks like the table in a shadow, or in strong light, that part is left to GrabCut."""
+MAX_PATCH_M2, PATCH_COLOR, PATCH_HEIGHT_M = 0.02, 8.0, 0.0025
+"""Smaller pieces whose colour (8-bit Lab) and height change by less at their outline are parts of something else."""
 FLAP_SHARE = 0.3
 """A smaller piece that touches the cloth, parted by a step of height, may be a flap of it."""
 REST_SHARE = 0.8
@@ -87,6 +89,20 @@ class Finding:
         coarse = _refine(self.scene, piece, [other for other in self.pieces if not other.cloth_like])
         return _sharpen(self.rgb, self.enlarge(coarse), max(1, self.shape[1] // coarse.shape[1]))
 
+    def is_patch(self, piece: Piece) -> bool:
+        """Return whether a small piece has no outline of its own: neither colour nor height change there."""
+        if piece.area_m2 > MAX_PATCH_M2:
+            return False
+        inside = piece.mask & ~erode(piece.mask, 4)
+        around = dilate(piece.mask, 6) & ~dilate(piece.mask, 2) & ~self.scene.things
+        if not around.any():
+            return False
+        color, height = (
+            np.abs(np.median(image[inside], axis=0) - np.median(image[around], axis=0)).max()
+            for image in (self.scene.lab.astype(np.float32), self.scene.height)
+        )
+        return bool(color < PATCH_COLOR and height < PATCH_HEIGHT_M)
+
     def enlarge(self, mask: BoolArray) -> BoolArray:
         """Return a reduced mask at the frame's size."""
         factor = max(1, self.shape[1] // mask.shape[1])
@@ -119,6 +135,8 @@ def _refine(scene: TableScene, piece: Piece, others: list[Piece]) -> BoolArray:
     labels = np.full(mask.shape, cv2.GC_PR_BGD, np.uint8)
     labels[~dilate(mask, max(4, 0.2 * side))] = cv2.GC_BGD
     for other in others:
+        if (other.mask & piece.mask).any():
+            continue
         flap = other.area_m2 < FLAP_SHARE * piece.area_m2 and (dilate(other.mask[window], 3) & whole).any()
         if not flap:
             labels[other.mask[window] & ~whole] = cv2.GC_BGD

@@ -15,7 +15,7 @@ AREA_M2 = (0.004, 1.5)
 """Areas of a cloth: from 6 cm square."""
 LOW_M, MIN_LOW_SHARE = 0.016, 0.1
 """A lying cloth's outline is no higher than this on at least this share of it."""
-HIGH_M, MAX_STEEP = 0.012, 1.27
+HIGH_M, MAX_STEEP = 0.012, 1.33
 """Share of a piece above HIGH_M, plus the share of that part's outline that falls off by STEEP_M: a cloth's is less."""
 STEEP_M = 0.018
 MAX_HEIGHT_M = 0.12
@@ -24,6 +24,8 @@ NEAR_M = 0.03
 BESIDE = (0.15, 0.6)
 """What touches a thing with more of its outline, and does not reach this far from it (in units of its side), is the
 thing's side or shadow."""
+LIT_SHARE, SOFT_EDGE = 0.6, 0.3
+"""Least share of a shadow that looks like the table in a shadow; its edge within 3 pixels, as a share of its contrast."""
 GAP_PX = 7
 """Stripes and checks of the table's colour up to this width are closed."""
 
@@ -107,7 +109,20 @@ def _doubt(scene: TableScene, mask: BoolArray, area: float, height: float) -> st
         return f"it is {1000 * height:.0f} mm high and has steep sides"
     if is_level_face(scene.height, high, least_px=0.3 * mask.sum(), px_m=math.sqrt(area / mask.sum())):
         return f"it has a level face {1000 * height:.0f} mm above the table"
+    if _has_soft_edge(scene, mask, outline, height):
+        return "it is a shadow or a spot of light"
     return "it is the side or the shadow of something tall" if _belongs_to_thing(scene, mask, outline, height) else ""
+
+
+def _has_soft_edge(scene: TableScene, mask: BoolArray, outline: BoolArray, height: float) -> bool:
+    """Return whether a low piece differs from the table by its brightness alone, which changes slowly at its edge."""
+    light = scene.lab[..., 0]
+    if height > scene.raised_m or max(np.mean(scene.shade[mask]), np.mean(scene.glare[mask])) < LIT_SHARE:
+        return False
+    ring = dilate(mask, 6) & ~dilate(mask, 3)
+    contrast = abs(float(np.median(light[mask])) - float(np.median(light[ring]))) if ring.any() else 0.0
+    edge = cv2.morphologyEx(cv2.medianBlur(light, 3), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    return bool(np.median(edge[outline]) < SOFT_EDGE * contrast)
 
 
 def _belongs_to_thing(scene: TableScene, mask: BoolArray, outline: BoolArray, height: float) -> bool:

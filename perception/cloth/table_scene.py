@@ -15,8 +15,6 @@ from layflat.perception.camera.pinhole import PinholeCamera
 WORK_WIDTH = 320
 RAISED_M = (0.004, 0.02)
 """Least and greatest height that counts as raised; between them four times the scatter of the table's height."""
-GROUND_M = -0.03
-"""Deeper than this is no table: gaps between slats are table, the floor is not."""
 STEP_M = 0.02
 """A step of this height between neighbours parts two surfaces."""
 TALL_M, TALL_STEP_M = 0.045, 0.018
@@ -105,7 +103,7 @@ def look_at_table(rgb: RgbArray, depth: Float32Array, camera: PinholeCamera) -> 
     scatter = 1.4826 * float(np.median(np.abs(smooth[level]))) if level.any() else 0.0
     raised_m = float(np.clip(4 * scatter, *RAISED_M))
     lab = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), np.uint8)
-    strange, shade, glare = _compare_colors(lab, (smooth < raised_m) & (smooth > GROUND_M))
+    strange, shade, glare = _compare_colors(lab, (smooth < raised_m) & (smooth > -1.5 * raised_m))
     metres_per_px = np.where(depth > 0, depth, camera.position[2]).astype(np.float32) / np.float32(camera.fx)
     return TableScene(
         lab=lab,

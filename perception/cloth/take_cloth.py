@@ -99,6 +99,13 @@ def _standing_out(rgb: RgbArray, finding: Finding) -> TakenCloth:
             f"{len(cloths)} things could be the cloth, at {places}: point at one with --cloth-at X,Y",
             finding.enlarge(np.logical_or.reduce([piece.mask for piece in cloths])),
         )
+    if cloths and finding.is_patch(cloths[0]):
+        whole = finding.enlarge(cloths[0].mask)
+        raise ClothRefusedError(
+            f"what stands out ({name_color(rgb, whole)}) is only a patch: around it are the same colour and height; "
+            f"{_OTHER_WAYS}",
+            whole,
+        )
     if cloths:
         return _describe(rgb, finding.outline(cloths[0]), "suggested")
     hint = far_hint(finding.distance_m)
