@@ -18,8 +18,8 @@ CONTENTS = {
         reference/index reference/cli reference/python reference/api/index reference/names reference/controls
         reference/session-file reference/files changelog""",
     "Explanation": """
-        explanation/index explanation/architecture explanation/word explanation/contact explanation/policies
-        explanation/simulation explanation/pybullet explanation/durability""",
+        explanation/index explanation/architecture explanation/word explanation/seeing explanation/contact
+        explanation/policies explanation/simulation explanation/pybullet explanation/durability""",
     "Results": """
         explanation/results/thesis explanation/results/policies explanation/results/wrinkle-removal
         explanation/results/word explanation/results/contact explanation/results/camera
