@@ -25,7 +25,7 @@ BESIDE = (0.15, 0.6)
 """What touches a thing with more of its outline, and does not reach this far from it (in units of its side), is the
 thing's side or shadow."""
 LIT_SHARE, SOFT_EDGE = 0.6, 0.3
-"""Least share of a shadow that looks like the table in a shadow; its edge within 3 pixels, as a share of its contrast."""
+"""Least share of a shadow that looks like the table in one; its edge within 3 pixels, as a share of its contrast."""
 GAP_PX = 7
 """Stripes and checks of the table's colour up to this width are closed."""
 
