@@ -70,14 +70,16 @@ class ClothGeometry:
         return bool(np.mean(normals @ mean < -0.5 * np.linalg.norm(mean)) > LAYERED_SHARE)
 
     def refinement(self, nodes: FloatArray) -> int:
-        """Return into how many parts a step must be divided: 2 where cloth lies on cloth, 4 where it is a heap.
+        """Return into how many parts a step must be divided: 2 where cloth lies on cloth, 4 in a heap, 8 where it jams.
 
         A layer that is lifted diverges with the whole step, and a heap below the held edge with half of it, within one
-        substep and without a sign before.
+        substep and without a sign before; one that lies may jam, which 8 parts undo.
         """
         layered, stretch = self.is_layered(nodes), float(self.stretch(nodes).max())
         gap = -float(self.drop_to_heap_m(nodes, nodes[list(self.spec.corners)]).max())
-        if stretch > (STRAINED_LAYERS if layered else STRAINED) or gap < (HEAP_GAP_M if layered else PRESSED_GAP_M):
+        if stretch > STRAINED:
+            return 8
+        if (layered and stretch > STRAINED_LAYERS) or gap < (HEAP_GAP_M if layered else PRESSED_GAP_M):
             return 4
         return 2 if layered else 1
 

@@ -25,7 +25,7 @@ TABLE_CENTRE_M = (0.3, 0.0)
 TABLE_RGBA = (0.86, 0.86, 0.84, 1.0)
 NEAR_M, FAR_M = 0.05, 4.0
 """Depths between which a body is drawn."""
-TICKS = 4
+TICKS = 8
 """Parts of a coarse step in which time is counted: the finest substep."""
 Vector = tuple[float, float, float]
 
@@ -184,9 +184,9 @@ class World(ABC):
         """Make `substep_s` the engine's step."""
 
     def refine(self, parts: int) -> None:
-        """Divide a coarse step into 1, 2 or 4 substeps from now on."""
+        """Divide a coarse step into 1, 2, 4 or 8 substeps from now on."""
         if TICKS % parts:
-            raise SimError(f"a step cannot be divided into {parts} parts; it must be 1, 2 or 4")
+            raise SimError(f"a step cannot be divided into {parts} parts; it must be 1, 2, 4 or 8")
         if self.substep_s != self.coarse_substep_s / parts:
             self.substep_s = self.coarse_substep_s / parts
             self._ticks = TICKS // parts

@@ -113,7 +113,7 @@ def test_a_heap_is_stepped_finer_than_a_fold_and_a_fold_finer_than_a_sheet() -> 
     geometry, flat = ClothGeometry(spec), spec.flat_nodes()
     folded = fold_corner(flat, spec, (0.15, 0.15), left=True)
     assert [geometry.refinement(nodes) for nodes in (flat, 1.1 * flat, folded, 1.1 * folded)] == [1, 1, 2, 2]
-    assert [geometry.refinement(nodes) for nodes in (1.22 * flat, 1.17 * folded)] == [4, 4]
+    assert [geometry.refinement(nodes) for nodes in (1.22 * flat, 1.22 * folded, 1.17 * folded)] == [8, 8, 4]
     assert geometry.refinement(np.full_like(flat, np.nan)) == 1
 
 
