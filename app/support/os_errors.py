@@ -1,4 +1,4 @@
-"""What the operating system's errors mean for a person, and what to do about them."""
+"""Sentences for errors of the operating system: what is wrong and what to do about it."""
 
 from __future__ import annotations
 
