@@ -134,12 +134,15 @@ class ClothSimulation:
     def step(self, action: FloatArray) -> None:
         """Move the robot by ``action``, (A,) m in the order of its axes, in one control step.
 
-        Like a border of the workspace, cloth that lies in a heap below the held edge stops a move down.
+        Like a border of the workspace, cloth that lies in a heap below the held edge stops a move down, and a jammed
+        cloth every move but up.
         """
         axes, move = self.robot.spec.axes, np.array(action, dtype=float)
         if move.shape == (len(axes),):
             lowest = self.cloth.drop_to_heap_m(self._nodes, self._held_points())
             move = np.maximum(move, [lowest[axis.point] if axis.axis == 2 else -np.inf for axis in axes])
+            if self.cloth.is_jammed(self._nodes):
+                move = np.where([axis.axis == 2 for axis in axes], np.maximum(move, 0.0), 0.0)
         substeps = self._substeps()
         self.robot.start_step(move, substeps)
         self._advance(substeps)

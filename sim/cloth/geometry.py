@@ -83,6 +83,10 @@ class ClothGeometry:
             return 4
         return 2 if layered else 1
 
+    def is_jammed(self, nodes: FloatArray) -> bool:
+        """Whether an edge is stretched as only layers that are caught in each other stretch it."""
+        return float(self.stretch(nodes).max()) > STRAINED
+
     def drop_to_heap_m(self, nodes: FloatArray, points: FloatArray) -> FloatArray:
         """Return the least dz, (P,) m and at most 0, at which held points ((3,) or (P, 3) m) rest on cloth below them.
 

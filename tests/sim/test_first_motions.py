@@ -48,3 +48,23 @@ def test_a_cloth_that_is_lowered_blindly_lies_in_a_heap_and_does_not_come_apart(
         assert reason == "None"
         assert float(contact) > 0.02
         assert np.isfinite(float(height))
+
+
+_JAMMED = """
+from layflat.tests.sim.helpers import simulation
+with simulation("pickers", 900) as sim:
+    for share in (1.0, 1.3):
+        nodes = sim.cloth.nodes().copy()
+        nodes[50] += (share - 1.0) * (nodes[50] - nodes[40])
+        sim._nodes = nodes
+        for move in ([0.01, 0.0, -0.01], [0.01, 0.0, 0.01]):
+            before = sim.robot.position()
+            sim.step(sim.spec.robot.pack(move))
+            print(*(sim.robot.position() - before).round(3) + 0.0, sep="/", end="|")
+            sim._nodes = nodes
+"""
+
+
+def test_a_jammed_cloth_lets_the_robot_move_up_alone() -> None:
+    (moved,) = fresh_process_outputs(_JAMMED, ())
+    assert moved == "0.01/0.0/-0.01|0.01/0.0/0.01|0.0/0.0/0.0|0.0/0.0/0.01|"

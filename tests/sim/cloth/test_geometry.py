@@ -115,6 +115,7 @@ def test_a_heap_is_stepped_finer_than_a_fold_and_a_fold_finer_than_a_sheet() -> 
     assert [geometry.refinement(nodes) for nodes in (flat, 1.1 * flat, folded, 1.1 * folded)] == [1, 1, 2, 2]
     assert [geometry.refinement(nodes) for nodes in (1.22 * flat, 1.22 * folded, 1.17 * folded)] == [8, 8, 4]
     assert geometry.refinement(np.full_like(flat, np.nan)) == 1
+    assert [geometry.is_jammed(nodes) for nodes in (flat, 1.17 * folded, 1.22 * folded)] == [False, False, True]
 
 
 def test_the_held_edge_stops_above_what_lies_below_it_and_nowhere_else() -> None:
