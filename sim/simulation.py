@@ -137,6 +137,7 @@ class ClothSimulation:
         Like a border of the workspace, cloth that lies in a heap below the held edge stops a move down, and a jammed
         cloth every move but up.
         """
+        self._running()
         axes, move = self.robot.spec.axes, np.array(action, dtype=float)
         if move.shape == (len(axes),):
             lowest = self.cloth.drop_to_heap_m(self._nodes, self._held_points())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 
@@ -12,6 +13,7 @@ from layflat.app.workers.process import describe_exit_status, run_in_fork
 
 
 def die(number: int) -> int:
+    faulthandler.disable()  # pytest's would print a traceback of the signal
     os.kill(os.getpid(), number)
     return 0
 
