@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from scipy import ndimage
-from scipy.stats import trim_mean
 
 from layflat.perception.arrays import BoolArray, Float32Array, Float64Array, FloatArray, dilate, erode
 from layflat.perception.camera.pinhole import PinholeCamera
@@ -204,6 +203,8 @@ def _scatter(height: Float32Array, mask: BoolArray, size_px: int) -> float:
 
 def _tile_mean(tensor: Float32Array, counted: BoolArray, mm_per_px: float) -> Float64Array:
     """Return the (3,) trimmed mean over the tiles of ``counted``; that of a cloth just flat if these are too few."""
+    from scipy.stats import trim_mean  # slow to import
+
     side = max(1, round(TILE_MM / mm_per_px))
     shape = (-(-counted.shape[1] // side), -(-counted.shape[0] // side))
     share, *sums = (
