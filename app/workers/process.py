@@ -53,6 +53,8 @@ def run_in_fork(work: Callable[[], int]) -> int:
 
     Returns a status, or a signal's number below 0, as multiprocessing.Process.exitcode. ``work`` should not raise.
     """
+    # Here, where OpenCV's threads are: a fork, which lacks them, would wait forever for them to end.
+    cv2.setNumThreads(1)
     parent = os.getpid()
     child = os.fork()
     if child == 0:
