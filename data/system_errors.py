@@ -9,7 +9,7 @@ import re
 _ERRNO = re.compile(r"errno = (\d+)")
 
 UNSUPPORTED = frozenset({errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS})
-"""What a file system says of a call that it cannot do, such as flushing a folder, which only local disks can."""
+"""Errors of a file system that does not support a call, such as flushing a folder, which only local disks can."""
 NO_LOCKS = UNSUPPORTED | {errno.ENOLCK, errno.EBADF}
 """The same of locks, which some network drives lack, or refuse for a file that is open for reading."""
 
@@ -37,7 +37,7 @@ ADVICE = {
     errno.ETIMEDOUT: "the network drive does not answer: connect it again, or choose another place",
     **dict.fromkeys((errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errno.EHOSTDOWN), _GONE),
 }
-"""What to do, by number of the error."""
+"""Advice by number of the error."""
 
 
 def errno_of(error: BaseException) -> int | None:

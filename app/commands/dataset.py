@@ -67,7 +67,7 @@ class ExportOptions:
                 f"got {len(self.task_texts)} --task-text for {len(paths)} sessions; give one, or one for each"
             )
         if not all(text.strip() for text in self.task_texts):
-            raise UsageError("--task-text is empty; say what is to be done")
+            raise UsageError("--task-text is empty; say what the robot does")
 
 
 def export(paths: Sequence[Path], out: Path, options: ExportOptions, *, force: bool) -> None:

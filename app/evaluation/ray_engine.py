@@ -22,7 +22,7 @@ from layflat.data.atomic_files import fsync_write
 from layflat.data.system_errors import os_reason
 
 SOCKET_NAME = f"/ray/session_2026-11-28_01-40-00_123456_{'9' * 7}/sockets/plasma_store"
-"""What Ray adds to the folder for temporary files."""
+"""Path that Ray adds to the folder for temporary files."""
 AHEAD = 2
 """Tasks that are handed out for each core, so that none waits for this process."""
 _SERVER: list[ForkServer] = []

@@ -82,7 +82,7 @@ class SizeMatch:
     rows: tuple[int, int] | None = None
     """First and last row (excluded) of the colour picture that the depth sees; all of them by default."""
     note: str = ""
-    """What was done, for a person."""
+    """One sentence on the action, for a person."""
 
     def color(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Return a colour picture at the common size."""

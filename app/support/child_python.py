@@ -26,7 +26,7 @@ PYTHON_PATH = "PYTHONPATH"
 SOCKET_PATH_MAX = 107
 """Bytes of the path of a socket, by Linux."""
 SOCKET_NAME = "/pymp-xxxxxxxx/listener-xxxxxxxx"
-"""What multiprocessing adds to the folder for temporary files."""
+"""Path that multiprocessing adds to the folder for temporary files."""
 
 
 def start_python(

@@ -49,7 +49,7 @@ class Feature:
     shape: tuple[int, ...] = (1,)
     names: Sequence[str] | None = None
     text: str = ""
-    """What the column holds, for the card."""
+    """Meaning of the column, for the card."""
     info: Mapping[str, Any] = field(default_factory=dict)
     """Unit, frame and the like for info.json, under a key that LeRobot keeps."""
 

@@ -190,7 +190,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     HAND: "where a hand guided the robot; NaN for none",
     INTERVENTION: "1 where a person decided although a policy was in control",
 }
-"""What each data set holds, by key, or by its name under ``obs`` and ``next_obs``."""
+"""Meaning of each data set, by key, or by its name under ``obs`` and ``next_obs``."""
 
 _XYZ = ("x", "y", "z")
 _CORNERS = ("x1", "y1", "z1", "x2", "y2", "z2")

@@ -62,8 +62,7 @@ class Finding:
 
     def containing(self, mask: BoolArray) -> Piece | None:
         """Return the piece that most of a mask (H, W) lies in."""
-        height, width = self.scene.cut.shape
-        small = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        small = self._reduced(mask)
         half = 0.5 * np.count_nonzero(small)
         return next((piece for piece in self.pieces if np.count_nonzero(piece.mask & small) > half), None)
 
@@ -72,10 +71,13 @@ class Finding:
         piece = self.containing(mask)
         if piece is not None:
             return piece.doubt
-        height, width = self.scene.cut.shape
-        small = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        small = self._reduced(mask)
         high = np.count_nonzero(small & self.scene.things) > 0.5 * np.count_nonzero(small)
         return f"it stands {1000 * float(np.median(self.scene.height[small])):.0f} mm above the table" if high else ""
+
+    def _reduced(self, mask: BoolArray) -> BoolArray:
+        height, width = self.scene.cut.shape
+        return np.asarray(cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0)
 
     def middle(self, piece: Piece) -> tuple[int, int]:
         """Return the pixel (column, row) of the frame that is deepest inside a piece."""

@@ -132,7 +132,7 @@ def test_a_session_that_a_notebook_opens_while_it_is_recorded(path, caplog):
 
 
 def test_an_absent_writer_s_mark_is_no_sign_of_one(path):
-    """A superblock whose checksum is wrong is damage, whatever its mark says."""
+    """A superblock whose checksum is wrong is damage, with any mark."""
     content = bytearray(path.read_bytes())
     content[11] = 1
     path.write_bytes(content)
