@@ -8,12 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from layflat.app.workstation import settings
 from layflat.app.workstation.session.activity_client import ActivityClient
+from layflat.app.workstation.settings import Settings
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.teleop.teleoperator import Button
-from layflat.app.workstation.window import settings, style
+from layflat.app.workstation.window import style
 from layflat.app.workstation.window.layout import WindowLayout
-from layflat.app.workstation.window.settings import Settings
 from layflat.data.names import storable
 
 

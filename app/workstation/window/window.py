@@ -12,11 +12,13 @@ from pathlib import Path
 import pygame
 
 from layflat.app.support.errors import INTERRUPTED
+from layflat.app.workstation import settings
+from layflat.app.workstation.preview import initial_frame
 from layflat.app.workstation.session.activity_client import ActivityClient, start_fork_server
 from layflat.app.workstation.session.activity_process import ActivityFactory
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.window import panels, settings, style
+from layflat.app.workstation.window import panels, style
 from layflat.app.workstation.window.context import WindowContext
 from layflat.app.workstation.window.input_manager import InputManager
 from layflat.app.workstation.window.layout import MIN_SIZE, SIZE, layout
@@ -27,7 +29,6 @@ from layflat.app.workstation.window.pages.record import RecordPage
 from layflat.app.workstation.window.pages.replay import ReplayPage
 from layflat.app.workstation.window.pages.settings import SettingsPage
 from layflat.app.workstation.window.pages.train import TrainPage
-from layflat.app.workstation.window.preview import initial_frame
 from layflat.app.workstation.window.time_series import draw_contact, draw_word
 from layflat.app.workstation.window.viewport import Viewport
 

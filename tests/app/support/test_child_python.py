@@ -13,7 +13,7 @@ import pytest
 
 from layflat.app.cli.entry import put_user_path_last
 from layflat.app.support.child_python import SOCKET_NAME, SOCKET_PATH_MAX
-from layflat.app.workstation.window.subprocess_command import SubprocessCommand
+from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.data.session.recorder import SessionRecorder
 from layflat.tests.app.workstation.pty_terminal import Terminal
 from layflat.tests.factories import HANGER

@@ -17,11 +17,11 @@ import pygame
 from PIL import Image
 
 from layflat.app.workstation.session.activities import make_activity
+from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.pages.place import PlacePage
 from layflat.app.workstation.window.pages.record import RecordPage
 from layflat.app.workstation.window.pages.replay import ReplayPage
-from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window.window import Window
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 

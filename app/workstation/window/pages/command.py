@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import pygame
 
+from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.context import KeyHint
 from layflat.app.workstation.window.pages.page import Page, Shows
-from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 
 LINE_PX = 13
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window.menu_style import Form
 from layflat.app.workstation.window.pages.command import CommandPage
-from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.data.format.schema import demo_number
 from layflat.data.names import storable
 from layflat.data.types import OUTCOMES

@@ -10,10 +10,10 @@ import pygame
 import pygame_menu
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.context import FormRow, KeyHint, WindowContext
 from layflat.app.workstation.window.menu_style import Form
-from layflat.app.workstation.window.time_series import TimeSeries
 from layflat.data.session.reader import open_session
 
 ASK_AGAIN_S = 3.0

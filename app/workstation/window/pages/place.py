@@ -14,12 +14,12 @@ import pygame
 from layflat.app.support.seeds import EVALUATION_SEED
 from layflat.app.workers.work_item import WorkItem
 from layflat.app.workstation.session.requests import PlaceRequest
+from layflat.app.workstation.settings import SPEEDS
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.context import FormRow, KeyHint, device_key_hints
 from layflat.app.workstation.window.pages.activity import ActivityPage
 from layflat.app.workstation.window.pages.page import MENU_HINTS
-from layflat.app.workstation.window.settings import SPEEDS
 from layflat.policy import model_io
 from layflat.policy.registry import RECOMMENDED_WRAPPERS
 from layflat.policy.spec import BUILTIN_NAMES, PolicySpec

@@ -9,13 +9,13 @@ from typing import Any
 import pygame
 
 from layflat.app.workstation.session.requests import RecordRequest
+from layflat.app.workstation.settings import SPEEDS
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.context import FormRow, KeyHint, device_key_hints
 from layflat.app.workstation.window.pages.activity import ActivityPage
 from layflat.app.workstation.window.pages.page import ASK_AGAIN_S, MENU_HINTS
-from layflat.app.workstation.window.settings import SPEEDS
 from layflat.data.session.reader import open_session
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.cloth.spec import CLOTHS

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import pygame
 
+from layflat.app.workstation.playback import Playback, episode_facts, open_playback
 from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.subprocess_command import SubprocessCommand
+from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.context import FormRow, KeyHint
 from layflat.app.workstation.window.pages.page import MENU_HINTS, Page
-from layflat.app.workstation.window.playback import Playback, episode_facts, open_playback
-from layflat.app.workstation.window.subprocess_command import SubprocessCommand
-from layflat.app.workstation.window.time_series import TimeSeries
 from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
 

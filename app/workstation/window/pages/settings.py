@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import pygame
 
+from layflat.app.workstation.settings import SPEEDS
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.context import KeyHint
 from layflat.app.workstation.window.pages.page import Page, Shows
-from layflat.app.workstation.window.settings import SPEEDS
 from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.robots.registry import ROBOTS

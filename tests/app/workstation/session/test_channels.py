@@ -9,11 +9,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from layflat.app.workstation.playback import Playback
 from layflat.app.workstation.session.frame_channel import FrameChannel
 from layflat.app.workstation.session.input_channel import InputChannel
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
-from layflat.app.workstation.window.playback import Playback
 from layflat.data.types import DragTarget
 from layflat.tests.app.workstation.fake_activity import WIDE, write_for
 from layflat.tests.factories import ROBOT_SPECS

@@ -12,12 +12,12 @@ import pytest
 import typer
 
 from layflat.app.cli.data import data_cli
-from layflat.app.workstation.window import settings
+from layflat.app.workstation import settings
+from layflat.app.workstation.settings import Settings
+from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.app.workstation.window.layout import layout
 from layflat.app.workstation.window.pages.data import OPERATIONS, DataPage
 from layflat.app.workstation.window.pages.page import WindowContext
-from layflat.app.workstation.window.settings import Settings
-from layflat.app.workstation.window.subprocess_command import SubprocessCommand
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.tests.factories import HANGER

@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from layflat.app.workstation.playback import Playback
+from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.layout import layout
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
-from layflat.app.workstation.window.playback import Playback
-from layflat.app.workstation.window.time_series import MIN_SPAN_S, TimeSeries, draw_contact
+from layflat.app.workstation.window.time_series import MIN_SPAN_S, draw_contact
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.robots.hanger import PandaHanger

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from layflat.app.media.episode_renderer import check_drawable
 from layflat.app.support.errors import UsageError
+from layflat.app.workstation.preview import arm_joints
 from layflat.app.workstation.session.frame_channel import SimulationFrame
-from layflat.app.workstation.window.preview import arm_joints
-from layflat.app.workstation.window.time_series import TimeSeries
+from layflat.app.workstation.time_series import TimeSeries
 from layflat.data.arrays import FloatArray
 from layflat.data.types import Episode, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
