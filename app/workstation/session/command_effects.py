@@ -26,7 +26,7 @@ def command_effect(
 
     ``seed`` is that of the current demonstration, ``disturbance`` what DISTURB starts.
     """
-    if state == "over":
+    if state == "over" or command is Command.UNDO:
         return None
     if command is Command.QUIT:
         return "end, keep this one as partial" if status.n_steps else "end the recording"

@@ -127,7 +127,7 @@ class PlaceActivity:
             return "continue" if self.paused else "pause"
         if command is Command.DISTURB:
             return None if self.state in ("ready", "over") else f"disturb the cloth ({DISTURBANCE})"
-        if command is Command.REDO or self._writer is None or not self.run.n_steps:
+        if command in (Command.REDO, Command.UNDO) or self._writer is None or not self.run.n_steps:
             return None
         if command is Command.DISCARD:
             return "discard this one"

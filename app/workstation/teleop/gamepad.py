@@ -30,6 +30,7 @@ COMMANDS = {
     "share": Command.REDO,
     "ps": Command.QUIT,
     "up": Command.DISTURB,
+    "down": Command.UNDO,
 }
 SPEED = 0.5
 """Speed with both triggers released: 10 mm a step, about that of the scripted demonstrator."""
@@ -135,7 +136,7 @@ class Gamepad:
         if self._lost_name:
             other = next((f", or press a button of {device.name}" for device in self._gamepads.devices.values()), "")
             return f"{self._lost_name} was disconnected; plug it in again{other}"
-        return "no gamepad is plugged in; plug one in, or use --source keyboard"
+        return "no gamepad is plugged in; plug one in, or use the keyboard"
 
 
 def motion(robot: RobotSpec, state: GamepadState) -> FloatArray:

@@ -13,7 +13,7 @@ BUTTONS = (
     *("up", "down", "left", "right"),
 )
 """In the order of SDL's controllers; the last four are the d-pad."""
-LABELS = {"l1": "L1", "r1": "R1", "l3": "L3", "r3": "R3", "ps": "PS", "up": "d-pad up"}
+LABELS = {"l1": "L1", "r1": "R1", "l3": "L3", "r3": "R3", "ps": "PS", "up": "d-pad up", "down": "d-pad down"}
 """Labels that are not just the name with a capital."""
 
 DEAD_ZONE = 0.12

@@ -22,6 +22,7 @@ COMMANDS: Mapping[str, Command] = {
     "n": Command.KEEP_FAILURE,
     "x": Command.DISCARD,
     "r": Command.REDO,
+    "u": Command.UNDO,
     "b": Command.DISTURB,
     "q": Command.QUIT,
 }

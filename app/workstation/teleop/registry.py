@@ -37,6 +37,18 @@ TELEOPERATORS: Mapping[str, TeleoperatorSpec] = {
 }
 
 
+def usable_source(name: str, robot: RobotSpec, *, mapping: Path | None = None) -> tuple[str, str]:
+    """Return the teleoperator to use, and one sentence where that is the keyboard instead of a missing gamepad."""
+    if name != "gamepad":
+        return name, ""
+    gamepad = Gamepad(robot, mapping=mapping, own_events=False)
+    newest = gamepad.poll()
+    gamepad.close()
+    if newest.connected:
+        return name, ""
+    return "keyboard", f"{newest.problem.partition(';')[0]}; the keyboard is used instead"
+
+
 def make_terminal_teleoperator(name: str, robot: RobotSpec, *, mapping: Path | None = None) -> Teleoperator:
     """Make a teleoperator that needs no window; LayflatError where its device is missing."""
     if name == "keyboard":

@@ -14,7 +14,7 @@ from layflat.data.types import ACTION_LIMIT_M, frozen_hand
 
 
 class Command(Enum):
-    """Request of a button; its effect depends on the state, see `RecordingSession.effect`."""
+    """Request of a button; its effect depends on the state, see `SessionStatus.effects`."""
 
     START = "start"
     """Start the next demonstration after a countdown, or continue a paused one."""
@@ -28,6 +28,8 @@ class Command(Enum):
     """Discard this demonstration and start the same seed again."""
     QUIT = "quit"
     """End the recording; a running demonstration is kept as partial."""
+    UNDO = "undo"
+    """Bring back the demonstration that was discarded last, until the next one begins."""
     DISTURB = "disturb"
     """Start the chosen disturbance while the person continues."""
 

@@ -1,0 +1,155 @@
+"""SessionStatus: everything that a window, a terminal or a browser shows of a session, as one value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal, TypeAlias
+
+from layflat.app.workstation.teleop.teleop_input import Command
+from layflat.data.types import Phase
+
+Mode: TypeAlias = Literal["record", "place", "correct"]
+"""record: a person demonstrates. place: a policy places. correct: a policy places, and the person may take over."""
+State: TypeAlias = Literal[
+    "starting", "waiting", "countdown", "still", "running", "paused", "stopped", "finished", "asking", "over"
+]
+"""starting: no status has come yet. waiting: for START; the cloth hangs, or is being hung. countdown: about to run.
+still: simulated time stands until the person moves. running: steps are simulated. paused: by the person, or because the
+device is disconnected. stopped: the policy has stopped; time stands until the person moves, pulls or disturbs.
+finished: no further step is possible (step limit, divergence) and only the label is missing. asking: the question is to
+be answered. over: nothing more happens."""
+Level: TypeAlias = Literal["info", "success", "warning", "error"]
+
+YOU = "you"
+"""Controller in a status: the person, or else the policy by its name."""
+COUNTED = ("success", "failure", "partial", "discarded")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """A sentence for the person."""
+
+    text: str = ""
+    level: Level = "info"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Judgement of a take by how the cloth lies."""
+
+    contact: float
+    """Contact portion by the camera, 0..1."""
+    flat_area: float
+    """Signed area by the mesh over the cloth's area."""
+    success: bool
+    """Whether the task counts it as a success."""
+    words: str
+    """Such as "77 %, folded over at the free edge"."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionEvent:
+    """Something that must be shown once: a take that is durable, or one that is gone for good."""
+
+    kind: Literal["kept", "discarded", "note"]
+    text: str
+    """Line for scripts and people: "kept demo_3 success 84 steps contact 0.97 demos.h5"."""
+    level: Level = "info"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionStatus:
+    """State of a session at one moment."""
+
+    mode: Mode = "record"
+    task: str = "place"
+    state: State = "starting"
+    phase: Phase = "place"
+    """Phase of the current or last step; disturb: the policy waits for the cloth to settle."""
+    ready: bool = False
+    """Whether the cloth hangs."""
+    countdown_s: float = 0.0
+    """Time until it runs; 0 in any other state than countdown."""
+    seed: int = 0
+    """Seed of the current take."""
+    steps: int = 0
+    time_s: float = 0.0
+    """Simulated time of the current take."""
+    contact: float = 0.0
+    flat_area: float = 0.0
+    policy: str = ""
+    """Name of the policy; empty where a person demonstrates."""
+    source: str = ""
+    """Teleoperator of the person; empty where there is none."""
+    controller: str = ""
+    """Who decides the next step: `YOU`, or the policy's name; empty while neither does."""
+    intervention_steps: int = 0
+    """Steps of the current take in which the person took over."""
+    disturbances: tuple[str, ...] = ()
+    drag_steps: int = 0
+    effects: Mapping[str, str] = field(default_factory=dict)
+    """What each command would do now, by its name; one that would do nothing is missing."""
+    can_disturb: bool = False
+    """Whether a disturbance by name would act now."""
+    can_drag: bool = False
+    """Whether the cloth can be pulled now."""
+    recording: bool = False
+    """Whether takes can be kept."""
+    counts: Mapping[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTED, 0))
+    """Number of takes of this session by outcome, and of discarded ones."""
+    n_episodes: int = 0
+    """Number of episodes in the file."""
+    target: int | None = None
+    """Number of takes to keep as success or failure; None: until the person quits."""
+    pace_s: float | None = None
+    """Mean wall time for each kept take; None before the first."""
+    message: Message = field(default_factory=Message)
+    """The present state, or what has just happened."""
+    verdict: Verdict | None = None
+    """Judgement of the current take once it has stopped, or of the last one while the next one waits."""
+    question: str = ""
+    """Question that must be answered, such as "77 %, folded over: keep as success?"; empty in other states."""
+    timing: str = ""
+    """How steadily the steps come, one line."""
+    real_time_factor: float = 0.0
+    """Simulated over wall time of the last steps; 0 where nothing was measured."""
+
+    def effect(self, command: Command) -> str | None:
+        """Return what a command would do now, or None where it would do nothing."""
+        return self.effects.get(command.name)
+
+    @property
+    def n_kept(self) -> int:
+        """Number of takes that were kept as success or failure."""
+        return self.counts["success"] + self.counts["failure"]
+
+    @property
+    def progress(self) -> str:
+        """Target and pace: "12 of 20, 41 s each"."""
+        of = "" if self.target is None else f" of {self.target}"
+        return f"{self.n_kept}{of}" + ("" if self.pace_s is None else f", {self.pace_s:.0f} s each")
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether leaving now would end a take that has steps."""
+        return self.recording and self.steps > 0 and self.state in ("still", "running", "paused", "stopped", "asking")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> SessionStatus:
+        """Return the status of JSON values."""
+        known = {item.name for item in fields(cls)}
+        found = {name: value for name, value in values.items() if name in known}
+        verdict = found.get("verdict")
+        return cls(
+            **found
+            | {
+                "message": Message(**found.get("message", {})),
+                "verdict": None if verdict is None else Verdict(**verdict),
+                "disturbances": tuple(found.get("disturbances", ())),
+            }
+        )
