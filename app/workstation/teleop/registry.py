@@ -57,7 +57,7 @@ def make_terminal_teleoperator(name: str, robot: RobotSpec, *, mapping: Path | N
     newest = gamepad.poll()
     if not newest.connected:
         gamepad.close()
-        raise LayflatError(newest.problem)
+        raise LayflatError(newest.problem.replace("use the keyboard", "use --source keyboard"))
     return CombinedInput(gamepad, TerminalKeyboard(robot)) if sys.stdin and sys.stdin.isatty() else gamepad
 
 

@@ -228,7 +228,7 @@ def test_without_a_pad_the_problem_says_what_works_instead(source):
     reading = source().poll()
     assert not reading.connected
     assert not reading.moving
-    assert "--source keyboard" in reading.problem
+    assert "use the keyboard" in reading.problem
 
 
 def test_unplugged_and_plugged_in_again(plug, source):
