@@ -1,4 +1,4 @@
-"""Colors of the live views: pattern, side, contact and folds of a cloth can be told apart, also by color-blind people.
+"""Colors of the live views: pattern, side, contact and folds of a cloth differ visibly, also for color-blind people.
 
 The face is checked and bright, the reverse is plain and orange, what rests on the table is darker, and folds have a
 two-colored line. The pattern and differences of luminance carry the meaning; hue only helps.
