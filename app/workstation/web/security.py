@@ -176,13 +176,8 @@ def _guarded(guard: Guard, hosts: Sequence[str]) -> Iterator[None]:
     real = websocket_server.serve
 
     def serve(handler: Any, _host: str, port: int, *, process_request: Process, **options: Any) -> Any:
-        return real(
-            handler,
-            list(hosts),
-            port,  # type: ignore[arg-type]
-            process_request=guard.wrap(process_request),
-            **options,
-        )
+        listened: Any = list(hosts)  # asyncio takes several, and websockets hands them on.
+        return real(handler, listened, port, process_request=guard.wrap(process_request), **options)
 
     websocket_server.serve = serve  # type: ignore[assignment,misc]
     try:
