@@ -40,7 +40,8 @@ def episode(seed, actions, *, nodes=None, flat_area=0.99, contact=0.98, **change
     """Return an episode with these actions, (T, 2) in -1..1, that ends with the cloth as ``nodes``."""
     made = make_episode(n_steps=len(actions), seed=seed, nodes=SHAPE[0] * SHAPE[1])
     steps = [
-        replace(step, action=ACTION_LIMIT_M * np.array(action)) for step, action in zip(made.steps, actions, strict=True)
+        replace(step, action=ACTION_LIMIT_M * np.array(action))
+        for step, action in zip(made.steps, actions, strict=True)
     ]
     nodes = laid() if nodes is None else nodes
     return replace(
