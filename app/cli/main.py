@@ -52,16 +52,22 @@ def _main(
 
 def app_(
     folder: Annotated[Path, typer.Option(metavar="DIR", help="Where sessions and models are, and go.")] = Path("runs"),
+    host: Annotated[
+        str, typer.Option(metavar="HOST", help="Address to serve at; another one than 127.0.0.1 needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port; 0 takes a free one.")] = 8080,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
     debug: Debug = False,
 ) -> None:
-    """Open the workstation's window.
+    """Serve the workstation to a browser.
 
-    Record, train, place, disturb, replay and look after data from one place.
+    Record, train, place, disturb, replay, evaluate and look after data from one place. Prints its address.
     """
     validators.require_simulator()
-    from layflat.app.workstation.window.launch import app as run
+    from layflat.app.workstation.web.server import AppConfig
+    from layflat.app.workstation.web.server import app as run
 
-    raise typer.Exit(run(folder))
+    raise typer.Exit(run(AppConfig(folder=folder, host=host, port=port, open_browser=not no_open)))
 
 
 def word(

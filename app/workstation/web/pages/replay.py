@@ -1,0 +1,167 @@
+"""Replay: one episode, or two side by side on one time line."""
+
+from __future__ import annotations
+
+import time
+
+from layflat.app.support.errors import LayflatError
+from layflat.app.workstation.playback import Playback, episode_facts, open_playback
+from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.web.job_view import JobView
+from layflat.app.workstation.web.pages.page import Page
+from layflat.app.workstation.web.widgets import Curves, blank, camera_image, facts, put
+from layflat.data.format.schema import demo_number
+from layflat.data.session.reader import open_session
+
+NONE = "none"
+PREVIOUS, BACK, PLAY, FORTH, NEXT = "previous", "-1", "play / pause", "+1", "next"
+SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x")
+
+
+class ReplayPage(Page):
+    """Page of recorded episodes."""
+
+    name = "Replay"
+
+    def build(self) -> None:
+        """Add the page's parts."""
+        self._playbacks: list[Playback] = []
+        self._at, self._playing, self._due_s = 0, False, 0.0
+        self._session = self.session_choice(self.viewer.shown_session, self._choose_session)
+        names = self.episode_names(self._session) if self._session else []
+        if not names:
+            return
+        episode = self.viewer.shown_episode
+        self._episode = self.choice(
+            "Episode", names, episode if episode in names else names[-1], lambda _: self._load()
+        )
+        self._other_session = self.choice(
+            "Beside it, of", self.folder.sessions(), self._session, lambda _: self._choose_other()
+        )
+        self._other = self.choice("Beside it", [NONE, *names], NONE, lambda _: self._load())
+        self._time = self.gui.add_slider("Step", 0, 1, 1, 0)
+        self.viewer.on_change(self._time, lambda: self._jump(int(self._time.value)))
+        self._moves = self.gui.add_button_group("", (PREVIOUS, BACK, PLAY, FORTH, NEXT))
+        self.viewer.on_click(self._moves, lambda: self._move(self._moves.value))
+        self._events = self.gui.add_button_group("Go to", ("start", "end"))
+        self.viewer.on_click(self._events, lambda: self._go_to(self._events.value))
+        self._speed = self.choice("Speed", SPEEDS, "1x", lambda _: None)
+        self._loop = self.gui.add_checkbox("Loop", False)
+        self._curves = Curves(self.gui, ("this", "beside"))
+        self._facts = self.gui.add_html("")
+        self._picture = self.gui.add_image(blank(), label="Camera", format="jpeg")
+        self.button("Run the actions again", self._check, hint="Whether physics repeats the recording.")
+        self._job = JobView(self.viewer, "replay")
+        self._load()
+
+    def _choose_session(self, name: str) -> None:
+        self.viewer.shown_session, self.viewer.shown_episode = name, ""
+        self.viewer.rebuild()
+
+    def _choose_other(self) -> None:
+        names = self.episode_names(str(self._other_session.value))
+        self._other.options = (NONE, *names)
+        put(self._other, value=NONE)
+        self._load()
+
+    def _load(self) -> None:
+        """Read the chosen episodes, and show their start."""
+        self.viewer.shown_session, self.viewer.shown_episode = self._session, str(self._episode.value)
+        self.viewer.say("")
+        chosen = [(self._session, str(self._episode.value)), (str(self._other_session.value), str(self._other.value))]
+        self._playbacks = [self._read(*one) for one in chosen if one[1] != NONE]
+        self._last = max(playback.last for playback in self._playbacks)
+        put(self._time, max=max(self._last, 1))
+        moments = self._moments()
+        put(self._events, options=tuple(moments))
+        self._curves.show(*(playback.series for playback in self._playbacks))
+        self._show(0)
+        self._playing = True
+
+    def _read(self, session: str, name: str) -> Playback:
+        with open_session(self.folder.session(session)) as opened:
+            playback = open_playback(f"{session} {name}", opened.episode(name))
+        if isinstance(playback, str):
+            raise LayflatError(playback)
+        return playback
+
+    def _moments(self) -> dict[str, int]:
+        """Return the steps that one wants to see, by what happens there."""
+        found = {"start": 0}
+        episode = self._playbacks[0].episode
+        for record in episode.disturbances:
+            found.setdefault(record.name, record.first_step)
+        for name, happens in (("pulled", "drag"), ("you", "intervention")):
+            steps = [k for k, step in enumerate(episode.steps) if getattr(step, happens)]
+            found |= {name: steps[0]} if steps else {}
+        return found | {"end": self._playbacks[0].last}
+
+    def _go_to(self, name: str) -> None:
+        self._jump(self._moments().get(name, 0))
+
+    def _jump(self, step: int) -> None:
+        self._playing = False
+        self._show(step)
+
+    def _move(self, what: str) -> None:
+        """Play, step, or go to another episode."""
+        names = list(self._episode.options)
+        if what in (BACK, FORTH):
+            self._jump(self._at + (1 if what == FORTH else -1))
+        elif what == PLAY:
+            self._at = 0 if self._at >= self._last and not self._playing else self._at
+            self._playing = not self._playing
+        else:
+            number = names.index(str(self._episode.value)) + (1 if what == NEXT else -1)
+            if 0 <= number < len(names):
+                put(self._episode, value=names[number])
+                self._load()
+
+    def _show(self, step: int) -> None:
+        """Show a step of all episodes; each stays at its end."""
+        if not self._playbacks:
+            return
+        self._at = min(max(step, 0), self._last)
+        put(self._time, value=self._at)
+        playback = self._playbacks[0]
+        frame = playback.frame(self._at)
+        text = {"time": f"step {self._at} of {self._last}, {frame.sim_s:.1f} s"}
+        text |= {"contact, flat area": f"{100 * frame.contact:.0f} %, {frame.flat_area:.2f}"}
+        text |= dict(episode_facts(playback.episode))
+        if active := playback.active_disturbances(self._at):
+            text["now"] = active
+        put(self._facts, content=facts(text))
+        image = camera_image(frame)
+        if image is not None:
+            self._picture.image = image
+
+    def update(self) -> None:
+        """Show the step that is due."""
+        if not self._playbacks:
+            return
+        self._job.update()
+        if not self._playing:
+            return
+        now = time.monotonic()
+        step_s = self._playbacks[0].episode.step_s / float(str(self._speed.value)[:-1])
+        if now < self._due_s:
+            return
+        n_steps = max(int((now - self._due_s) / step_s), 1) if now - self._due_s < 1.0 else 1
+        self._due_s = max(self._due_s, now - step_s) + n_steps * step_s
+        self._show(self._at + n_steps)
+        if self._at >= self._last:
+            self._playing = bool(self._loop.value)
+            self._at = 0 if self._playing else self._at
+
+    def frame(self) -> SimulationFrame | None:
+        """Return the step that is shown."""
+        return self._playbacks[0].frame(self._at) if self._playbacks else None
+
+    def frames(self) -> list[SimulationFrame]:
+        """Return the step of each episode."""
+        return [playback.frame(self._at) for playback in self._playbacks]
+
+    def _check(self) -> None:
+        """Run the recorded actions again, as `layflat replay --mode action` does."""
+        number = str(demo_number(str(self._episode.value)))
+        self._job.start(["replay", str(self.folder.session(self._session)), "--episode", number, "--mode", "action"])
