@@ -110,14 +110,23 @@ def test_a_killed_window_leaves_no_process_and_no_loss(folder, what):
 
 def test_without_a_display_the_error_says_what_works_instead(tmp_path):
     environment = {key: value for key, value in BASE.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "layflat.app.cli.main", "app", "--folder", str(tmp_path / "runs")]
+    command = [
+        sys.executable,
+        "-m",
+        "layflat.app.cli.main",
+        "record",
+        str(tmp_path / "x.h5"),
+        "--source",
+        "mouse",
+        "--window",
+    ]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"layflat: {NO_DISPLAY}\n"
     assert "--source keyboard" in NO_DISPLAY
 
 
-@pytest.mark.parametrize("arguments", [("app", "--folder", "."), ("record", "x.h5", "--source", "mouse")])
+@pytest.mark.parametrize("arguments", [("record", "x.h5", "--source", "mouse")])
 def test_a_display_that_does_not_answer_is_reported(tmp_path, arguments):
     """SDL by itself would draw where nothing is seen."""
     environment = {key: value for key, value in BASE.items() if key not in ("SDL_VIDEODRIVER", "WAYLAND_DISPLAY")}
