@@ -21,6 +21,7 @@ if sys.version_info < (3, 10):  # noqa: UP036
 from layflat.sim.registration import register_environments
 
 if TYPE_CHECKING:
+    from layflat.data.environment_spec import EnvironmentSpec
     from layflat.data.robot import RobotSpec
     from layflat.data.session.reader import Session, open_session
     from layflat.data.types import DisturbanceRecord, Episode, GroundTruth, Observation, Step
@@ -34,6 +35,7 @@ __all__ = [
     "Decision",
     "DisturbanceRecord",
     "Environment",
+    "EnvironmentSpec",
     "Episode",
     "GroundTruth",
     "Observation",
@@ -53,6 +55,7 @@ _PLACES = {
     "Decision": "layflat.policy.base",
     "DisturbanceRecord": "layflat.data.types",
     "Environment": "layflat.policy.environment",
+    "EnvironmentSpec": "layflat.data.environment_spec",
     "Episode": "layflat.data.types",
     "GroundTruth": "layflat.data.types",
     "Observation": "layflat.data.types",
@@ -110,8 +113,10 @@ def load_policy(text: str) -> PolicySpec:
     Parameters
     ----------
     text
-        ``MODEL.npz``, or the name of a built-in policy (``scripted``, ``hold``, ``random``, ``stretch-right``,
-        ``drag-rule``); behind it ``+recovery``, ``+steady`` or, behind a model, a built-in policy that repairs.
+        ``MODEL.npz``; the name of a built-in policy (``scripted``, ``hold``, ``random``, ``stretch-right``,
+        ``drag-rule``); ``package.module:factory`` or the name of an entry point; or a policy server,
+        ``ws://HOST:PORT``. Behind it ``+recovery``, ``+steady`` or, except behind a built-in one, a built-in policy
+        that repairs.
 
     Returns
     -------
@@ -121,7 +126,7 @@ def load_policy(text: str) -> PolicySpec:
     Raises
     ------
     layflat.policy.base.PolicyError
-        Where there is no such file or name, or the file is no model.
+        Where there is no such file or name, the file is no model, or the factory is none.
     """
     from layflat.policy.spec import PolicySpec
 

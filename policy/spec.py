@@ -12,6 +12,8 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.environment import Environment
+from layflat.policy.foreign.factory import PolicyFactory
+from layflat.policy.foreign.remote import PolicyServer
 from layflat.policy.scripted import wrinkle_removal
 from layflat.policy.scripted.demonstrator import NO_GROUND_TRUTH, ScriptedDemonstrator
 from layflat.policy.trained_model import TrainedModel
@@ -30,11 +32,13 @@ _LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+@]*(-[A-Za-z0-9._+@]+)*")
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySpec:
-    """A trained model or a built-in policy, what repairs after a disturbance, and the wrappers around it."""
+    """A trained model, a built-in policy or the user's own, what repairs after a disturbance, and the wrappers."""
 
     model: TrainedModel | None = None
     builtin: str | None = None
-    """Name of a built-in policy; with a model, the one that takes over after a disturbance."""
+    """Name of a built-in policy; with another policy, the one that takes over after a disturbance."""
+    foreign: PolicyFactory | PolicyServer | None = None
+    """Where a policy of the user's comes from."""
     wrappers: tuple[str, ...] = ()
     """Names of policy.registry.WRAPPERS, the last one outermost."""
     label: str = ""
@@ -43,14 +47,15 @@ class PolicySpec:
     """Name of the model's file, which is added to labels that would be the same."""
 
     def __post_init__(self) -> None:
-        if self.model is None and self.builtin is None:
-            raise PolicyError("a policy is a model or the name of a built-in policy")
+        if self.model is None and self.builtin is None and self.foreign is None:
+            raise PolicyError("a policy is a model, the name of a built-in policy, a factory or a server's address")
         if not self.label:
-            parts = [None if self.model is None else self.model.policy, self.builtin, *self.wrappers]
+            first = self.model.policy if self.model else self.foreign.label if self.foreign else None
+            parts = [first, self.builtin, *self.wrappers]
             object.__setattr__(self, "label", "+".join(part for part in parts if part is not None))
         if not _LABEL.fullmatch(self.label):
             raise PolicyError(f"policy name {self.label!r} cannot be part of a file name; use letters, digits and .+@-")
-        known = registry.BUILTIN_POLICIES if self.model else BUILTIN_NAMES
+        known = registry.BUILTIN_POLICIES if self.model or self.foreign else BUILTIN_NAMES
         for kind, names, choices in (("policy", (self.builtin,), known), ("wrapper", self.wrappers, registry.WRAPPERS)):
             for name in names:
                 if name is not None and name not in choices:
@@ -68,15 +73,19 @@ class PolicySpec:
 
     def make(self, env: Environment) -> Policy:
         """Make the policy for an environment; PolicyError where it was trained for another robot."""
-        robot = env.spec.robot
-        if self.model is None:
-            return registry.wrap(_builtin(str(self.builtin), env), self.wrappers)
-        if self.model.layout.robot != robot:
-            raise PolicyError(f"{self.label} was trained for robot {self.model.layout.robot}, not {robot}")
-        policy = registry.from_model(self.model)
-        if self.builtin is not None:
+        policy = self._make_first(env)
+        if self.builtin is not None and policy is not None:
             policy = SequentialPolicy(policy, _builtin(self.builtin, env), name=f"{policy.name}+{self.builtin}")
-        return registry.wrap(policy, self.wrappers)
+        return registry.wrap(policy or _builtin(str(self.builtin), env), self.wrappers)
+
+    def _make_first(self, env: Environment) -> Policy | None:
+        """Make the model's policy or the user's; None for a built-in one."""
+        robot = env.spec.robot
+        if self.foreign is not None:
+            return self.foreign.make(env.spec, self.label.partition("+")[0])
+        if self.model is not None and self.model.layout.robot != robot:
+            raise PolicyError(f"{self.label} was trained for robot {self.model.layout.robot}, not {robot}")
+        return None if self.model is None else registry.from_model(self.model)
 
     def check_task(self, task: str) -> None:
         """Raise PolicyError where the task has no built-in policy of that name."""
@@ -90,12 +99,15 @@ class PolicySpec:
 
     @classmethod
     def parse(cls, text: str) -> PolicySpec:
-        """Read ``[LABEL=]MODEL.npz[+RULE][+WRAPPER...]`` or ``[LABEL=]NAME[+WRAPPER...]``.
+        """Read ``[LABEL=]POLICY[+RULE][+WRAPPER...]``.
+
+        POLICY is ``MODEL.npz``, a built-in name (without a rule), ``package.module:factory``, a name of the
+        entry-point group ``layflat.policies``, or ``ws://HOST:PORT``.
 
         Raises
         ------
         PolicyError
-            Where there is no such file or name, or the file is no model.
+            Where there is no such file or name, the file is no model, or the factory is none.
         """
         if text in BUILTIN_NAMES:  # even where a file has that name
             return cls(builtin=text, stem=text)
@@ -110,10 +122,14 @@ class PolicySpec:
             raise PolicyError(f"policy {text!r}: after the model one rule may follow, and then the wrappers")
         if first in BUILTIN_NAMES and rule is None:
             return cls(builtin=first, wrappers=wrappers, label=label or "", stem=first)
+        foreign = PolicyServer(first) if first.startswith(("ws://", "wss://")) else PolicyFactory.find(first)
+        if foreign is not None:
+            return cls(foreign=foreign, builtin=rule, wrappers=wrappers, label=label or "", stem=foreign.label)
         path = Path(os.path.expanduser(first))
         if path.suffix != ".npz":
             raise PolicyError(
-                f"policy {text!r} is neither a model file (MODEL.npz) nor one of {', '.join(BUILTIN_NAMES)}"
+                f"policy {text!r} is neither a model (MODEL.npz), nor one of {', '.join(BUILTIN_NAMES)}, nor "
+                "MODULE:FACTORY, nor ws://HOST:PORT"
             )
         model = model_io.load(path)
         return cls(model=model, builtin=rule, wrappers=wrappers, label=label or "", stem=path.stem)

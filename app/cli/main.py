@@ -23,6 +23,7 @@ from layflat.app.cli.evaluation import DISTURB_HELP, bench, demo, evaluate, repr
 from layflat.app.cli.gamepad import gamepad_cli
 from layflat.app.cli.learning import flatten, place, record, replay, train
 from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, count, expand_home
+from layflat.app.cli.policy import policy_cli
 from layflat.app.support import validators
 from layflat.app.support.errors import INTERRUPTED, USAGE_ERROR, run_command
 
@@ -125,6 +126,7 @@ cli.command(name="disturb", help=DISTURB_HELP)(evaluate)
 cli.command()(replay)
 cli.add_typer(data_cli)
 cli.add_typer(gamepad_cli)
+cli.add_typer(policy_cli)
 expand_home(cli)
 
 

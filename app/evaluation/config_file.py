@@ -98,6 +98,8 @@ def _described(plan: EvaluationPlan) -> dict[str, Any]:
 
 def _described_policy(policy: PolicySpec) -> dict[str, Any]:
     described: dict[str, Any] = {"builtin": policy.builtin, "wrappers": list(policy.wrappers), "model": None}
+    if policy.foreign is not None:
+        described["foreign"] = str(getattr(policy.foreign, "url", None) or getattr(policy.foreign, "text", ""))
     if policy.model is not None:
         described["model"] = {
             "policy": policy.model.policy,

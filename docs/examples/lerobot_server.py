@@ -1,29 +1,27 @@
-"""Serve a policy that `lerobot-train` saved to programs on this machine.
+"""Serve a policy that `lerobot-train` saved, so that Layflat can roll it out and grade it.
 
+    pip install websockets msgpack          # in the Python that LeRobot (0.4 or 0.6) runs in
     python lerobot_server.py CHECKPOINT [--port P]
+    layflat evaluate act=ws://127.0.0.1:8765 --robot hanger --episodes 10 --out runs/act
 
-It needs LeRobot (0.4 or 0.6, any Python that it runs on) and not Layflat. Requests and answers are JSON, arrays in it
-base64: nothing that a stranger sends can run, as it could by pickle. Only this machine can connect.
-
-    GET /        {"inputs": {"observation.state": [9], ...}}   what the policy wants to see
-    POST /reset  {}                                            a new episode begins
-    POST /act    {"observation.state": ARRAY, ...}             {"action": [...]} in shares of the action limit
+It needs no Layflat. The protocol is that of openpi's policy servers (msgpack with numpy arrays over a websocket):
+nothing that a stranger sends can run, as it could by pickle. Only programs on this machine can connect.
 """
 
 from __future__ import annotations
 
 import argparse
-import base64
-import json
-from http.server import BaseHTTPRequestHandler, HTTPServer
+import copy
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import numpy as np
+from websockets.sync.server import ServerConnection, serve
 
 HOST, PORT = "127.0.0.1", 8765
-LARGEST_REQUEST = 64 << 20
-DTYPES = ("float32", "uint8")
+LARGEST_MESSAGE = 64 << 20
+CAMERA = "observation.images.camera"
 
 
 class LeRobotPolicy:
@@ -41,73 +39,61 @@ class LeRobotPolicy:
         self._before, self._after = make_pre_post_processors(
             config, pretrained_path=str(folder), preprocessor_overrides={"device_processor": {"device": "cpu"}}
         )
-        self.inputs = {key: list(feature.shape) for key, feature in config.input_features.items()}
+        self.inputs = set(config.input_features)
 
-    def reset(self) -> None:
-        """Forget the chunk of actions that is under way."""
-        self._policy.reset()
-
-    def act(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the action for one observation: numbers as float32, images as uint8 (H, W, 3)."""
+    def act(self, message: dict[str, Any]) -> np.ndarray:
+        """Return the action for an observation of Layflat, in shares of the action limit."""
         torch, batch = self._torch, {}
-        for key, values in observation.items():
-            tensor = torch.from_numpy(np.array(values))
-            if values.dtype == np.uint8:
-                tensor = tensor.permute(2, 0, 1).float() / 255
-            batch[key] = tensor.unsqueeze(0)
+        if message["step"] == 0 or message["resumed"]:
+            self._policy.reset()  # Forget the chunk of actions that is under way.
+        for key, values in as_lerobot(message).items():
+            if key in self.inputs:
+                tensor = torch.from_numpy(np.array(values))
+                batch[key] = (tensor.permute(2, 0, 1).float() / 255 if key == CAMERA else tensor).unsqueeze(0)
         with torch.inference_mode():
-            action = self._after(self._policy.select_action(self._before(batch)))
-        return action.squeeze(0).numpy()
+            return self._after(self._policy.select_action(self._before(batch))).numpy()
 
 
-def encoded(values: np.ndarray) -> dict[str, Any]:
-    """Return an array as JSON can hold it."""
-    data = base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
-    return {"dtype": str(values.dtype), "shape": list(values.shape), "base64": data}
+def as_lerobot(seen: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return an observation under the keys of the export; works for gymnasium's observations too."""
+    state = [seen["corner_positions"].ravel(), seen["holder_position"]]
+    cloth = [seen["word"], seen["word_strength"], seen["contact_portion"]]
+    found = {
+        "observation.state": np.concatenate(state).astype(np.float32),
+        "observation.environment_state": np.concatenate(cloth).astype(np.float32),
+    }
+    return found | ({CAMERA: seen["rgb"]} if "rgb" in seen else {})
 
 
-def decoded(value: dict[str, Any]) -> np.ndarray:
-    """Return the array; ValueError where it is none."""
-    if value["dtype"] not in DTYPES:
-        raise ValueError(f"dtype is {value['dtype']!r}; it must be one of {', '.join(DTYPES)}")
-    return np.frombuffer(base64.b64decode(value["base64"]), value["dtype"]).reshape(value["shape"])
+def packed(message: dict[str, Any]) -> bytes:
+    """Return a message as bytes."""
+
+    def encode(values: np.ndarray) -> dict[bytes, Any]:
+        return {b"__ndarray__": True, b"data": values.tobytes(), b"dtype": values.dtype.str, b"shape": values.shape}
+
+    return msgpack.packb(message, default=encode)
 
 
-class Handler(BaseHTTPRequestHandler):
-    """Answers one request."""
+def unpacked(data: bytes) -> dict[str, Any]:
+    """Return the message of bytes."""
 
-    policy: LeRobotPolicy
+    def decode(value: dict[Any, Any]) -> Any:
+        if b"__ndarray__" not in value:
+            return value
+        return np.frombuffer(value[b"data"], np.dtype(value[b"dtype"])).reshape(value[b"shape"])
 
-    def do_GET(self) -> None:
-        """Say what the policy wants to see."""
-        self._answer(200, {"inputs": self.policy.inputs})
+    return msgpack.unpackb(data, object_hook=decode, strict_map_key=False)
 
-    def do_POST(self) -> None:
-        """Reset the policy, or let it act."""
+
+def answer(connection: ServerConnection, template: LeRobotPolicy) -> None:
+    """Serve one connection with a policy of its own."""
+    policy = copy.deepcopy(template, {id(template._torch): template._torch})
+    connection.send(packed({"images": CAMERA in policy.inputs, "stateful": True}))
+    for data in connection:
         try:
-            length = int(self.headers.get("Content-Length", 0))
-            if self.path not in ("/reset", "/act") or length > LARGEST_REQUEST:
-                raise ValueError("POST /reset or /act with at most 64 MB of JSON")
-            content = json.loads(self.rfile.read(length) or "{}")
-            if self.path == "/reset":
-                self.policy.reset()
-                self._answer(200, {})
-                return
-            action = self.policy.act({key: decoded(content[key]) for key in self.policy.inputs})
-            self._answer(200, {"action": action.tolist()})
+            connection.send(packed({"actions": policy.act(unpacked(data))}))
         except (ValueError, LookupError, TypeError) as error:
-            self._answer(400, {"error": f"{type(error).__name__}: {error}"})
-
-    def _answer(self, status: int, content: dict[str, Any]) -> None:
-        body = json.dumps(content).encode()
-        self.send_response(status)
-        self.send_header("Content-Type", "application/json")
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *arguments: object) -> None:
-        """Print no line for each request."""
+            connection.send(f"{type(error).__name__}: {error}")
 
 
 if __name__ == "__main__":
@@ -115,7 +101,8 @@ if __name__ == "__main__":
     parser.add_argument("checkpoint", type=Path, help="folder .../checkpoints/last/pretrained_model")
     parser.add_argument("--port", type=int, default=PORT, help="0 takes a free one")
     options = parser.parse_args()
-    Handler.policy = LeRobotPolicy(options.checkpoint)
-    server = HTTPServer((HOST, options.port), Handler)
-    print(f"http://{HOST}:{server.server_port}", flush=True)
-    server.serve_forever()
+    policy = LeRobotPolicy(options.checkpoint)
+    limits = {"compression": None, "max_size": LARGEST_MESSAGE, "origins": [None]}
+    with serve(lambda connection: answer(connection, policy), HOST, options.port, **limits) as server:
+        print(f"ws://{HOST}:{server.socket.getsockname()[1]}", flush=True)
+        server.serve_forever()

@@ -18,8 +18,12 @@ import pytest
 from layflat.data import open_session
 from layflat.data.exchange.csv_export import export_csv
 from layflat.data.exchange.robomimic import export_robomimic
+from layflat.policy.rollout import rollout
+from layflat.policy.spec import PolicySpec
+from layflat.sim.config import SimConfig
 from layflat.sim.env import ClothPlaceEnv
 from layflat.tests.factories import make_episode, write_session
+from layflat.tests.fake_environment import FakeEnvironment
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -133,3 +137,15 @@ try:
 except UsageError:
     print(same, near, "refused")
 """
+
+
+def test_a_torch_net_learns_from_a_session_and_acts(tmp_path, monkeypatch):
+    _needs("torch")
+    write_session(tmp_path / "demos.h5", [make_episode(n_steps=40, seed=i) for i in range(3)])
+    assert "120 steps; the error" in _run(EXAMPLES / "torch_bc.py", tmp_path / "demos.h5", tmp_path / "net.pt", 20)
+    monkeypatch.setenv("TORCH_BC", str(tmp_path / "net.pt"))
+    monkeypatch.chdir(EXAMPLES)
+    episode = rollout(
+        FakeEnvironment(SimConfig(robot="hanger")), PolicySpec.parse("torch_bc:NetPolicy"), seed=0, max_steps=3
+    )
+    assert len(episode.steps) == 3

@@ -7,23 +7,26 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import json
 import os
 import subprocess
 import sys
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from websockets.sync.client import connect
 
 from layflat.data.exchange.lerobot import TaskEpisodes, export_lerobot
 from layflat.data.session.reader import open_session
+from layflat.policy.foreign import wire
+from layflat.policy.rollout import rollout
+from layflat.policy.spec import PolicySpec
+from layflat.sim.config import SimConfig
 from layflat.sim.env import ClothPlaceEnv
 from layflat.tests.factories import make_episode, write_session
+from layflat.tests.fake_environment import FakeEnvironment
 
 pq = pytest.importorskip("pyarrow.parquet", reason="needs layflat[export]")
 
@@ -60,27 +63,20 @@ def train(python: str, data: Path, out: Path, policy: str) -> Path:
     return out / "checkpoints/last/pretrained_model"
 
 
-def rolled_out(*arguments: str) -> list[str]:
-    command = [sys.executable, str(EXAMPLES / "lerobot_rollout.py"), *arguments, "--episodes", "1", "--steps", "3"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    return [line for line in done.stdout.splitlines() if "return" in line]
-
-
 @pytest.fixture(params=PYTHONS or [None])
-def served(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[str, Path, str]]:
-    """The address of a server, its checkpoint, and the Python of both."""
+def served(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    """The address of a server."""
     checkpoint = train(request.param, exported(tmp_path), tmp_path / "act", "act")
     command = [request.param, str(EXAMPLES / "lerobot_server.py"), str(checkpoint), "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
-        yield next(line.strip() for line in server.stdout if line.startswith("http")), checkpoint, request.param
+        yield next(line.strip() for line in server.stdout if line.startswith("ws"))
         server.terminate()
 
 
 def test_the_environments_observation_has_the_exports_columns(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
-    rollout = importlib.import_module("lerobot_rollout")
+    server = importlib.import_module("lerobot_server")
     env = ClothPlaceEnv(images=True, noise=False)
     try:
         seen, _ = env.reset(seed=3)
@@ -95,7 +91,7 @@ def test_the_environments_observation_has_the_exports_columns(tmp_path, monkeypa
         source = TaskEpisodes(session=session, names=session.names, task_text="Lay it flat.")
         export_lerobot([source], tmp_path / "lr")
     (row,) = pq.read_table(tmp_path / "lr/data").to_pylist()
-    found = rollout.as_lerobot(seen)
+    found = server.as_lerobot(seen)
     assert found.keys() == {key for key in row if key.startswith("observation.")}
     for key in ("observation.state", "observation.environment_state"):
         assert found[key].dtype == np.float32
@@ -114,23 +110,19 @@ def test_lerobot_trains_on_an_export_as_it_is(python, policy, tmp_path):
 @needs_lerobot
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_policy_acts_alike_here_and_behind_a_server(served):
-    address, checkpoint, python = served
-    remote = rolled_out("--server", address)
-    assert remote[-1].startswith("mean return")
-    if python == OWN:  # another version's checkpoint cannot be read here
-        assert rolled_out(str(checkpoint)) == remote
+def test_a_served_policy_acts_and_a_fork_of_its_episode_too(served):
+    env = FakeEnvironment(SimConfig(robot="hanger"))
+    first = rollout(env, PolicySpec.parse(f"act={served}"), seed=3, disturbance="push", max_steps=6)
+    again = rollout(env, PolicySpec.parse(f"act={served}"), seed=3, disturbance="push", max_steps=6)
+    assert len(first.steps) > 6
+    assert [step.action.tolist() for step in first.steps] == [step.action.tolist() for step in again.steps]
 
 
 @needs_lerobot
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_server_takes_arrays_and_nothing_else(served):
-    address, *_ = served
-    array = {"dtype": "object", "shape": [1], "base64": "gASVCgAAAAAAAACMBnN5c3RlbZQu"}
-    for body in (b"\x80\x04", b"[]", b"{}", json.dumps({"observation.state": array}).encode()):
-        with pytest.raises(urllib.error.HTTPError) as caught:
-            urllib.request.urlopen(urllib.request.Request(f"{address}/act", body), timeout=60)
-        assert caught.value.code == 400
-    with urllib.request.urlopen(address, timeout=60) as answer:
-        assert json.load(answer)["inputs"]["observation.state"] == [9]
+def test_a_message_that_is_no_observation_is_answered_in_words(served):
+    with connect(served) as connection:
+        connection.recv()
+        connection.send(wire.pack({"step": 0, "resumed": False}))
+        assert connection.recv() == "KeyError: 'corner_positions'"

@@ -74,7 +74,7 @@ def test_a_policy_of_another_task_is_refused(name, task):
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({}, "a model or the name"),
+        ({}, "a model, the name"),
         ({"builtin": "iron"}, "policy 'iron' is unknown.*hold"),
         ({"builtin": "hold", "wrappers": ("luck",)}, "wrapper 'luck' is unknown.*recovery, steady"),
         ({"builtin": "hold", "label": "a--b"}, "cannot be part of a file name"),
