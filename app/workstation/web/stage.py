@@ -1,0 +1,84 @@
+"""What does not move in the browser's scene: table, light, axes; and the views of its camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+from viser import ClientHandle, SceneApi, ViserServer
+
+from layflat.app.media.cloth_colors import AXES, AXIS_NAMES, GRID, ROOM, TABLE
+from layflat.sim.camera.renderer import LIGHT
+from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
+
+Point: TypeAlias = tuple[float, float, float]
+
+TOP_M = -0.0025
+"""Height at which the table's top is drawn: cloth, shadow and lines above it do not flicker."""
+SHADOW_M, LINE_M = -0.0015, -0.0008
+"""Heights of shadows and of lines on the table."""
+GRID_M = 0.1
+AXES_AT_M = (-0.42, -0.62, 0.0)
+AXIS_LENGTH_M = 0.14
+FIELD_RAD = math.radians(38)
+CENTRE: Point = (0.18, 0.06, 0.24)
+"""What the camera looks at."""
+VIEWS: Mapping[str, Point] = {
+    "Reset": (1.6, -1.65, 1.15),
+    "Side": (0.18, -2.1, 0.28),
+    "Top": (0.18, 0.058, 1.9),
+    "Front": (2.3, 0.06, 0.5),
+}
+"""Places of the camera by the label of their button."""
+
+
+def look_from(client: ClientHandle, view: str, offset_m: Point = (0.0, 0.0, 0.0)) -> None:
+    """Move a viewer's camera to one of VIEWS; ``offset_m``: middle between scenes side by side."""
+    with client.atomic():
+        client.camera.up_direction = (0.0, 0.0, 1.0)
+        client.camera.position = np.add(VIEWS[view], offset_m)
+        client.camera.look_at = np.add(CENTRE, offset_m)
+
+
+def add_stage(server: ViserServer) -> None:
+    """Set the first view, and add background and light, once for all tables."""
+    server.initial_camera.position = np.array(VIEWS["Reset"])
+    server.initial_camera.look_at = np.array(CENTRE)
+    server.initial_camera.fov = FIELD_RAD
+    scene = server.scene
+    scene.set_background_image(np.full((4, 4, 3), ROOM, np.uint8), format="png")
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(enabled=False)
+    scene.world_axes.visible = False
+    scene.add_light_ambient("/light/ambient", intensity=1.5)
+    scene.add_light_directional("/light/sun", intensity=1.9, position=tuple(3 * LIGHT))
+    # A weak light from the other side: the reverse of a hanging cloth is not black.
+    scene.add_light_directional("/light/fill", intensity=0.8, position=(-1.0, -2.0, 1.5))
+
+
+def add_table(scene: SceneApi, parent: str) -> None:
+    """Add table, grid and named axes below the node ``parent``."""
+    wide, deep, thick = TABLE_SIZE_M
+    x, y = TABLE_CENTRE_M
+    scene.add_box(f"{parent}/table", TABLE, TABLE_SIZE_M, position=(x, y, TOP_M - thick / 2), cast_shadow=False)
+    scene.add_grid(
+        f"{parent}/grid",
+        wide,
+        deep,
+        position=(x, y, LINE_M),
+        cell_size=GRID_M,
+        cell_color=GRID,
+        section_size=5 * GRID_M,
+        section_color=GRID,
+        cell_thickness=0.6,
+        section_thickness=1.2,
+        shadow_opacity=0.0,
+    )
+    ends = np.array(AXES_AT_M) + np.stack([np.zeros((3, 3)), AXIS_LENGTH_M * np.eye(3)], axis=1)
+    scene.add_arrows(
+        f"{parent}/axes", ends, np.array(AXES, np.uint8), shaft_radius=0.004, head_radius=0.01, head_length=0.03
+    )
+    for name, (_, end) in zip(AXIS_NAMES, ends, strict=True):
+        scene.add_label(f"{parent}/axes/{name[0]}", name, position=end, font_screen_scale=0.8, anchor="bottom-left")
