@@ -43,7 +43,7 @@ class Scene:
         self._scene = scene
         self._name = name
         self._offset = np.array(offset_m)
-        scene.add_frame(name, show_axes=False, position=offset_m)
+        self._root = scene.add_frame(name, show_axes=False, position=offset_m)
         add_table(scene, name)
         self._marks = Marks(scene, name)
         self._cloth: _Cloth | None = None
@@ -87,7 +87,11 @@ class Scene:
         """Put arrows at the robot with which viewers guide it by hand, or take them away (None)."""
         self._on_guide = on_guide
         if self._robot is not None:
-            self._robot.let_guide(on_guide, self._offset)
+            self._robot.let_guide(on_guide)
+
+    def remove(self) -> None:
+        """Take everything away."""
+        self._root.remove()
 
     def _build(self, frame: SimulationFrame) -> None:
         """Put another cloth and robot on the table."""
@@ -101,8 +105,11 @@ class Scene:
         self.let_drag(self._on_drag)
         self.let_guide(self._on_guide)
 
-    def _dragged(self, event: Any) -> None:
-        """Turn a drag of the mesh into a pull at the node that is nearest to where it began."""
+    async def _dragged(self, event: Any) -> None:
+        """Turn a drag of the mesh into a pull at the node that is nearest to where it began.
+
+        A coroutine, since viser calls only these in the order of the events.
+        """
         frame = self._frame
         if frame is None or self._on_drag is None:
             return
@@ -195,7 +202,7 @@ class _Cloth:
         if nodes is not None and self._ghost.visible:
             self._ghost.vertices = nodes.astype(np.float32)
 
-    def let_drag(self, callback: Callable[[Any], None] | None) -> None:
+    def let_drag(self, callback: Callable[[Any], Any] | None) -> None:
         for handle, _ in self._parts:
             handle.remove_drag_callback()
             if callback is not None:
@@ -246,7 +253,7 @@ class _Robot:
         frame = self._frame
         return frame.holder[None] if self._type.spec.n_points == 1 else frame.corners
 
-    def let_guide(self, on_guide: OnGuide | None, offset: FloatArray) -> None:
+    def let_guide(self, on_guide: OnGuide | None) -> None:
         """Add arrows along the axes that each point of the robot can move."""
         for gizmo in self._gizmos:
             gizmo.remove()
@@ -266,8 +273,8 @@ class _Robot:
             gizmo.on_update(self._guided(k, gizmo, on_guide))
             self._gizmos.append(gizmo)
 
-    def _guided(self, k: int, gizmo: Any, on_guide: OnGuide) -> Callable[[Any], None]:
-        def guided(event: Any) -> None:
+    def _guided(self, k: int, gizmo: Any, on_guide: OnGuide) -> Any:
+        async def guided(event: Any) -> None:
             if event.client_id is None:
                 return
             self._held = None if event.phase == "end" else k

@@ -18,6 +18,7 @@ from layflat.app.workstation.session.activity_client import start_fork_server
 from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.pages.registry import PAGES
 from layflat.app.workstation.web.security import open_server
+from layflat.app.workstation.web.stage import add_stage
 from layflat.app.workstation.web.viewer import Viewer
 from layflat.app.workstation.web.workstation import Workstation
 from layflat.app.workstation.window.launch import has_display
@@ -67,6 +68,7 @@ def serve(workstation: Workstation, config: AppConfig) -> Iterator[str]:
     try:
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
+        add_stage(server)
 
         async def connect(client: viser.ClientHandle) -> None:
             workstation.post(lambda: workstation.connect(client))

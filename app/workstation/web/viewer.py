@@ -11,6 +11,7 @@ from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.status import Level
 from layflat.app.workstation.web.guide import Guide
 from layflat.app.workstation.web.scene import Scene
+from layflat.app.workstation.web.stage import VIEWS, look_from
 from layflat.app.workstation.web.widgets import put, sentence
 from layflat.app.workstation.web.workstation import Workstation
 
@@ -51,7 +52,7 @@ class Viewer:
         self.name = f"viewer {client.client_id + 1}"
         self.page: Shown | None = None
         self.scene = Scene(client.scene)
-        self.guide = Guide(workstation, client, self.scene, self.name)
+        self.guide = Guide(workstation, self.scene, self.name)
         self._shown: SimulationFrame | None = None
         gui = client.gui
         self._control = gui.add_html("")
@@ -61,6 +62,8 @@ class Viewer:
         self._tabs = gui.add_button_group("Page", tuple(pages))
         self.on_click(self._tabs, lambda: self.open(self._tabs.value))
         self._message = gui.add_html("")
+        views = gui.add_button_group("View", tuple(VIEWS))
+        self.on_click(views, lambda: look_from(client, views.value))
         self.shown_session = self.shown_episode = ""
         """Session and episode that were looked at last."""
         self._folder: viser.GuiFolderHandle | None = None
