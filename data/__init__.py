@@ -6,8 +6,11 @@ from layflat.data.errors import DataError
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.structure_checks import Violation
 from layflat.data.robot import ActionAxis, RobotSpec
+from layflat.data.session.edit_log import Edit, EditLog, EpisodeEdits, read_log
+from layflat.data.session.editor import SessionEditor
+from layflat.data.session.episode_view import EpisodeView
 from layflat.data.session.journal import JournalHandle, JournalWriter
-from layflat.data.session.reader import EpisodeView, Session, open_session
+from layflat.data.session.reader import Session, open_session
 from layflat.data.session.recorder import EpisodeWriter, SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.tools.operations import filter_session, merge, split, trim
@@ -24,8 +27,11 @@ __all__ = [
     "DemoInfo",
     "DisturbanceRecord",
     "DragTarget",
+    "Edit",
+    "EditLog",
     "EnvironmentSpec",
     "Episode",
+    "EpisodeEdits",
     "EpisodeView",
     "EpisodeWriter",
     "GroundTruth",
@@ -37,6 +43,7 @@ __all__ = [
     "RobotSpec",
     "SavedEpisode",
     "Session",
+    "SessionEditor",
     "SessionRecorder",
     "SessionStats",
     "Step",
@@ -44,6 +51,7 @@ __all__ = [
     "filter_session",
     "merge",
     "open_session",
+    "read_log",
     "repair",
     "session_stats",
     "split",

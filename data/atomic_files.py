@@ -179,13 +179,20 @@ def _lives(process: str) -> bool:
     return True
 
 
+class LockedError(DataError):
+    """Another program is writing."""
+
+
 class WriterLock:
     """Lock of the one writer of a session; the system frees it when the process ends."""
 
-    def __init__(self, folder: Path, subject: Path) -> None:
-        """Lock ``folder``, which is created; DataError, naming ``subject``, where another writer holds it."""
+    def __init__(self, folder: Path, subject: Path, name: str = LOCK_NAME) -> None:
+        """Lock ``folder``, which is created; LockedError, naming ``subject``, where another writer holds it.
+
+        Locks of different names are independent of one another.
+        """
         self._folder = folder
-        self._path = folder / LOCK_NAME
+        self._path = folder / name
         self._descriptor: int | None = None
         for attempt in itertools.count():
             folder.mkdir(exist_ok=True)
@@ -219,7 +226,7 @@ class WriterLock:
         except BaseException:
             os.close(descriptor)
             raise
-        raise DataError(f"{subject} is being written by another program (process {owner}); {advice}")
+        raise LockedError(f"{subject} is being written by another program (process {owner}); {advice}")
 
     def release(self) -> None:
         """Give the lock back, and remove the folder if nothing else is in it."""

@@ -16,8 +16,6 @@ from layflat.data.columns import write_legend
 from layflat.data.errors import DataError
 from layflat.data.exchange.idle_end import kept_steps
 from layflat.data.format import schema
-from layflat.data.format.opening import errors_name
-from layflat.data.format.rows import demo_rows
 from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
 
@@ -83,8 +81,7 @@ def export_csv(session: Session, folder: Path, *, names: Iterable[str] | None = 
             # The csv module writes None as an empty cell, and floats by their repr.
             episodes.writerow([name, *(getattr(info, attribute) for attribute in _INFO)])
             kept = kept_steps(session, name, trim_idle=trim_idle)
-            with errors_name(session.path):
-                steps.writerows(_step_rows(name, kept, demo_rows(session.group(name), images=False), columns))
+            steps.writerows(_step_rows(name, kept, session.rows(name, images=False), columns))
             count += kept
         write_legend(folder, titles, session.robot)
     return count

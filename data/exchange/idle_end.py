@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from layflat.data.format import schema
+from layflat.data.session.edited_demo import trimmed
 from layflat.data.session.reader import Session
-from layflat.data.tools.operations import trimmed
 from layflat.data.types import Episode
 
 IDLE_SHARE = 0.01

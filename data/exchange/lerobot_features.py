@@ -8,14 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.errors import DataError
 from layflat.data.exchange.optional_imports import require
 from layflat.data.format import schema
-from layflat.data.format.structure_checks import camera_of, stored_attributes
 from layflat.data.session.reader import Session
 from layflat.data.types import ACTION_LIMIT_M
 
@@ -97,7 +95,7 @@ def features_of(
             text=f"wrinkle direction ({session.descriptor}) on the table, its strength; contact portion, 0..1",
             info={"unit": "1", "frame": "table", "descriptor": session.descriptor},
         ),
-        *_image_features(session.group(name), images=images, depth=depth, camera=camera),
+        *_image_features(session, name, images=images, depth=depth, camera=camera),
         Feature(
             key="action",
             dtype="float32",
@@ -116,11 +114,13 @@ def features_of(
 
 def camera_text(session: Session, name: str) -> str:
     """Return the camera's intrinsics and pose as JSON; empty where it is not known."""
-    camera = camera_of(stored_attributes(session.group(name)))
+    camera = session.camera_of(name)
     return "" if camera is None else camera.to_json()
 
 
-def _image_features(group: h5py.Group, *, images: bool, depth: bool, camera: Mapping[str, Any]) -> list[Feature]:
+def _image_features(
+    session: Session, name: str, *, images: bool, depth: bool, camera: Mapping[str, Any]
+) -> list[Feature]:
     info: dict[str, Any] = {"camera": dict(camera)} if camera else {}
     texts = {RGB_KEY: (images, "rgb as PNG", info)}
     depth_info = {"is_depth_map": True, "depth_unit": "m", **info}
@@ -129,13 +129,13 @@ def _image_features(group: h5py.Group, *, images: bool, depth: bool, camera: Map
         Feature(
             key=key,
             dtype="image",
-            shape=group[IMAGES[key]].shape[1:],
+            shape=shape,
             names=("height", "width", "channels"),
             text=text,
             info=described,
         )
         for key, (wanted, text, described) in texts.items()
-        if wanted and IMAGES[key] in group
+        if wanted and (shape := session.row_shape(name, IMAGES[key])) is not None
     ]
 
 
@@ -158,7 +158,7 @@ def frames_of(session: Session, name: str, features: tuple[Feature, ...], *, n_s
     }
     for feature in (feature for feature in features if feature.dtype == "image"):
         source = IMAGES[feature.key]
-        if source not in session.group(name) or session.group(name)[source].shape[1:] != feature.shape:
+        if session.row_shape(name, source) != feature.shape:
             raise DataError(f"{name} has no images of {feature.shape} in {feature.key}; export without images")
         columns[feature.key] = session.array(name, source, kept)
     return columns

@@ -13,10 +13,6 @@ from layflat.data.errors import DataError
 from layflat.data.exchange.idle_end import kept_steps
 from layflat.data.exchange.optional_imports import require
 from layflat.data.format import schema
-from layflat.data.format.attributes import json_object
-from layflat.data.format.opening import errors_name
-from layflat.data.format.rows import demo_rows
-from layflat.data.format.structure_checks import stored_attributes
 from layflat.data.session.reader import Session
 from layflat.data.types import ACTION_LIMIT_M
 
@@ -86,7 +82,7 @@ def _keys(session: Session, names: Sequence[str], images: bool) -> list[str]:
     """Return the observations: those of the first episode, images only where all episodes have them."""
     found = [field.key for field in schema.OBSERVATION_FIELDS if not field.optional]
     for key in (schema.RGB, schema.DEPTH) if images else ():
-        there = [f"{schema.OBS}/{key}" in session.group(name) for name in names]
+        there = [session.row_shape(name, f"{schema.OBS}/{key}") is not None for name in names]
         if any(there) and not all(there):
             raise DataError(f"{names[there.index(False)]} has no {key}, but others have; leave out images")
         found += [key] if all(there) else []
@@ -94,10 +90,12 @@ def _keys(session: Session, names: Sequence[str], images: bool) -> list[str]:
 
 
 def _observation_space(session: Session, name: str, keys: Sequence[str]) -> Any:
-    spaces, group = require("gymnasium").spaces, session.group(name)
+    spaces = require("gymnasium").spaces
     return spaces.Dict(
         {
-            key: spaces.Box(*schema.OBSERVATION_LIMITS[key], group[f"{schema.OBS}/{key}"].shape[1:], _dtype(key))  # type: ignore[misc]
+            key: spaces.Box(
+                *schema.OBSERVATION_LIMITS[key], session.row_shape(name, f"{schema.OBS}/{key}"), _dtype(key)
+            )  # type: ignore[misc]
             for key in keys
         }
     )
@@ -112,7 +110,7 @@ def _env_spec(session: Session, name: str) -> Any:
     if session.physics == "real":
         return None
     keys = (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)
-    settings = json_object(stored_attributes(session.group(name)), schema.SIM_CONFIG)
+    settings = session.settings(name)
     registration = require("gymnasium.envs.registration")
     return registration.EnvSpec(
         schema.ENV_NAME,
@@ -132,10 +130,8 @@ def _buffers(
 ) -> Iterator[Any]:
     images = schema.RGB in keys or schema.DEPTH in keys
     for number, name in enumerate(names):
-        group, info = session.group(name), session.info(name)
-        with errors_name(session.path):
-            rows = demo_rows(group, images=images)
-            rewards = group[schema.REWARDS][()]
+        info, rows = session.info(name), session.rows(name, images=images)
+        rewards = session.array(name, schema.REWARDS)
         count = kept_steps(session, name, trim_idle=trim_idle)
         ended = np.arange(1, count + 1) == count
         unstable = info.stopped_by == "unstable"

@@ -15,8 +15,7 @@ from layflat.data.errors import DataError
 from layflat.data.exchange.optional_imports import require
 from layflat.data.format import schema
 from layflat.data.format.opening import errors_name
-from layflat.data.format.rows import demo_rows
-from layflat.data.format.structure_checks import mesh_shape_of, stored_attributes
+from layflat.data.format.structure_checks import mesh_shape_of
 from layflat.data.session.reader import Session
 from layflat.data.types import ACTION_LIMIT_M
 
@@ -63,8 +62,8 @@ def export_rerun(
 
 
 def _log_episode(rr: Any, to: Any, session: Session, name: str, *, images: bool) -> None:
-    info, attributes = session.info(name), stored_attributes(session.group(name))
-    rows = demo_rows(session.group(name), images=images)
+    info, attributes = session.info(name), session.attributes(name)
+    rows = session.rows(name, images=images)
     about = [f"- {key}: {value}" for key, value in vars(info).items() if key != schema.ACTION_AXES]
     to.send_recording_name(f"{session.path.name} {name} ({info.outcome})")
     to.log("about", rr.TextDocument("\n".join([f"# {name}", "", *about]), media_type="text/markdown"), static=True)

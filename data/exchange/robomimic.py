@@ -83,7 +83,7 @@ def export_robomimic(
         for name in chosen:
             info, stop = session.info(name), kept_steps(session, name, trim_idle=trim_idle)
             if stop == info.n_steps:
-                copied.copy(name, session.group(name), info)
+                session.copy_to(copied, name)
             else:
                 copied.add(name, without_idle_end(session.episode(name), stop), info.uid)
         copied.finish()
@@ -137,7 +137,7 @@ def import_robomimic(
 def _is_intact(path: Path) -> bool:
     """Return whether every episode reads as one of ours."""
     try:
-        with open_session(path) as session:
+        with open_session(path, edits=False) as session:
             read = sum(1 for _ in session.episodes())
         return read > 0 and call_in_sandbox(partial(_texts_agree, path), limit_s=PROBE_S, memory_bytes=PROBE_BYTES)
     except (DataError, CallError):

@@ -47,6 +47,8 @@ class DemoInfo:
     operator: str
     images: bool
     """Whether rgb or depth was recorded."""
+    note: str = ""
+    """Note of a person; empty where there is none."""
 
     @property
     def success(self) -> bool:
@@ -78,11 +80,13 @@ def info_of(attributes: Mapping[str, Attribute], *, images: bool) -> DemoInfo:
     values: dict[str, Any] = dict.fromkeys(schema.GROUND_TRUTH_ATTRIBUTES)
     values |= {name: attributes[name] for name in FIELD_NAMES if name in attributes}
     values |= {key: storable(str(provenance.get(key, ""))) for key in ("created_utc", "operator")}
-    return DemoInfo(**values | {"n_steps": attributes[schema.NUM_SAMPLES], "images": images})
+    values |= {"n_steps": attributes[schema.NUM_SAMPLES], "images": images, "note": attributes.get(schema.NOTE, "")}
+    return DemoInfo(**values)
 
 
 def info_from_row(row: Mapping[str, Any]) -> DemoInfo:
     """Return the info of an untrusted row of the index; DataError where a value is of the wrong type."""
+    row = {"note": "", **row}
     values = {name: storable(value) if isinstance(value := row.get(name), str) else value for name in FIELD_NAMES}
     if any(type(value) not in _TYPES[name] for name, value in values.items()):
         raise DataError(f"{json.dumps(values)[:80]} is no row of an index")

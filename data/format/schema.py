@@ -74,6 +74,8 @@ CAMERA = "camera"
 """JSON object: pinhole camera of the observations, see layflat.data.camera; absent where it is not known."""
 MESH_ROWS, MESH_COLUMNS = "mesh_rows", "mesh_columns"
 """Shape of the grid of nodes; absent where it is not known."""
+NOTE = "episode_note"
+"""Note of a person; absent where there is none."""
 UID = "uid"
 """Hexadecimal identity of the recording: distinguishes a copy from another episode of the same number."""
 DIGEST = "attributes_sha256"
@@ -105,7 +107,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     SUCCESS: bool,
 }
 GROUND_TRUTH_ATTRIBUTES = (CONTACT_TRUE_FINAL, FLAT_AREA_FINAL)
-OPTIONAL_ATTRIBUTES: dict[str, type] = {CAMERA: str, MESH_ROWS: int, MESH_COLUMNS: int}
+OPTIONAL_ATTRIBUTES: dict[str, type] = {CAMERA: str, NOTE: str, MESH_ROWS: int, MESH_COLUMNS: int}
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -12,6 +12,7 @@ import h5py
 from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, robot_of
+from layflat.data.format.content import CONTENT_KEYS, content_of_group
 from layflat.data.format.opening import FileGone, check_session, demo_names, errors_name, open_file
 from layflat.data.format.structure_checks import check_demo, check_hard_link
 from layflat.data.robot import RobotSpec
@@ -69,6 +70,14 @@ class Catalog:
             known = f"{len(names)} from {names[0]} to {names[-1]}" if names else "none"
             raise DataError(f"{self.path} has no episode {name!r}; it has {known}")
         return self.demos[name]
+
+    def content(self, name: str) -> str:
+        """Return the digest of the recorded content of an episode; its arrays are read only where no index has it."""
+        demo = self.entry(name)
+        if demo.row.content is None:
+            with errors_name(demo.file):
+                demo.row = replace(demo.row, content=content_of_group(self.group(name, CONTENT_KEYS)))
+        return str(demo.row.content)
 
     def close(self) -> None:
         """Close all files."""

@@ -6,38 +6,48 @@ moves them into ``FILE.h5``. A reader shows both as one and writes nothing, so t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, overload
 
-import h5py
 from numpy.typing import NDArray
 
 from layflat.data.camera import CameraModel
 from layflat.data.errors import DataError
 from layflat.data.format import schema
-from layflat.data.format.attributes import Attribute, json_object
-from layflat.data.format.content import CONTENT_KEYS, STEP_KEYS, content_of_group, copies_among, repeated_steps
+from layflat.data.format.attributes import Attribute, json_object, user_attributes
+from layflat.data.format.content import CONTENT_KEYS, STEP_KEYS, content_digest, copies_among, repeated_steps
 from layflat.data.format.decode import disturbances_of, read_demo
-from layflat.data.format.demo_info import DemoInfo
+from layflat.data.format.demo_info import DemoInfo, info_of
+from layflat.data.format.encode import arrays_of
 from layflat.data.format.opening import errors_name
-from layflat.data.format.rows import concatenated, read_rows
+from layflat.data.format.rows import concatenated, demo_rows, read_rows
 from layflat.data.format.structure_checks import camera_of, stored_attributes
 from layflat.data.robot import RobotSpec
-from layflat.data.session.catalog import Catalog
+from layflat.data.session.catalog import Catalog, CatalogEntry
+from layflat.data.session.edit_log import UNEDITED, Edit, EditLog, EpisodeEdits, log_path, read_log
+from layflat.data.session.edited_demo import TRIM_KEYS, cut_rows, edited_attributes, edited_episode, edited_rows
+from layflat.data.session.episode_view import EpisodeView
+from layflat.data.session.session_writer import SessionFile
 from layflat.data.types import DisturbanceRecord, Episode, Outcome
 
+_LOG = logging.getLogger("layflat")
 
-def open_session(path: str | Path) -> Session:
+
+def open_session(path: str | Path, *, edits: bool = True) -> Session:
     """Open a recorded session for reading.
 
     Parameters
     ----------
     path : str or Path
         The session's ``.h5`` file.
+    edits : bool
+        Apply the session's edit log (`layflat.data.session.edit_log`): dropped episodes are absent, trimmed and
+        relabelled ones are as edited, in everything that is read. False: all as it was recorded.
 
     Returns
     -------
@@ -47,9 +57,10 @@ def open_session(path: str | Path) -> Session:
     Raises
     ------
     DataError
-        If the file is not a session. An error in a single episode is raised at the latest when that episode is read.
+        If the file is not a session, or its edit log cannot be used. An error in a single episode is raised at the
+        latest when that episode is read.
     """
-    return Session(Path(path))
+    return Session(Path(path), edits=edits)
 
 
 class Session(Sequence[Episode]):
@@ -70,10 +81,16 @@ class Session(Sequence[Episode]):
         Simulated duration of one step in seconds.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, edits: bool = True) -> None:
         self.path = path
+        log = read_log(path) if edits else EditLog(path=log_path(path))
+        if log.torn:
+            _LOG.warning("layflat: %s", log.torn)
         self.catalog = Catalog(path)
-        """The episodes' places in files, for tools that copy them without decoding."""
+        """All episodes as they were recorded, in their places in files."""
+        self.edits: dict[str, EpisodeEdits] = log.by_episode(self.catalog)
+        """Edits of the episodes that have any, dropped ones included, by name."""
+        self._edited_infos: dict[str, DemoInfo] = {}
         self.robot: RobotSpec = self.catalog.robot
         self.shared = self.catalog.shared
         """Attributes that all episodes share, by key of the schema."""
@@ -88,17 +105,27 @@ class Session(Sequence[Episode]):
 
     def camera_of(self, name: str) -> CameraModel | None:
         """Return the camera of an episode, or None where it is not known; its arrays are not read."""
-        with errors_name(self.catalog.entry(name).file):
+        with errors_name(self._entry(name).file):
             return camera_of(self.attributes(name))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the episodes by number: demo_0, demo_1, ..."""
-        return tuple(self.catalog.demos)
+        """Names of the episodes by number: demo_0, demo_1, ...; a dropped one leaves a gap."""
+        return tuple(name for name in self.catalog.demos if name not in self.dropped)
+
+    @property
+    def dropped(self) -> Mapping[str, Edit]:
+        """Dropped episodes by name, with the edit that dropped each."""
+        return {name: edits.dropped for name, edits in self.edits.items() if edits.dropped is not None}
 
     def info(self, name: str) -> DemoInfo:
         """Return everything about an episode that needs no array."""
-        return self.catalog.entry(name).row.info
+        recorded = self._entry(name).row.info
+        if name not in self.edits:
+            return recorded
+        if name not in self._edited_infos:
+            self._edited_infos[name] = info_of(self.attributes(name), images=recorded.images)
+        return self._edited_infos[name]
 
     def infos(self) -> dict[str, DemoInfo]:
         """Return the info of every episode by name; no array is read.
@@ -108,12 +135,12 @@ class Session(Sequence[Episode]):
         dict of str to DemoInfo
             Seed, outcome, number of steps, contact portions, ... by name.
         """
-        return {name: demo.row.info for name, demo in self.catalog.demos.items()}
+        return {name: self.info(name) for name in self.names}
 
     def episode(self, name: str, *, images: bool = True) -> Episode:
         """Read one episode, with ``images`` False without rgb and depth."""
-        with errors_name(self.catalog.entry(name).file):
-            return read_demo(self.group(name), images=images)
+        with errors_name(self._entry(name).file):
+            return edited_episode(read_demo(self.catalog.group(name), images=images), self._edits(name))
 
     def episodes(self, *, images: bool = True) -> Iterator[Episode]:
         """Read all episodes in order, one in memory at a time."""
@@ -121,26 +148,22 @@ class Session(Sequence[Episode]):
 
     def attributes(self, name: str) -> dict[str, Attribute]:
         """Return the attributes of an episode by key of the schema; its arrays are not read."""
-        entry = self.catalog.entry(name)
+        entry, edits = self._entry(name), self._edits(name)
         with errors_name(entry.file):
-            return stored_attributes(self.catalog.group(name, () if entry.checked else (schema.PHASE,)))
+            group = self.catalog.group(name, () if entry.checked else (schema.PHASE,))
+            attributes = stored_attributes(group)
+            if edits.bounds is not None:
+                group = self.catalog.group(name, [key for key in TRIM_KEYS if key in group])
+            return edited_attributes(attributes, group, edits)
 
     def disturbances(self, name: str) -> tuple[DisturbanceRecord, ...]:
         """Return the disturbances of an episode; its arrays are not read."""
-        with errors_name(self.catalog.entry(name).file):
+        with errors_name(self._entry(name).file):
             return disturbances_of(self.attributes(name))
 
     def contents(self, names: Sequence[str] | None = None) -> dict[str, str]:
         """Return the digest of each episode's content; episodes with the same digest are copies of one another."""
-        found = {}
-        for name in self.names if names is None else names:
-            entry = self.catalog.entry(name)
-            if entry.row.content is None:
-                with errors_name(entry.file):
-                    content = content_of_group(self.catalog.group(name, CONTENT_KEYS))
-                entry.row = replace(entry.row, content=content)
-            found[name] = str(entry.row.content)
-        return found
+        return {name: self._content(name) for name in (self.names if names is None else names)}
 
     def copies(self, names: Sequence[str] | None = None) -> dict[str, str]:
         """Return the episodes whose content an earlier one of ``names`` has, each with the name of the first."""
@@ -163,21 +186,38 @@ class Session(Sequence[Episode]):
 
     def settings(self, name: str) -> dict[str, Any]:
         """Return the settings of the simulation of an episode, such as its ``start``; its arrays are not read."""
-        with errors_name(self.catalog.entry(name).file):
+        with errors_name(self._entry(name).file):
             return json_object(self.attributes(name), schema.SIM_CONFIG)
 
     def view(self, names: Sequence[str], *, images: bool = True) -> EpisodeView:
         """Return these episodes as a sequence that reads each when it is asked for."""
         for name in names:
-            self.catalog.entry(name)
+            self._entry(name)
         return EpisodeView(self, tuple(names), images=images)
 
     def array(self, name: str, key: str, rows: slice = slice(None)) -> NDArray[Any]:
         """Read rows of one data set of one episode, such as ``obs/word`` or ``action_m``; only these rows are read."""
         if key not in schema.FIELDS:
             raise DataError(f"{key!r} is no data set of an episode; known ones are {', '.join(schema.FIELDS)}")
-        with errors_name(self.catalog.entry(name).file):
-            return read_rows(self.catalog.group(name, (key,)), key, rows)
+        bounds = self._edits(name).bounds
+        with errors_name(self._entry(name).file):
+            if bounds is None:
+                return read_rows(self.catalog.group(name, (key,)), key, rows)
+            needed = (schema.STATES, key) if key == schema.FINAL_STATE else (key,)
+            return edited_rows(self.catalog.group(name, (*needed, schema.PHASE)), key, bounds, rows)
+
+    def rows(self, name: str, *, images: bool) -> dict[str, NDArray[Any]]:
+        """Return all rows of an episode as `layflat.data.format.rows.demo_rows` does."""
+        bounds = self._edits(name).bounds
+        with errors_name(self._entry(name).file):
+            rows = demo_rows(self.catalog.group(name), images=images)
+        return rows if bounds is None else cut_rows(rows, bounds)
+
+    def row_shape(self, name: str, key: str) -> tuple[int, ...] | None:
+        """Return the shape of one row of a data set of an episode, or None where it was recorded without it."""
+        with errors_name(self._entry(name).file):
+            group = self.catalog.group(name)
+            return tuple(group[key].shape[1:]) if key in group else None
 
     def arrays(self, keys: Sequence[str], names: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
         """Read columns for learning: the steps of several episodes one after another.
@@ -218,28 +258,71 @@ class Session(Sequence[Episode]):
             if outcome in (None, info.outcome) and source in (None, info.source)
         )
 
-    def group(self, name: str) -> h5py.Group:
-        """Return the HDF5 group of an episode, checked against the schema."""
-        with errors_name(self.catalog.entry(name).file):
-            return self.catalog.group(name)
+    def copy_to(self, file: SessionFile, name: str, new_name: str | None = None) -> None:
+        """Copy an episode with its edits to a session that is being written; what was recorded is copied bit by bit."""
+        entry, edits = self._entry(name), self._edits(name)
+        with errors_name(entry.file):
+            group = self.catalog.group(name)
+        if edits == UNEDITED:
+            file.copy(new_name or name, group, entry.row.info)
+        elif edits.bounds is None:
+            file.copy(new_name or name, group, self.info(name), self.attributes(name))
+        else:
+            file.write(
+                new_name or name,
+                self.attributes(name),
+                arrays_of(self.episode(name), save_images=True),
+                users=user_attributes(group),
+            )
+
+    def preview_trim(self, name: str, start: int, stop: int) -> None:
+        """Cut an episode to its steps ``start`` to ``stop - 1`` in this reader only; nothing is written."""
+        n_steps, edits = self.info(name).n_steps, self._edits(name)
+        if not 0 <= start < stop <= n_steps:
+            raise DataError(f"steps {start} to {stop} cannot be kept; the episode has steps 0 to {n_steps}")
+        before = 0 if edits.bounds is None else edits.bounds[0]
+        self.edits[name] = replace(edits, bounds=(before + start, before + stop))
+        self._edited_infos.pop(name, None)
 
     def check(self, name: str, keys: Sequence[str]) -> None:
         """Check several data sets of an episode at once, which is faster than one by one as they are read."""
-        with errors_name(self.catalog.entry(name).file):
+        with errors_name(self._entry(name).file):
             self.catalog.group(name, keys)
 
     def close(self) -> None:
         """Close the file."""
         self.catalog.close()
 
+    def _entry(self, name: str) -> CatalogEntry:
+        """Return the place of an episode; DataError where it does not exist or is dropped."""
+        entry = self.catalog.entry(name)
+        if (edit := self._edits(name).dropped) is not None:
+            raise DataError(
+                f"{self.path} has {name} no more: {edit.who} dropped it on {edit.when_utc[:10]};"
+                f" `layflat data edit {self.path} restore {name}` brings it back"
+            )
+        return entry
+
+    def _edits(self, name: str) -> EpisodeEdits:
+        return self.edits.get(name, UNEDITED)
+
+    def _content(self, name: str) -> str:
+        self._entry(name)
+        if self._edits(name).bounds is None:
+            return self.catalog.content(name)
+        there = [
+            key for key in CONTENT_KEYS if key != schema.FINAL_STATE or self.info(name).flat_area_final is not None
+        ]
+        return content_digest({key: self.array(name, key) for key in there})
+
     def __len__(self) -> int:
-        return len(self.catalog.demos)
+        return len(self.names)
 
     def __iter__(self) -> Iterator[Episode]:
         return self.episodes()
 
     def __contains__(self, name: object) -> bool:
-        return name in self.catalog.demos
+        return name in self.catalog.demos and name not in self.dropped
 
     @overload
     def __getitem__(self, which: int | str) -> Episode: ...
@@ -257,32 +340,3 @@ class Session(Sequence[Episode]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class EpisodeView(Sequence[Episode]):
-    """Some episodes of a session, each read when it is asked for; usable while the session is open."""
-
-    def __init__(self, session: Session, names: tuple[str, ...], *, images: bool = True) -> None:
-        self.names = names
-        self._session = session
-        self._images = images
-
-    def infos(self) -> dict[str, DemoInfo]:
-        """Return the info of these episodes by name."""
-        return {name: self._session.info(name) for name in self.names}
-
-    def arrays(self, keys: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Read columns of these episodes, as `Session.arrays` does."""
-        return self._session.arrays(keys, self.names)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    @overload
-    def __getitem__(self, which: int) -> Episode: ...
-    @overload
-    def __getitem__(self, which: slice) -> EpisodeView: ...
-    def __getitem__(self, which: int | slice) -> Episode | EpisodeView:
-        if isinstance(which, slice):
-            return EpisodeView(self._session, self.names[which], images=self._images)
-        return self._session.episode(self.names[which], images=self._images)

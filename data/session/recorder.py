@@ -221,7 +221,7 @@ class SessionRecorder:
                 stale.unlink()
             fsync_folder(self._real.parent)
         if part_files(self._real) or self._real.exists():
-            with open_session(self.path) as session:
+            with open_session(self.path, edits=False) as session:
                 for key, value in session.shared.items():
                     if self._shared.get(key, value) != value:
                         wanted = self._shared[key]

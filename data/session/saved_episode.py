@@ -56,7 +56,7 @@ def save_part(session: Path, parts: Path, name: str, episode: Episode, uid: str,
 
 def saved_in(part: Path, name: str, session: Path) -> SavedEpisode:
     """Return the report of an episode from its file in the session's folder of parts."""
-    with open_session(part) as opened:
+    with open_session(part, edits=False) as opened:
         info, shared, content = opened.info(name), opened.shared, opened.contents((name,))[name]
     return SavedEpisode(
         name=name,

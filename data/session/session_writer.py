@@ -55,9 +55,11 @@ class SessionFile:
         self._existing = dict(existing or {})
         self._indexed = indexed
 
-    def copy(self, name: str, group: h5py.Group, info: DemoInfo) -> None:
-        """Add a checked demo: its data sets byte by byte, its attributes by their checked values."""
-        attributes = stored_attributes(group)
+    def copy(
+        self, name: str, group: h5py.Group, info: DemoInfo, attributes: Mapping[str, Attribute] | None = None
+    ) -> None:
+        """Add a checked demo: its data sets byte by byte, its attributes by their checked values, or other ones."""
+        attributes = stored_attributes(group) if attributes is None else attributes
         # HDF5 would read text from its global heap, which has no checksum.
         group.file.copy(group, self._data, name=name, without_attrs=True)
         self._check()
@@ -66,15 +68,24 @@ class SessionFile:
         for key, value in user_attributes(group).items():
             copied.attrs[key] = value
         self._describe(attributes)
-        self._added[name] = IndexRow(info=info, digest=stored_digest(group), content=content_of_group(group))
+        self._added[name] = IndexRow(info=info, digest=digest(attributes), content=content_of_group(group))
 
     def add(self, name: str, episode: Episode, uid: str, *, save_images: bool = True) -> None:
         """Add an episode."""
         self.write(name, attributes_of(episode, uid), arrays_of(episode, save_images=save_images))
 
-    def write(self, name: str, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Add an encoded episode."""
-        write_demo(self._data.create_group(name), attributes, arrays)
+    def write(
+        self,
+        name: str,
+        attributes: Mapping[str, Attribute],
+        arrays: Mapping[str, NDArray[Any]],
+        users: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Add an encoded episode, with the attributes that users have added."""
+        group = self._data.create_group(name)
+        write_demo(group, attributes, arrays)
+        for key, value in (users or {}).items():
+            group.attrs[key] = value
         self._check()
         self._describe(attributes)
         images = any(f"{schema.OBS}/{key}" in arrays for key in (schema.RGB, schema.DEPTH))

@@ -88,7 +88,7 @@ class EpisodeRow:
 
 @dataclass(frozen=True)
 class _Measures:
-    """What the flags need of an episode's arrays."""
+    """Numbers from an episode's arrays that its flags depend on."""
 
     jerk: float
     idle_start: int
@@ -197,6 +197,6 @@ def _row(name: str, info: DemoInfo, measured: _Measures, *, duplicate: bool) -> 
         created_utc=info.created_utc,
         operator=info.operator,
         images=info.images,
-        note="",
+        note=info.note,
         flags=tuple(flag for flag in FLAGS if there[flag]),
     )

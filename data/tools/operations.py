@@ -6,10 +6,9 @@ Episodes are copied without decoding, images included; each keeps its uid, which
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from layflat.data.session.catalog import differences
 from layflat.data.session.parts import part_files, parts_folder
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile, check_writable, write_errors, written_session
-from layflat.data.types import Episode, disturbances_within
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +66,7 @@ def merge(
                     new = known.get(info.uid) or known.get(contents[name])
                     if new is None:
                         new = schema.demo_name(len(taken))
-                        file.copy(new, session.group(name), info)
+                        session.copy_to(file, name, new)
                         taken[new] = info
                     else:
                         kept = taken[new].outcome
@@ -170,42 +168,14 @@ def trim(path: str | Path, target: str | Path, *, name: str, start: int, stop: i
     """Copy a session with one episode cut to its steps ``start`` to ``stop - 1``; return the info of that one.
 
     It gets a new uid, since it is no longer the recording; ``first_step`` is the number of steps missing before it.
-    Without its end its outcome is ``partial`` and it was ``interrupted``.
+    Without its end it is ``partial`` and was ``interrupted``, unless the cloth lies as it did at that end.
     """
     with open_session(path) as session:
-        episode = trimmed(session.episode(name), start, stop)
+        session.preview_trim(name, start, stop)
         with new_session(target, force=force) as file:
-            for other in session.names:
-                if other == name:
-                    file.add(other, episode, uuid.uuid4().hex)
-                else:
-                    file.copy(other, session.group(other), session.info(other))
-            _copy_extras(session, session.names, file)
+            _copy_named(session, session.names, file)
     with open_session(target) as session:
         return session.info(name)
-
-
-def trimmed(episode: Episode, start: int, stop: int) -> Episode:
-    """Return the steps ``start`` to ``stop - 1`` of an episode."""
-    n_steps = len(episode.steps)
-    if not 0 <= start < stop <= n_steps:
-        raise DataError(f"steps {start} to {stop} cannot be kept; the episode has steps 0 to {n_steps}")
-    cut = replace(
-        episode,
-        steps=episode.steps[start:stop],
-        first_step=episode.first_step + start,
-        disturbances=disturbances_within(episode.disturbances, start, stop),
-    )
-    if stop == n_steps:
-        return cut
-    after = episode.steps[stop]
-    return replace(
-        cut,
-        final_observation=after.observation,
-        final_ground_truth=after.ground_truth,
-        outcome="partial",
-        stopped_by="interrupted",
-    )
 
 
 @contextmanager
@@ -227,7 +197,7 @@ def new_session(target: str | Path, *, force: bool) -> Iterator[SessionFile]:
 
 def _copy_named(session: Session, names: Sequence[str], file: SessionFile) -> None:
     for name in names:
-        file.copy(name, session.group(name), session.info(name))
+        session.copy_to(file, name)
     _copy_extras(session, names, file)
 
 

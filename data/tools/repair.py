@@ -150,7 +150,7 @@ class _Repair:
         if validate(aside):
             aside.unlink()
             return False
-        with open_session(aside) as session:
+        with open_session(aside, edits=False) as session:
             self.names = {info.uid: name for name, info in session.infos().items()}
         return True
 

@@ -77,7 +77,7 @@ def column_stats(session: Session) -> dict[str, ColumnStats]:
         if np.dtype(field.dtype).kind in "Si" or len(field.shape) == 4 or key.startswith(NEXT_OBS):
             continue
         # Of an optional data set that some episode has, the others count with its default, or not at all.
-        having = [name for name in session.names if key in session.group(name)]
+        having = [name for name in session.names if session.row_shape(name, key) is not None]
         for name in session.names if having and field.default is not None else having:
             rows = session.array(name, key).astype(float)
             stats = _stats_of(rows.reshape(len(rows), -1), field.unit)

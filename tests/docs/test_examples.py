@@ -114,7 +114,7 @@ import numpy as np
 import layflat
 from layflat.app.integrations.robomimic import LayflatEnv, env_utils, register
 from layflat.data import SessionRecorder
-from layflat.data.tools.operations import trimmed
+from layflat.data.session.edited_demo import trimmed
 from layflat.app.support.errors import UsageError
 env = layflat.make_env(robot="pickers", cloth="napkin")
 episode = trimmed(layflat.rollout(env, layflat.load_policy("scripted"), seed=3), 0, 4)

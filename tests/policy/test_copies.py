@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from layflat.data import open_session
-from layflat.data.tools.operations import trimmed
+from layflat.data.session.edited_demo import trimmed
 from layflat.policy import model_io, registry
 from layflat.policy.base import PolicyError
 from layflat.policy.training_set import Demonstrations, build_training_set
