@@ -1,4 +1,4 @@
-"""What does not move in the browser's scene: table, light, axes; and the views of its camera."""
+"""Table, light and axes of the browser's scene, and the views of its camera."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ GRID_M = 0.1
 AXES_AT_M = (-0.42, -0.62, 0.0)
 AXIS_LENGTH_M = 0.14
 FIELD_RAD = math.radians(38)
-CENTRE: Point = (0.18, 0.06, 0.24)
+CENTRE: Point = (0.18, 0.04, 0.26)
 """What the camera looks at."""
 VIEWS: Mapping[str, Point] = {
-    "Reset": (1.6, -1.65, 1.15),
-    "Side": (0.18, -2.1, 0.28),
-    "Top": (0.18, 0.058, 1.9),
-    "Front": (2.3, 0.06, 0.5),
+    "Reset": (1.36, -1.36, 0.95),
+    "Side": (0.18, -1.9, 0.30),
+    "Top": (0.18, 0.038, 1.75),
+    "Front": (2.0, 0.04, 0.45),
 }
 """Places of the camera by the label of their button."""
 
