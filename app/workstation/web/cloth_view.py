@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -85,7 +85,7 @@ class ClothView:
         name = f"{parent}/cloth"
         self._root = scene.add_frame(name, show_axes=False)
         plain: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
-        looks = (
+        looks: Sequence[tuple[str, colors.Rgb, Any]] = (
             ("face", colors.FACE, "front"),
             ("check", colors.FACE_CHECK, "front"),
             ("reverse", colors.REVERSE, "back"),
