@@ -9,16 +9,15 @@ from pathlib import Path
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workers.record_config import RecordConfig
-from layflat.app.workstation.session.episode_process import make_handle_factory
-from layflat.app.workstation.session.recording_session import RecordingSession
-from layflat.app.workstation.session.session_queries import next_seeds, recorded_seeds, skipped_text
+from layflat.app.workers.sim_options import sim_config
+from layflat.app.workstation.session.client import SessionClient
+from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator
 from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording, stop_on_signals
 from layflat.app.workstation.window.launch import NoWindowError, has_display, record_in_window
-from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io
+from layflat.policy.spec import PolicySpec
 from layflat.policy.trained_model import TrainedModel
-from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 
@@ -47,43 +46,35 @@ def record_teleoperated(config: RecordConfig) -> None:
     record_in_terminal(config, model)
 
 
+def session_request(config: RecordConfig, model: TrainedModel | None) -> SessionRequest:
+    """Return the session of a recording by a person."""
+    return SessionRequest(
+        sim_config=sim_config(robot=config.robot, task=config.task, cloth=config.cloth, descriptor=config.descriptor),
+        policy=None if model is None else PolicySpec(model=model),
+        source=config.source,
+        session=config.path,
+        seed=config.seed,
+        episodes=config.episodes,
+        disturbance=config.disturb,
+        images=config.images,
+    )
+
+
 def record_in_terminal(config: RecordConfig, model: TrainedModel | None) -> None:
     """Record without a window; KeyboardInterrupt after Ctrl-C or SIGTERM, with everything saved by then."""
-    sim_config = SimConfig(robot=config.robot, cloth=config.cloth, descriptor=config.descriptor)
-    display = TerminalDisplay(sys.stderr)
+    request, display, client = session_request(config, model), TerminalDisplay(sys.stderr), SessionClient()
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_on_signals())
-        teleoperator = make_terminal_teleoperator(config.source, sim_config.robot_spec, mapping=config.mapping)
+        robot = request.sim_config.robot_spec
+        teleoperator = make_terminal_teleoperator(config.source, robot, mapping=config.mapping)
         stack.callback(teleoperator.close)
-        recorder = stack.enter_context(
-            SessionRecorder(
-                config.path,
-                robot=sim_config.robot_spec,
-                cloth=config.cloth,
-                save_images=config.images,
-                descriptor=config.descriptor,
-            )
-        )
-        source = config.source if model is None else f"{model.policy}+{config.source}"
-        (seed,), skipped = next_seeds(config.path, source, 1, config.seed)
-        if skipped:
-            display.print_line(skipped_text(config.path, skipped, [seed]))
-        recording = RecordingSession(
-            recorder,
-            make_handle_factory(recorder, sim_config, config.source, model=model),
-            seed=seed,
-            used_seeds=recorded_seeds(config.path, source),
-            policy_in_control=model is not None,
-            episodes=config.episodes,
-            disturbance=config.disturb,
-            print_line=display.print_result,
-        )
-        stack.callback(recording.close)
-        print_instructions(recording, teleoperator, display.print_line)
-        limiter = run_recording(recording, teleoperator, display, step_s=sim_config.step_s, stopped=stopped)
-        recording.close()
-        display.print_message(recording.message)
-        display.print_line(f"timing: {limiter.timing().describe()}")
+        stack.callback(client.end)
+        client.start(request)
+        print_instructions(teleoperator, display.print_line)
+        run_recording(client, teleoperator, display, stopped=stopped)
+        client.check()
+        display.print_message(client.status.message)
+        display.print_line(f"timing: {client.status.timing}")
         interrupted = stopped()
     if interrupted:
         raise KeyboardInterrupt

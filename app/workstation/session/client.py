@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any
 
-from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.session.activities import make_activity
-from layflat.app.workstation.session.activity_client import ActivityClient
+from layflat.app.support.child_python import fork_server_context
+from layflat.app.support.errors import USAGE_ERROR, LayflatError, UsageError
+from layflat.app.workers.process import describe_exit_status
 from layflat.app.workstation.session.control_token import ControlToken
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.request import SessionRequest
-from layflat.app.workstation.session.requests import PlaceRequest, RecordRequest
+from layflat.app.workstation.session.server import Channels, main, receive, send
 from layflat.app.workstation.session.status import SessionEvent, SessionStatus
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.robot import RobotSpec
 from layflat.data.types import DragTarget
+
+END_S = 20.0
+"""Time for a process to make everything durable when it is asked to end; assembling a large session takes some."""
+PRELOAD = ["layflat.app.workstation.session.server"]
+
+
+def start_fork_server() -> Any:
+    """Start the server from which sessions are forked: it imports for a second or two while the person looks around."""
+    return fork_server_context(PRELOAD)
 
 
 @dataclass
@@ -31,56 +42,58 @@ class SessionClient:
     """Newest status."""
     frame: SimulationFrame | None = None
     """Newest frame of the simulation."""
-    robot: RobotSpec | None = None
-    """Robot of the newest request."""
     request: SessionRequest | None = None
     """Newest request."""
     problem: str = ""
     """Why the last session ended by itself; empty where it was asked to, or was done."""
     control: ControlToken = field(default_factory=ControlToken)
-    _client: ActivityClient = field(default_factory=lambda: ActivityClient(make_activity))
+    _wrong_call: bool = False
+    """Whether the problem is one of the request."""
+    _process: BaseProcess | None = None
+    _connection: Connection | None = None
+    _channels: Channels | None = None
+    _read: list[int] = field(default_factory=lambda: [0, 0])
+    """Numbers of the newest frame and status that were read."""
+    _closing: bool = False
+    """Whether the session was asked to end, or has reported that it ends."""
     _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @property
+    def robot(self) -> RobotSpec | None:
+        """Robot of the newest request."""
+        return None if self.request is None else self.request.sim_config.robot_spec
+
+    @property
+    def alive(self) -> bool:
+        """Whether there is a session."""
+        return self._process is not None
+
+    @property
+    def pid(self) -> int | None:
+        """Number of the session's process."""
+        return None if self._process is None else self._process.pid
 
     def start(self, request: SessionRequest) -> None:
         """Start a session, and end the one before; return at once."""
         with self._lock:
             self.end()
-            self.request, self.robot, self.problem = request, request.sim_config.robot_spec, ""
-            self.status, self.frame = _first_status(request), None
-            common: dict[str, Any] = {
-                "sim_config": request.sim_config,
-                "seed": request.seed or 0,
-                "speed": request.speed,
-                "images": request.images,
-                "source": request.source,
-                "session": request.session,
-            }
-            if request.policy is None:
-                self._client.start(
-                    RecordRequest(
-                        **common,
-                        countdown_s=request.countdown_s,
-                        episodes=request.episodes,
-                        disturbance=request.disturbance,
-                    )
-                )
-            else:
-                self._client.start(PlaceRequest(**common, policy=request.policy, fast_forward=request.fast_forward))
-                self._client.request("start")
-
-    @property
-    def alive(self) -> bool:
-        """Whether there is a session."""
-        return self._client.alive
-
-    @property
-    def pid(self) -> int | None:
-        """Number of the session's process."""
-        return self._client.pid
+            self.request, self.status, self.frame = request, request.first_status(), None
+            self.problem, self._wrong_call, self._read, self._closing = "", False, [0, 0], False
+            context = start_fork_server()
+            self._channels = Channels(context)
+            self._connection, theirs = context.Pipe()
+            arguments = request, self._channels, theirs
+            self._process = context.Process(target=main, args=arguments, name="session", daemon=False)
+            self._process.start()
+            theirs.close()
 
     def send_command(self, command: Command, viewer: str = "") -> bool:
         """Send a command; return False where another viewer is in control."""
         return self._send(viewer, "command", name=command.name)
+
+    def undo(self, viewer: str = "") -> bool:
+        """Bring the discarded take back; return False where another viewer is in control."""
+        return self.send_command(Command.UNDO, viewer)
 
     def disturb(self, name: str, viewer: str = "") -> bool:
         """Start a named disturbance; return False where another viewer is in control."""
@@ -90,88 +103,97 @@ class SessionClient:
         """Answer the question of the status; return False where another viewer is in control."""
         return self._send(viewer, "answer", yes=yes)
 
-    def undo(self, viewer: str = "") -> bool:
-        """Bring the discarded take back; return False where another viewer is in control."""
-        return False
-
     def send_input(self, teleop: TeleopInput, drag: DragTarget | None = None, viewer: str = "") -> float:
         """Replace the newest input; return its stamp, or 0 where another viewer is in control."""
         with self._lock:
-            return self._client.send_input(teleop, drag) if self.control.take(viewer) else 0.0
+            if self._channels is None or not self.control.take(viewer):
+                return 0.0
+            return self._channels.inputs.write(teleop, drag)
 
     def poll(self) -> list[SessionEvent]:
         """Update `status` and `frame`, and notice where the session has ended; return what must be shown once."""
         with self._lock:
-            events = self._client.poll_events()
-            self._update()
-            return _events(events)
+            process, connection = self._process, self._connection
+            if process is None or connection is None:
+                return []
+            ended = not process.is_alive()
+            events = self._update(connection)
+            if ended:
+                if not self._closing:
+                    how = describe_exit_status(process.exitcode, END_S)
+                    self.problem = (
+                        f"the session was lost: {how}; kept episodes are safe, and the next recording saves the steps"
+                        " of a running one as partial"
+                    )
+                self._release(process, connection)
+            return events
 
     def end(self) -> list[SessionEvent]:
         """End the session and wait until everything is durable; return its last events."""
         with self._lock:
-            events = self._client.end()
-            self._update()
-            return _events(events)
+            process, connection = self._process, self._connection
+            if process is None or connection is None:
+                return []
+            self._send_now("end")
+            self._closing = True
+            events: list[SessionEvent] = []
+            # Its events are read while it ends: a full pipe would block it.
+            for _ in range(int(END_S / 0.05)):
+                events += self._update(connection)
+                process.join(0.05)
+                if not process.is_alive():
+                    break
+            else:
+                process.kill()
+                process.join()
+            events += self._update(connection)
+            self._release(process, connection)
+            return events
 
     def check(self) -> None:
-        """Raise a LayflatError where the session ended by itself."""
+        """Raise the error with which the session ended by itself."""
         if self.problem:
-            raise LayflatError(self.problem)
+            raise (UsageError if self._wrong_call else LayflatError)(self.problem)
 
     def _send(self, viewer: str, request: str, **values: Any) -> bool:
         with self._lock:
             if not self.control.take(viewer):
                 return False
-            self._client.request(request, **values)
+            self._send_now(request, **values)
             return True
 
-    def _update(self) -> None:
-        self.problem, self.frame = self._client.problem, self._client.frame
-        if self.request is not None and self._client.status:
-            self.status = _status(self.request, self._client.status)
+    def _send_now(self, request: str, **values: Any) -> None:
+        if self._connection is not None:
+            try:
+                send(self._connection, {"request": request, **values})
+            except OSError:
+                return  # It has ended; `poll` will report it.
 
+    def _update(self, connection: Connection) -> list[SessionEvent]:
+        """Read the channels, and return the events that have come."""
+        events: list[SessionEvent] = []
+        try:
+            while connection.poll():
+                message = receive(connection)
+                kind = message.pop("event")
+                if kind == "shown":
+                    events.append(SessionEvent(**message))
+                elif kind == "failed":
+                    self.problem, self._wrong_call = message["problem"], message["status"] == USAGE_ERROR
+                self._closing = self._closing or kind in ("failed", "ended")
+        except (EOFError, OSError):
+            pass
+        if self._channels is not None:
+            frame = self._channels.frames.read(self._read[0])
+            if frame is not None:
+                self._read[0], self.frame = frame
+            status = self._channels.status.read(self._read[1])
+            if status is not None:
+                self._read[1], self.status = status[0], SessionStatus.from_json(status[1])
+        return events
 
-def _first_status(request: SessionRequest) -> SessionStatus:
-    return SessionStatus(
-        mode=request.mode,
-        task=request.sim_config.task,
-        source=request.source,
-        recording=request.session is not None,
-        seed=request.seed or 0,
-        target=request.episodes,
-        message=request.note,
-    )
-
-
-def _status(request: SessionRequest, values: dict[str, Any]) -> SessionStatus:
-    states = {"ready": "waiting", "placing": "running", "disturbing": "running", "repairing": "running"}
-    phases = {"disturbing": "disturb", "repairing": "repair"}
-    state = str(values["state"])
-    shown = "paused" if values.get("paused") else states.get(state, "stopped" if state == "placed" else state)
-    if state == "running" and values.get("waiting_for_motion"):
-        shown = "still"
-    effects = {name: text for name, text in values.get("effects", {}).items() if text is not None}
-    first = _first_status(request).to_json()
-    return SessionStatus.from_json(
-        first
-        | values
-        | {
-            "state": shown,
-            "phase": phases.get(state, "place"),
-            "ready": bool(values.get("ready", True)),
-            "countdown_s": values.get("countdown", 0.0),
-            "effects": effects,
-            "can_disturb": request.policy is not None and state not in ("ready", "over"),
-            "can_drag": shown in ("still", "running", "stopped"),
-            "recording": request.session is not None,
-            "message": {"text": values["message"]},
-        }
-    )
-
-
-def _events(events: list[dict[str, Any]]) -> list[SessionEvent]:
-    lines = [str(event["line"]) for event in events if "line" in event]
-    return [
-        SessionEvent(kind="kept" if line.startswith("kept") else "discarded", text=line, level="success")
-        for line in lines
-    ]
+    def _release(self, process: BaseProcess, connection: Connection) -> None:
+        process.join(1.0)
+        process.close()
+        connection.close()
+        self._process = self._connection = self._channels = None

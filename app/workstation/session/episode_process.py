@@ -1,255 +1,282 @@
 """An interactive episode in a process of its own, forked from one that has never stepped a simulation.
 
 Bullet is only reproducible there: otherwise only the first recorded episode could be replayed. A crash costs one
-episode, whose journal restores all but its last moments. The parent may have windows and gamepads open: the fork server
-is a process beside it, which has neither.
+episode, whose journal restores all but its last moments. The child saves its own episode; the parent never waits.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
-from typing import Any, TypeAlias
+from typing import Any
 
-from layflat.app.support.child_python import fork_server_context
+import numpy as np
+
 from layflat.app.workers.process import configure_child, describe_exit_status
-from layflat.app.workstation.session.episode_handle import EpisodeHandle, EpisodeLost, EpisodeStatus, HandleFactory
+from layflat.app.workstation.session.episode import EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.frame_channel import FrameChannel
+from layflat.app.workstation.session.request import SessionRequest
+from layflat.app.workstation.session.verdict import judge
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
+from layflat.data.arrays import FloatArray
+from layflat.data.environment_spec import StepLimits
 from layflat.data.errors import DataError
 from layflat.data.session.journal import JournalHandle, JournalWriter
 from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
-from layflat.data.types import DragTarget, Episode, Outcome, StoppedBy
-from layflat.policy import registry
-from layflat.policy.base import Policy, PolicyError
+from layflat.data.types import DragTarget, Episode, Outcome, Phase, StoppedBy
+from layflat.policy.base import Policy, PolicyError, continue_after_disturbance, max_extra_steps
 from layflat.policy.runner import EpisodeRunner
-from layflat.policy.trained_model import TrainedModel
 from layflat.policy.wrappers.takeover import MotionTakeoverTrigger, TakeoverPolicy
-from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
 ANSWER_S = 60.0
 """Time after which a step counts as hung."""
 EXIT_S = 5.0
-"""Time for a process to end when it is asked to."""
-
-OnStep: TypeAlias = Callable[[ClothSimulation, EpisodeRunner, TeleopInput], None]
-"""Called in the episode's process when its cloth hangs and after each step, with the step's input. Picklable."""
+"""Time for a process to end that has closed its connection."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class InteractiveEpisodeConfig:
+class EpisodeConfig:
     """Everything that determines an episode, except for what the person does."""
 
-    sim_config: SimConfig
+    request: SessionRequest
     seed: int
-    source: str
-    journal: JournalHandle
-    on_step: OnStep | None = None
-    model: TrainedModel | None = None
-    """Policy in control; the person takes over when they move, and returns control when they rest."""
+    journal: JournalHandle | None
+    """Journal, where the episode is recorded."""
+    frames: FrameChannel | None = None
 
 
 class EpisodeProcess:
-    """The parent's end of an episode."""
+    """The session's end of an episode, an `EpisodeHandle`."""
 
-    def __init__(self, config: InteractiveEpisodeConfig, recorder: SessionRecorder, context: BaseContext) -> None:
+    def __init__(self, config: EpisodeConfig, recorder: SessionRecorder | None, context: BaseContext) -> None:
         """Return at once; the cloth is hung meanwhile."""
-        self.seed = config.seed
-        self._journal = config.journal
-        self._recorder = recorder
-        self._connection, theirs = context.Pipe()
+        self.seed, self.status, self.saved, self.ended = config.seed, None, None, False
+        self._journal, self._recorder = config.journal, recorder
+        self._asked: list[str] = ["hang"]
+        """What is not done yet."""
+        self._answered_s = time.monotonic()
+        self.connection, theirs = context.Pipe()
         self._process = context.Process(  # type: ignore[attr-defined]
             target=serve, args=(config, theirs), name=f"episode of seed {config.seed}", daemon=True
         )
         self._process.start()
         theirs.close()
-        self._status: EpisodeStatus | None = None
+
+    connection: Connection
+    status: EpisodeStatus | None
+    saved: SavedEpisode | None
 
     @property
     def pid(self) -> int:
         """Number of the process."""
         return int(self._process.pid)
 
-    def ready(self) -> bool:
-        """Return whether the cloth hangs; never wait."""
-        if self._status is None and self._connection.poll():
-            self._status = self._receive_status()
-        return self._status is not None
+    @property
+    def busy(self) -> bool:
+        """Whether something that was asked for is not done yet."""
+        return bool(self._asked)
 
-    def status(self) -> EpisodeStatus:
-        """Return the state after the last step."""
-        return self._status or EpisodeStatus()
+    def poll(self) -> bool:
+        """Take what has come; return whether a step is done."""
+        stepped = False
+        try:
+            while not self.ended and self.connection.poll():
+                answer = self.connection.recv()
+                done, self._answered_s = self._asked.pop(0), time.monotonic()
+                if isinstance(answer, EpisodeStatus):
+                    self.status, stepped = answer, stepped or done == "step"
+                elif isinstance(answer, str):
+                    raise EpisodeLost(answer)
+                else:
+                    self._finish(answer)
+        except (EOFError, OSError) as error:
+            self._process.join(EXIT_S)
+            how = describe_exit_status(self._process.exitcode, EXIT_S)
+            raise EpisodeLost(f"the simulation of seed {self.seed} was lost: {how}") from error
+        if self._asked and not self.ended and time.monotonic() - self._answered_s > ANSWER_S:
+            raise EpisodeLost(f"the simulation of seed {self.seed} has not answered for {ANSWER_S:.0f} s")
+        return stepped
 
-    def step(self, teleop: TeleopInput, drag: DragTarget | None = None) -> EpisodeStatus:
-        """Run one step and wait for it."""
-        return self._request("step", teleop.without_commands(), drag)
+    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> None:
+        """Begin a step."""
+        self._ask("step", phase, teleop, drag)
 
-    def disturb(self, name: str) -> None:
+    def disturb(self, name: str, repeat: int) -> None:
         """Start a named disturbance with the next step."""
-        self._request("disturb", name)
+        self._ask("disturb", name, repeat)
 
     def release_control(self) -> None:
         """Return control to the policy with the next step."""
-        self._request("release_control")
+        self._ask("release_control")
 
-    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
-        """End the episode and save it; after a crash, save the steps that its journal has, as partial."""
-        with contextlib.suppress(EpisodeLost):
-            self._send("end", outcome, stopped_by)
-            while self._receive() != "ended":
-                pass
-        self._end(EXIT_S)
-        return self._recorder.recover(self._journal, stopped_by=stopped_by if outcome == "partial" else "crashed")
+    def proceed(self) -> None:
+        """Have the policy continue after a disturbance."""
+        self._ask("proceed")
+
+    def show(self) -> None:
+        """Publish the newest frame again."""
+        self._ask("show")
+
+    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> None:
+        """End the episode and save it."""
+        self._ask("save", outcome, stopped_by)
+
+    def recover(self) -> SavedEpisode | None:
+        """Save the steps that the journal has."""
+        self.kill()
+        if self._recorder is None or self._journal is None:
+            return None
+        return self._recorder.recover(self._journal, stopped_by="crashed")
 
     def discard(self) -> None:
         """End the episode and delete its steps."""
-        self._end(0.0)
-        self._recorder.discard(self._journal)
+        if not self.connection.closed:
+            self.kill()
+            if self._recorder is not None and self._journal is not None:
+                self._recorder.discard(self._journal)
 
-    def _request(self, *request: Any) -> EpisodeStatus:
-        self._send(*request)
-        self._status = self._receive_status()
-        return self._status
-
-    def _send(self, *request: Any) -> None:
-        try:
-            self._connection.send(request)
-        except OSError as error:
-            raise self._lost() from error
-
-    def _receive_status(self) -> EpisodeStatus:
-        answer = self._receive()
-        if isinstance(answer, EpisodeStatus):
-            return answer
-        raise EpisodeLost(str(answer))
-
-    def _receive(self) -> Any:
-        try:
-            if not self._connection.poll(ANSWER_S):
-                raise EpisodeLost(f"the simulation of seed {self.seed} has not answered for {ANSWER_S:.0f} s")
-            return self._connection.recv()
-        except (EOFError, OSError) as error:
-            raise self._lost() from error
-
-    def _lost(self) -> EpisodeLost:
-        self._process.join(EXIT_S)
-        return EpisodeLost(
-            f"the simulation of seed {self.seed} was lost: {describe_exit_status(self._process.exitcode, EXIT_S)}"
-        )
-
-    def _end(self, patience_s: float) -> None:
-        self._process.join(patience_s)
-        if self._process.is_alive():
+    def kill(self) -> None:
+        """End the process; the journal, where there is one, keeps its steps."""
+        if not self.connection.closed:
             self._process.kill()
             self._process.join()
-        self._connection.close()
+            self.connection.close()
 
+    def _ask(self, *request: Any) -> None:
+        if not self._asked:
+            self._answered_s = time.monotonic()
+        self._asked.append(request[0])
+        with contextlib.suppress(OSError):  # `poll` reports a process that has ended.
+            self.connection.send(request)
 
-def make_handle_factory(
-    recorder: SessionRecorder,
-    sim_config: SimConfig,
-    source: str,
-    *,
-    on_step: OnStep | None = None,
-    model: TrainedModel | None = None,
-    context: BaseContext | None = None,
-) -> HandleFactory:
-    """Return what makes the episodes of a recording.
-
-    ``context`` makes their processes. A caller that has neither windows nor threads and has never stepped a simulation
-    may pass one that forks; the default is a fork server.
-    """
-    made = fork_server_context([__name__]) if context is None else context
-
-    def make_episode(seed: int) -> EpisodeHandle:
-        config = InteractiveEpisodeConfig(
-            sim_config=sim_config,
-            seed=seed,
-            source=source,
-            journal=recorder.new_journal(),
-            on_step=on_step,
-            model=model,
-        )
-        return EpisodeProcess(config, recorder, made)
-
-    return make_episode
+    def _finish(self, saved: SavedEpisode | None) -> None:
+        self.kill()
+        self.ended = True
+        if self._recorder is not None and saved is not None:
+            self.saved = self._recorder.register(saved)
+        elif self._recorder is not None and self._journal is not None:
+            self._recorder.discard(self._journal)
 
 
 class EpisodeWorker:
-    """The child's end of an episode, up to its journal."""
+    """The child's end of an episode."""
 
-    def __init__(self, config: InteractiveEpisodeConfig) -> None:
-        robot = config.sim_config.robot_spec
-        self._journal: JournalWriter | None = None
-        self._on_step = config.on_step
-        self._teleop = zero_input(robot)
-        self._sim = ClothSimulation(config.sim_config)
-        self._sim.reset(config.seed)
-        policy: Policy = TeleopPolicy(robot, config.source, lambda: self._teleop)
+    def __init__(self, config: EpisodeConfig) -> None:
+        request = config.request
+        self._config, self._journal = config, None
+        self._teleop = zero_input(request.sim_config.robot_spec)
         self._trigger = MotionTakeoverTrigger(lambda: self._teleop.moving)
-        if config.model is not None:
-            policy = TakeoverPolicy(registry.from_model(config.model), policy, self._trigger)
+        self._sim = ClothSimulation(request.sim_config)
+        self._sim.reset(config.seed)
+        self._policy = None if request.policy is None else request.policy.make(self._sim)
+        journal = config.journal
+        self._run = EpisodeRunner(
+            self._sim,
+            self._decider(),
+            seed=config.seed,
+            keep_images=journal is not None and journal.save_images,
+            on_start=None if journal is None else self._open_journal,
+        )
+        self._n_interventions, self._work_s = 0, 0.0
+        self.show()
 
-        def open_journal(beginning: Episode) -> JournalWriter:
-            self._journal = config.journal.open(beginning)
-            return self._journal
+    _journal: JournalWriter | None
 
-        keep_images = config.journal.save_images
-        self._run = EpisodeRunner(self._sim, policy, seed=config.seed, keep_images=keep_images, on_start=open_journal)
-        self._report()
+    def _open_journal(self, beginning: Episode) -> JournalWriter:
+        assert self._config.journal is not None
+        self._journal = self._config.journal.open(beginning)
+        return self._journal
 
-    def _report(self) -> None:
-        if self._on_step is not None:
-            self._on_step(self._sim, self._run, self._teleop)
+    def _decider(self) -> Policy:
+        """Return the person, the policy, or the policy from which the person takes over."""
+        policy, source = self._policy, self._config.request.source
+        if policy is not None and not source:
+            return policy
+        person = TeleopPolicy(self._sim.config.robot_spec, source, lambda: self._teleop)
+        if policy is None:
+            return person
+        # Without its device a person is never in control.
+        return TakeoverPolicy(policy, person, lambda: self._trigger() if self._teleop.connected else "release")
+
+    def answer(self, name: str, *details: Any) -> EpisodeStatus | SavedEpisode | None:
+        """Do what was asked for, by its name, and return the answer for the session."""
+        if name == "save":
+            return self.save(*details)
+        known = (self.step, self.disturb, self.release_control, self.proceed, self.show)
+        stopped_by = {method.__name__: method for method in known}[name](*details)
+        return self.status(stopped_by)
 
     def status(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
         """Return the state after the last step."""
-        run, seen = self._run, self._run.observation
-        x, y, z = seen.holder_position.tolist()
+        run, seen, policy = self._run, self._run.observation, self._policy
+        flat_area = 0.0 if run.ground_truth is None else run.ground_truth.flat_area
+        limits, extra = self._sim.spec.limits, 0 if policy is None else max_extra_steps(policy)
         return EpisodeStatus(
             n_steps=run.n_steps,
             time_s=seen.time_s,
             contact_portion=seen.contact_portion,
-            holder_m=(x, y, z),
-            flat_area=0.0 if run.ground_truth is None else run.ground_truth.flat_area,
+            flat_area=flat_area,
+            verdict=judge(
+                seen.contact_portion, flat_area, stopped_by != "unstable" and self._sim.success(), self._nodes()
+            ),
             stopped_by=stopped_by,
             disturbed=run.disturbed,
             human_in_control=isinstance(run.policy, TakeoverPolicy) and run.policy.human_in_control,
+            intervention_steps=self._n_interventions,
+            disturbances=tuple(record.name for record in run.disturbances),
+            policy="" if policy is None else policy.name,
+            limits=StepLimits(place=limits.place + extra, repair=limits.repair + extra, disturb=limits.disturb),
         )
 
-    def handle_request(self, name: str, *details: Any) -> object:
-        """Run ``step``, ``disturb``, ``release_control`` or ``end``; return the answer for the parent."""
-        known = (self.step, self.disturb, self.release_control, self.end)
-        return {method.__name__: method for method in known}[name](*details)
+    def _nodes(self) -> FloatArray | None:
+        truth, shape = self._run.ground_truth, self._sim.spec.cloth_shape
+        if truth is None or shape is None or len(truth.nodes) != shape.rows * shape.columns:
+            return None
+        return np.reshape(truth.nodes, (shape.rows, shape.columns, 3))
 
-    def step(self, teleop: TeleopInput, drag: DragTarget | None = None) -> EpisodeStatus:
+    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> StoppedBy | None:
         """Run one step."""
-        self._teleop = teleop
-        stopped_by = self._run.step("place", drag)
-        self._report()
-        return self.status(stopped_by)
+        self._teleop, n_steps, started_s = teleop, self._run.n_steps, time.monotonic()
+        stopped_by = self._run.step(phase, drag)
+        if self._run.n_steps > n_steps:
+            self._work_s = time.monotonic() - started_s
+            self._n_interventions += self._run.steps[-1].intervention
+            self.show()
+        return stopped_by
 
-    def disturb(self, name: str) -> EpisodeStatus:
+    def disturb(self, name: str, repeat: int) -> None:
         """Start a disturbance."""
-        self._run.disturb(name)
-        return self.status()
+        self._run.disturb(name, repeat)
 
-    def release_control(self) -> EpisodeStatus:
-        """Return control to the policy."""
+    def release_control(self) -> None:
+        """Return control to the policy, unless the person still moves."""
         self._trigger.release()
-        return self.status()
 
-    def end(self, outcome: Outcome, stopped_by: StoppedBy) -> str:
-        """Complete the journal, which then holds the whole episode."""
-        if self._journal is not None:
-            self._journal.finish(self._run.build_episode(stopped_by, outcome))
-        return "ended"
+    def proceed(self) -> None:
+        """Have the policy continue."""
+        continue_after_disturbance(self._run.policy)
+
+    def show(self) -> None:
+        """Publish the newest frame."""
+        if self._config.frames is not None:
+            stamp_s = self._teleop.stamp_s if self._run.steps else 0.0
+            self._config.frames.publish(self._sim, self._run, input_s=stamp_s, work_s=self._work_s)
+
+    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
+        """Save the episode, durable on return; None where it has no steps."""
+        if self._journal is None or self._config.journal is None or not self._run.n_steps:
+            return None
+        episode = self._run.build_episode(stopped_by, outcome)
+        # From here on the journal holds the whole episode, too.
+        self._journal.finish(episode)
+        return self._config.journal.save(episode)
 
     def close(self) -> None:
         """Close journal and simulation."""
@@ -258,23 +285,22 @@ class EpisodeWorker:
         self._sim.close()
 
 
-def serve(config: InteractiveEpisodeConfig, connection: Connection) -> None:
+def serve(config: EpisodeConfig, connection: Connection) -> None:
     """Serve one episode in this process."""
     configure_child()
     worker: EpisodeWorker | None = None
     try:
         worker = EpisodeWorker(config)
         connection.send(worker.status())
-        answer: object = None
-        while answer != "ended":
+        name = ""
+        while name != "save":
             name, *details = connection.recv()
-            answer = worker.handle_request(name, *details)
-            connection.send(answer)
+            connection.send(worker.answer(name, *details))
     except (SimError, DataError, PolicyError) as error:
         with contextlib.suppress(OSError):
             connection.send(str(error))
     except (EOFError, OSError):
-        pass  # The recording has ended. The journal keeps the steps.
+        pass  # The session has ended. The journal keeps the steps.
     finally:
         if worker is not None:
             worker.close()

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.app.workstation.session.latest_value import LatestValue
-from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
 from layflat.perception.camera.table_grid import TableGrid
@@ -186,15 +185,3 @@ def _cloth_state(value: np.void) -> ClothState:
         strength=float(value["word_strength"]),
         out_of_view=bool(value["out_of_view"]),
     )
-
-
-@dataclass(frozen=True)
-class FramePublisher:
-    """Callback of an episode's process that publishes each step."""
-
-    channel: FrameChannel
-
-    def __call__(self, sim: ClothSimulation, run: EpisodeRunner, teleop: TeleopInput) -> None:
-        """Publish the state after a step on ``teleop``, or before the first step."""
-        work_s = time.monotonic() - teleop.stamp_s if teleop.stamp_s else 0.0
-        self.channel.publish(sim, run, input_s=teleop.stamp_s if run.steps else 0.0, work_s=work_s)

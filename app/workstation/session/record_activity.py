@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from layflat.app.workstation.session.activity_process import IDLE_S, Endpoint, Message
-from layflat.app.workstation.session.episode_process import make_handle_factory
-from layflat.app.workstation.session.frame_channel import FramePublisher
+from layflat.app.workstation.session.old_episode import make_handle_factory
+from layflat.app.workstation.session.old_episode import FramePublisher
 from layflat.app.workstation.session.intervention import YOU
 from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.app.workstation.session.recording_session import RecordingSession

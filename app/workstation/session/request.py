@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from layflat.app.workstation.session.status import Message, Mode
+from layflat.app.workstation.session.status import Message, Mode, SessionStatus
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.spec import PolicySpec
 from layflat.sim.config import SimConfig
@@ -44,10 +44,32 @@ class SessionRequest:
 
     @property
     def mode(self) -> Mode:
-        """What is done."""
+        """Kind of session."""
         if self.policy is None:
             return "record"
         return "correct" if self.source else "place"
+
+    @property
+    def recorded_source(self) -> str:
+        """Name by which the session knows who decided: the device, the policy, or both."""
+        if self.policy is None:
+            return self.source
+        policy = replace(self.policy, label="").label
+        return f"{policy}+{self.source}" if self.source else policy
+
+    def first_status(self) -> SessionStatus:
+        """Return the status before anything has happened."""
+        return SessionStatus(
+            mode=self.mode,
+            task=self.sim_config.task,
+            source=self.source,
+            policy="" if self.policy is None else self.policy.label,
+            disturbance=self.disturbance,
+            file="" if self.session is None else str(self.session),
+            seed=self.seed or 0,
+            target=self.episodes,
+            message=self.note if self.note.text else Message(text="starting"),
+        )
 
     def open_recorder(self) -> SessionRecorder | None:
         """Open the session; DataError where it holds something else."""

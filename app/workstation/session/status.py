@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, TypeAlias
 
 from layflat.app.workstation.teleop.teleop_input import Command
-from layflat.data.types import Phase
+from layflat.data.types import Outcome, Phase, StoppedBy
 
 Mode: TypeAlias = Literal["record", "place", "correct"]
 """record: a person demonstrates. place: a policy places. correct: a policy places, and the person may take over."""
@@ -23,6 +23,7 @@ Level: TypeAlias = Literal["info", "success", "warning", "error"]
 
 YOU = "you"
 """Controller in a status: the person, or else the policy by its name."""
+LEVELS: dict[Outcome, Level] = {"success": "success", "failure": "info", "partial": "warning"}
 COUNTED = ("success", "failure", "partial", "discarded")
 
 
@@ -48,6 +49,11 @@ class Verdict:
     """Such as "77 %, folded over at the free edge"."""
 
 
+def question(outcome: Outcome, verdict: Verdict) -> str:
+    """Return the question about a label that the verdict does not agree with."""
+    return f"{verdict.words}: keep as {outcome}?"
+
+
 @dataclass(frozen=True, kw_only=True)
 class SessionEvent:
     """Something that must be shown once: a take that is durable, or one that is gone for good."""
@@ -71,6 +77,8 @@ class SessionStatus:
     """Whether the cloth hangs."""
     countdown_s: float = 0.0
     """Time until it runs; 0 in any other state than countdown."""
+    file: str = ""
+    """Session that is recorded into; empty where takes cannot be kept."""
     seed: int = 0
     """Seed of the current take."""
     steps: int = 0
@@ -82,20 +90,24 @@ class SessionStatus:
     """Name of the policy; empty where a person demonstrates."""
     source: str = ""
     """Teleoperator of the person; empty where there is none."""
+    problem: str = ""
+    """Why the teleoperator is disconnected, or empty."""
     controller: str = ""
     """Who decides the next step: `YOU`, or the policy's name; empty while neither does."""
     intervention_steps: int = 0
     """Steps of the current take in which the person took over."""
     disturbances: tuple[str, ...] = ()
     drag_steps: int = 0
+    dragging: bool = False
+    """Whether the person pulls at the cloth now."""
     effects: Mapping[str, str] = field(default_factory=dict)
     """What each command would do now, by its name; one that would do nothing is missing."""
+    disturbance: str = "none"
+    """Disturbance that the command DISTURB starts."""
     can_disturb: bool = False
     """Whether a disturbance by name would act now."""
     can_drag: bool = False
     """Whether the cloth can be pulled now."""
-    recording: bool = False
-    """Whether takes can be kept."""
     counts: Mapping[str, int] = field(default_factory=lambda: dict.fromkeys(COUNTED, 0))
     """Number of takes of this session by outcome, and of discarded ones."""
     n_episodes: int = 0
@@ -108,12 +120,23 @@ class SessionStatus:
     """The present state, or what has just happened."""
     verdict: Verdict | None = None
     """Judgement of the current take once it has stopped, or of the last one while the next one waits."""
+    stopped_by: StoppedBy | None = None
+    """Why the current take has stopped."""
+    asked: Outcome | None = None
+    """Label that the question is about."""
     question: str = ""
     """Question that must be answered, such as "77 %, folded over: keep as success?"; empty in other states."""
+    discarded: tuple[int, int] | None = None
+    """Seed and steps of the take that UNDO would bring back."""
     timing: str = ""
     """How steadily the steps come, one line."""
     real_time_factor: float = 0.0
     """Simulated over wall time of the last steps; 0 where nothing was measured."""
+
+    @property
+    def recording(self) -> bool:
+        """Whether takes can be kept."""
+        return bool(self.file)
 
     def effect(self, command: Command) -> str | None:
         """Return what a command would do now, or None where it would do nothing."""
@@ -151,5 +174,6 @@ class SessionStatus:
                 "message": Message(**found.get("message", {})),
                 "verdict": None if verdict is None else Verdict(**verdict),
                 "disturbances": tuple(found.get("disturbances", ())),
+                "discarded": None if found.get("discarded") is None else tuple(found["discarded"]),
             }
         )

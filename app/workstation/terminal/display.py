@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
 
-from layflat.app.workstation.session.rate_limiter import RateLimiter
-from layflat.app.workstation.session.recording_session import RecordingSession
+from layflat.app.workstation.session.client import SessionClient
+from layflat.app.workstation.session.status import Message, SessionStatus
 from layflat.app.workstation.teleop.contact_rumble import ContactRumble
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Teleoperator
@@ -41,13 +41,13 @@ class TerminalDisplay:
         self.clear()
         print(text, file=self._stream, flush=True)
 
-    def show(self, recording: RecordingSession, teleop: TeleopInput) -> None:
+    def show(self, status: SessionStatus, teleop: TeleopInput) -> None:
         """Redraw the status line."""
-        self.print_message(recording.message)
+        self.print_message(status.message)
         now = self._clock()
         if self._live and now - self._shown_s >= SHOW_S and select.select([], [self._stream], [], 0)[1]:
             self._shown_s = now
-            self._stream.write(f"\r{status_line(recording, teleop)[: self._columns() - 1]}\x1b[K")
+            self._stream.write(f"\r{status_line(status, teleop)[: self._columns() - 1]}\x1b[K")
             self._stream.flush()
             self._drawn = True
 
@@ -57,12 +57,12 @@ class TerminalDisplay:
             return os.get_terminal_size(self._stream.fileno()).columns or FULL_WIDTH
         return FULL_WIDTH
 
-    def print_message(self, message: str) -> None:
+    def print_message(self, message: Message) -> None:
         """Print a message where it is new."""
-        if message != self._message:
-            self._message = message
-            if message:
-                self.print_line(message)
+        if message.text != self._message:
+            self._message = message.text
+            if message.text:
+                self.print_line(message.text)
 
     def print_result(self, line: str) -> None:
         """Print a line for scripts on stdout."""
@@ -77,64 +77,51 @@ class TerminalDisplay:
             self._drawn = False
 
 
-def status_line(recording: RecordingSession, teleop: TeleopInput) -> str:
+def status_line(status: SessionStatus, teleop: TeleopInput) -> str:
     """Return state, numbers and available commands on one line."""
-    status, state = recording.status, recording.state
     texts = {
-        "waiting": f"seed {recording.seed} " + ("hangs" if recording.ready else "is being hung"),
-        "countdown": f"starts in {recording.countdown_left_s():.0f}" if recording.ready else "hanging the cloth",
+        "waiting": f"seed {status.seed} " + ("hangs" if status.ready else "is being hung"),
+        "countdown": f"starts in {status.countdown_s:.0f}" if status.ready else "hanging the cloth",
+        "still": "move to continue" if status.steps else "move to start",
         "running": "RECORDING",
     }
-    if recording.waiting_for_motion:
-        texts["running"] = "move to continue" if status.n_steps else "move to start"
-    numbers = f"{status.n_steps} steps  contact {100 * status.contact_portion:.0f} %  speed {100 * teleop.speed:.0f} %"
-    available = ", ".join(command.value for command in Command if recording.effect(command))
-    return f"[{texts.get(state, state)}]  {numbers}  {available}"
+    numbers = f"{status.steps} steps  contact {100 * status.contact:.0f} %  speed {100 * teleop.speed:.0f} %"
+    available = ", ".join(command.value for command in Command if status.effect(command))
+    return f"[{texts.get(status.state, status.state)}]  {numbers}  {available}"
 
 
-def print_instructions(
-    recording: RecordingSession, teleoperator: Teleoperator, print_line: Callable[[str], None]
-) -> None:
+def print_instructions(teleoperator: Teleoperator, print_line: Callable[[str], None]) -> None:
     """Print the effect of each button."""
     buttons = teleoperator.help()
     width = max(len(button.name) for button in buttons)
     for button in buttons:
         print_line(f"  {button.name:{width}}  {button.text}")
-    if recording.message:
-        print_line(recording.message)
 
 
 def run_recording(
-    recording: RecordingSession,
+    client: SessionClient,
     teleoperator: Teleoperator,
     display: TerminalDisplay,
     *,
-    step_s: float,
     stopped: Callable[[], bool],
-    clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> RateLimiter:
-    """Record until the recording is over or ``stopped`` returns True; return how steadily the steps came.
-
-    The teleoperator is polled right before each step: its input acts in that very step.
-    """
-    limiter = RateLimiter(step_s, n_steps=None, clock=clock, sleep=sleep)
+) -> None:
+    """Pass a person's input to a session until it is over or ``stopped`` returns True, with everything saved."""
     rumble = ContactRumble(teleoperator)
-    while recording.state != "over" and not stopped():
+    while client.alive and not stopped():
         teleop = teleoperator.poll()
-        recording.handle_input(teleop)
-        if not recording.is_stepping:
-            recording.step()
-            limiter.pause()
-        elif limiter.remaining_s() == 0:
-            limiter.start_step()
-            recording.step()
-            limiter.end_step()
-            rumble.update(recording.status.contact_portion, recording.status.n_steps)
-        display.show(recording, teleop)
-        sleep(min(limiter.remaining_s() or POLL_S, POLL_S) if recording.is_stepping else POLL_S)
+        for command in teleop.commands:
+            client.send_command(command)
+        client.send_input(teleop)
+        for event in client.poll():
+            display.print_result(event.text)
+        rumble.update(client.status.contact, client.status.steps)
+        display.show(client.status, teleop)
+        # A device that was away for one poll only must be noticed, too.
+        sleep(POLL_S if teleop.connected else 10 * POLL_S)
+    for event in client.end():
+        display.print_result(event.text)
     display.clear()
-    return limiter
 
 
 @contextmanager

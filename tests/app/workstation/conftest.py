@@ -18,11 +18,11 @@ def teleoperator() -> FakeTeleoperator:
 
 @pytest.fixture
 def record(tmp_path) -> Iterator[Callable[..., Recording]]:
-    """``record(**options of RecordingSession)``: a recording into s.h5."""
+    """``record(**options of Recording)``: a session that records into s.h5, or not, with ``session=None``."""
     made: list[Recording] = []
 
     def make(**options) -> Recording:
-        made.append(Recording(tmp_path / "s.h5", **options))
+        made.append(Recording(options.pop("session", tmp_path / "s.h5"), **options))
         return made[-1]
 
     yield make

@@ -9,12 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from layflat.app.workstation.session.episode_process import make_handle_factory
-from layflat.app.workstation.session.recording_session import RecordingSession
+from layflat.app.workstation.session.client import SessionClient
+from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.teleop.gamepad import Gamepad
 from layflat.app.workstation.terminal.display import TerminalDisplay, run_recording
 from layflat.data.session.reader import open_session
-from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import FLAT_AREA
 from layflat.sim.config import SimConfig
 from layflat.tests.factories import ROBOT_SPECS
@@ -32,8 +31,8 @@ class Layer:
     It knows the place of the robot, the contact portion and the length of the cloth.
     """
 
-    def __init__(self, recording: RecordingSession, pad: VirtualPad, sides: tuple[str, ...], length_m: float) -> None:
-        self._recording = recording
+    def __init__(self, client: SessionClient, pad: VirtualPad, sides: tuple[str, ...], length_m: float) -> None:
+        self._client = client
         self._pad = pad
         self._sides = sides
         self._length_m = length_m
@@ -41,34 +40,34 @@ class Layer:
     def acts(self) -> Iterator[None]:
         """Yield after each look at the status line."""
         while True:
-            while self._recording.state != "waiting" or not self._recording.ready:
+            while self._client.status.state != "waiting" or not self._client.status.ready:
                 yield
             self._stick(0, 0)
             self._pad.axis("r2", -1)
             self._pad.tap("cross")
-            while self._recording.state != "running":
+            while self._client.status.state not in ("still", "running"):
                 yield
             for step in (self._lower, self._trail, self._lay, self._drag, self._hold):
                 yield from step()
             self._pad.tap("triangle")
-            while self._recording.state == "running":
+            while self._client.status.state in ("still", "running"):
                 yield
 
     def _lower(self) -> Iterator[None]:
-        while self._recording.status.holder_m[2] > self._length_m + 0.03:
+        while self._client.frame.holder[2] > self._length_m + 0.03:
             self._stick(0, -1)
             yield
 
     def _trail(self) -> Iterator[None]:
-        self._edge_m = self._recording.status.holder_m[0]
-        while self._recording.status.holder_m[0] < self._edge_m + TRAIL_M:
+        self._edge_m = self._client.frame.holder[0]
+        while self._client.frame.holder[0] < self._edge_m + TRAIL_M:
             self._stick(0.9, -0.35)
             yield
 
     def _lay(self) -> Iterator[None]:
         self._pad.axis("r2", -0.6)
         while True:
-            x, _, z = self._recording.status.holder_m
+            x, _, z = self._client.frame.holder
             if z < 0.009:
                 return
             way = np.array([self._edge_m + COVERS * self._length_m - x, 0.005 - z])
@@ -78,9 +77,9 @@ class Layer:
 
     def _drag(self) -> Iterator[None]:
         self._pad.axis("r2", -1)
-        best, since, began = 0.0, self._recording.status.n_steps, self._recording.status.n_steps
+        best, since, began = 0.0, self._client.status.steps, self._client.status.steps
         while True:
-            contact, n_steps = self._recording.status.contact_portion, self._recording.status.n_steps
+            contact, n_steps = self._client.status.contact, self._client.status.steps
             if contact > best + 0.003:
                 best, since = contact, n_steps
             if contact > 0.975 or n_steps - since > 25 or n_steps - began > 60:
@@ -90,8 +89,8 @@ class Layer:
 
     def _hold(self) -> Iterator[None]:
         self._stick(0, 0)
-        until = self._recording.status.n_steps + HOLD_STEPS
-        while self._recording.status.n_steps < until:
+        until = self._client.status.steps + HOLD_STEPS
+        while self._client.status.steps < until:
             yield
 
     def _stick(self, right: float, up: float) -> None:
@@ -104,25 +103,19 @@ class Layer:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("robot", ROBOT_SPECS, ids=str)
 def test_a_towel_is_laid_flat_with_the_sticks(robot, tmp_path):
-    settings, path = SimConfig(robot=robot.name), tmp_path / "s.h5"
+    settings, path, client = SimConfig(robot=robot.name), tmp_path / "s.h5", SessionClient()
     sides = ("left", "right")[: robot.n_points]
-    with (
-        plugged() as pad,
-        SessionRecorder(path, robot=robot, cloth="towel", descriptor=settings.descriptor) as recorder,
-    ):
+    with plugged() as pad:
         gamepad = Gamepad(robot)
-        recording = RecordingSession(
-            recorder, make_handle_factory(recorder, settings, "gamepad"), episodes=2, countdown_s=0.5
-        )
-        acts = Layer(recording, pad, sides, settings.cloth_spec.length_m).acts()
+        client.start(SessionRequest(sim_config=settings, source="gamepad", session=path, episodes=2, countdown_s=0.5))
+        acts = Layer(client, pad, sides, settings.cloth_spec.length_m).acts()
 
         def sleep(seconds: float) -> None:
             time.sleep(seconds)
             next(acts)
 
-        screen = TerminalDisplay(io.StringIO())
-        run_recording(recording, gamepad, screen, step_s=settings.step_s, stopped=lambda: False, sleep=sleep)
-        recording.close()
+        run_recording(client, gamepad, TerminalDisplay(io.StringIO()), stopped=lambda: False, sleep=sleep)
+        client.check()
         gamepad.close()
     with open_session(path) as session:
         infos = list(session.infos().values())

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,11 @@ def _session(process: psutil.Process) -> int:
         return -1
 
 
+def _deep(process: psutil.Process, one: Terminal) -> bool:
+    """Return whether a process is not started by the program itself."""
+    return process.ppid() != one.child.pid
+
+
 def record_command(path: Path, *more: object) -> tuple[object, ...]:
     return ("record", path, "--source", "keyboard", "--robot", "pickers", "--cloth", "napkin", *more)
 
@@ -68,14 +74,17 @@ def test_an_episode_is_kept_another_discarded_and_the_terminal_restored(terminal
     one = terminal(*record_command(path, "--episodes", 5, "--seed", 3))
     one.begin()
     one.type("y")
+    one.until("keep as success?")
+    one.type("y")
     kept = one.until("s.h5").splitlines()[-1].split("\x1b[K")[-1]
     assert kept.startswith("kept demo_0 success ")
     one.begin()
     one.type("x")
-    one.until("discarded seed 4 ")
+    one.until("undo brings it back")
     one.until(" hangs]")
     one.type("q")
     assert one.end() == 0
+    assert "discarded seed 4 " in one.text
     assert one.as_before()
     assert "timing: step " in one.text
     assert "1 demonstration in" in one.text
@@ -122,13 +131,31 @@ def test_a_session_of_another_robot_is_refused_and_the_terminal_restored(termina
 
 
 @pytest.mark.slow
-def test_after_a_kill_the_next_recording_saves_the_steps(terminal, tmp_path):
+def test_after_a_kill_of_the_terminal_the_session_saves_its_steps(terminal, tmp_path):
+    path = tmp_path / "s.h5"
+    one = terminal(*record_command(path))
+    one.begin()
+    one.child.kill()
+    one.child.wait()
+    end = time.monotonic() + 20.0
+    while left_behind(one.child):
+        assert time.monotonic() < end
+    with open_session(path) as session:
+        assert [(info.outcome, info.stopped_by) for info in session.infos().values()] == [("partial", "interrupted")]
+    assert [file.name for file in tmp_path.iterdir()] == ["s.h5"]
+
+
+@pytest.mark.slow
+def test_after_a_kill_of_the_session_the_next_recording_saves_the_steps(terminal, tmp_path):
     path = tmp_path / "s.h5"
     one = terminal(*record_command(path))
     one.begin()
     time.sleep(1.0)  # The journal is flushed twice a second.
-    one.child.kill()
-    one.child.wait()
+    for process in psutil.Process(one.child.pid).children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            process.kill()
+    assert one.end() == 1
+    assert "the session was lost" in one.text
     assert left_behind(one.child) == []
     two = terminal(*record_command(path))
     two.until("kept demo_0 partial ")
@@ -143,14 +170,14 @@ def test_after_a_kill_the_next_recording_saves_the_steps(terminal, tmp_path):
 def test_a_crash_of_the_simulation_costs_one_episode(terminal, tmp_path):
     one = terminal(*record_command(tmp_path / "s.h5"))
     one.begin()
-    for process in psutil.Process(one.child.pid).children(recursive=True):
-        # Episodes are the fork server's children.
-        if process.ppid() != one.child.pid and process.status() != psutil.STATUS_ZOMBIE:
-            process.send_signal(signal.SIGSEGV)
+    processes = psutil.Process(one.child.pid).children(recursive=True)
+    # The fork server, the session, its episode.
+    (episode,) = [each for each in processes if each.ppid() in {other.pid for other in processes if _deep(other, one)}]
+    episode.send_signal(signal.SIGSEGV)
     one.until("kept demo_0 partial ")
     one.begin()
-    one.type("y")
-    one.until("kept demo_1 success ")
+    one.type("n")
+    one.until("kept demo_1 failure ")
     assert one.end() == 0
     with open_session(tmp_path / "s.h5") as session:
         assert [info.seed for info in session.infos().values()] == [0, 0]
@@ -164,12 +191,12 @@ def test_a_correction_with_the_keyboard_is_marked_and_can_be_replayed(terminal, 
     one = terminal(*record_command(path, "--correct", tmp_path / "m.npz", "--no-window"))
     one.until(" hangs]")
     one.type("\r")
-    one.until("has stopped (threshold)")
+    one.until("Stopped: ")
     one.hold("s", 0.6)
     one.until("you are in control")
-    one.until("has stopped (threshold)")
-    one.type("y")
-    one.until("kept demo_0 success ")
+    one.until("Stopped: ")
+    one.type("n")
+    one.until("kept demo_0 failure ")
     assert one.end() == 0
     episode = check_replay(path, tmp_path)
     assert episode.source == "gp-word+keyboard"

@@ -56,8 +56,8 @@ def test_it_is_stopped_and_continued(terminal, tmp_path):
     assert local_modes(one) == 0
     one.hold("s", 0.4)
     one.until("RECORDING")
-    one.type("y")
-    one.until("kept demo_0 success")
+    one.type("n")
+    one.until("kept demo_0 failure")
     one.until("shell> ")
     assert local_modes(one) == termios.ECHO | termios.ICANON
     one.type("exit\n")

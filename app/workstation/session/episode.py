@@ -1,0 +1,88 @@
+"""EpisodeHandle: the protocol between a session and the episode that it runs, wherever that is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol, TypeAlias
+
+from layflat.app.support.errors import LayflatError
+from layflat.app.workstation.session.status import Verdict
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
+from layflat.data.environment_spec import StepLimits
+from layflat.data.session.saved_episode import SavedEpisode
+from layflat.data.types import DragTarget, Outcome, Phase, StoppedBy
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeStatus:
+    """State of an episode after a step."""
+
+    n_steps: int = 0
+    time_s: float = 0.0
+    """Simulated time."""
+    contact_portion: float = 0.0
+    flat_area: float = 0.0
+    verdict: Verdict | None = None
+    stopped_by: StoppedBy | None = None
+    """Why no step was taken: the policy's reason, or divergence; None where one was."""
+    disturbed: bool = False
+    """Whether a disturbance acts, or the cloth has not come to rest after it."""
+    human_in_control: bool = False
+    intervention_steps: int = 0
+    disturbances: tuple[str, ...] = ()
+    policy: str = ""
+    """Name of the policy; empty where a person demonstrates."""
+    limits: StepLimits = field(default_factory=StepLimits)
+    """Most steps of the policy in each phase."""
+
+
+class EpisodeHandle(Protocol):
+    """One episode, which runs elsewhere: no call waits for it, and what is asked for is done in this order."""
+
+    seed: int
+    status: EpisodeStatus | None
+    """Newest state; None while the cloth is being hung."""
+    ended: bool
+    """Whether `save` is done."""
+    saved: SavedEpisode | None
+    """What `save` has saved; None where the episode had no steps."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether something that was asked for is not done yet."""
+
+    def poll(self) -> bool:
+        """Take what has come; return whether a step is done. EpisodeLost where the simulation has died."""
+
+    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> None:
+        """Begin a step."""
+
+    def disturb(self, name: str, repeat: int) -> None:
+        """Start a named disturbance with the next step; ``repeat`` is the number of those before it."""
+
+    def release_control(self) -> None:
+        """Return control to the policy with the next step."""
+
+    def proceed(self) -> None:
+        """Have the policy continue after a disturbance."""
+
+    def show(self) -> None:
+        """Publish the newest frame again."""
+
+    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> None:
+        """End the episode and save it."""
+
+    def recover(self) -> SavedEpisode | None:
+        """Save the steps of an episode that was lost, as far as they are known; None where there are none."""
+
+    def discard(self) -> None:
+        """End the episode and delete its steps; may be called twice."""
+
+
+class EpisodeLost(LayflatError):
+    """The process of an episode ended by itself. The steps so far can still be saved."""
+
+
+HandleFactory: TypeAlias = Callable[[int], EpisodeHandle]
+"""Makes the episode of a seed; returns at once."""
