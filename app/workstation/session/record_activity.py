@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from layflat.app.workstation.session.activity_process import IDLE_S, Endpoint, Message
-from layflat.app.workstation.session.old_episode import make_handle_factory
-from layflat.app.workstation.session.old_episode import FramePublisher
 from layflat.app.workstation.session.intervention import YOU
+from layflat.app.workstation.session.old_episode import FramePublisher, make_handle_factory
 from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.app.workstation.session.recording_session import RecordingSession
 from layflat.app.workstation.session.requests import RecordRequest

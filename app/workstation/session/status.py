@@ -93,7 +93,7 @@ class SessionStatus:
     problem: str = ""
     """Why the teleoperator is disconnected, or empty."""
     controller: str = ""
-    """Who decides the next step: `YOU`, or the policy's name; empty while neither does."""
+    """Controller of the next step: `YOU`, or the policy's name; empty while neither decides."""
     intervention_steps: int = 0
     """Steps of the current take in which the person took over."""
     disturbances: tuple[str, ...] = ()

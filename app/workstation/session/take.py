@@ -54,7 +54,7 @@ class Take:
 
     @property
     def controller(self) -> str:
-        """Who decides the next step; empty where neither person nor policy does."""
+        """Controller of the next step; empty where neither person nor policy decides."""
         if self.state != "running" or self.phase == "disturb":
             return ""
         return YOU if not self.has_policy or self.status.human_in_control else self.status.policy

@@ -14,7 +14,7 @@ from pathlib import Path
 import viser
 
 from layflat.app.support.errors import INTERRUPTED, UsageError
-from layflat.app.workstation.session.activity_client import start_fork_server
+from layflat.app.workstation.session.client import start_fork_server
 from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.pages.registry import PAGES
 from layflat.app.workstation.web.security import open_server

@@ -66,7 +66,9 @@ def begin(tmp_path) -> Iterator[Callable[..., Driver]]:
         recorder = request.open_recorder()
         started_s = time.monotonic()
         config = EpisodeConfig(request=request, seed=3, journal=recorder.new_journal())
-        made.append(Driver(EpisodeProcess(config, recorder, fork_server_context([EpisodeProcess.__module__])), recorder))
+        made.append(
+            Driver(EpisodeProcess(config, recorder, fork_server_context([EpisodeProcess.__module__])), recorder)
+        )
         assert time.monotonic() - started_s < 5.0
         made[-1].wait()
         return made[-1]
