@@ -87,8 +87,13 @@ def evaluate(
         typer.Option(metavar="HOST:PORT", help="Address of the Ray cluster; by default a local one is started."),
     ] = None,
     videos: Annotated[
-        bool, typer.Option("--videos", help="Videos of the best, the median and the worst of each policy.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--videos/--no-videos",
+            show_default="some typical and worst episodes",
+            help="Films of the best, the typical and the worst episode of each policy, or none.",
+        ),
+    ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:

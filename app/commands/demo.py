@@ -93,8 +93,8 @@ def _run_demo(config: DemoConfig, workers: int, *, force: bool) -> Path:
         progress.phase("report")
         _write_frames(out / "frames.png", results, robots[0])
         sections = (_field_section(store, results.rows, robots, cloth),)
-        options = PageOptions(title=TITLE, thesis_tables=True, has_video=_has_video, sections=sections)
-        write_evaluation(results, options, on_progress=progress.status)
+        options = PageOptions(title=TITLE, thesis_tables=True, first=FINISHER, sections=sections)
+        write_evaluation(results, options, on_progress=progress.advance)
     print(f"report: {report}")
     return report
 
@@ -149,11 +149,6 @@ def _field_section(store: ArtifactStore, rows: pd.DataFrame, robots: Sequence[st
             yield field_figure(models, learned, contact=None if pd.isna(disturbed) else float(disturbed))
 
     return Section(id="field", title="Learned attractor fields", short="Fields", blocks=tuple(blocks()))
-
-
-def _has_video(example: str, row: pd.Series) -> bool:
-    """Show how the policy that goes past the thesis's repairs."""
-    return example == "median" and row["policy"] == FINISHER and row["disturbance"] == DISTURBANCE
 
 
 def _write_frames(path: Path, results: EvaluationResults, robot: str) -> None:

@@ -16,6 +16,7 @@ from layflat.app.evaluation.run import folder_lock, run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.report.comparison_sentences import paired_table
 from layflat.app.report.evaluation_page import PageOptions, write_evaluation
+from layflat.app.report.examples import FILMS
 from layflat.app.report.policies import policies_of
 from layflat.app.report.result_tables import group_table
 from layflat.app.support import validators
@@ -58,7 +59,8 @@ class EvaluateConfig:
     limit_s: float = LIMIT_S
     engine: str = ENGINES[0]
     address: str | None = None
-    videos: bool = False
+    videos: bool | None = None
+    """Films of all examples, or of none; by default of some typical and worst episodes."""
 
 
 def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> EvaluationResults:
@@ -83,8 +85,8 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         progress.phase("episodes", items=plan.n_episodes)
         results = run_evaluation(plan, config.out, engine=engine, force=force, progress=progress, locked=True)
         progress.phase("report")
-        options = PageOptions(has_video=lambda example, row: config.videos)
-        page = write_evaluation(results, options, on_progress=progress.status)
+        options = PageOptions(films={None: FILMS, True: None, False: 0}[config.videos])
+        page = write_evaluation(results, options, on_progress=progress.advance)
     print_results(results.rows)
     print(f"results: {config.out}")
     print(f"report: {page}")

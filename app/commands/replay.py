@@ -108,7 +108,7 @@ def rerun(recorded: Episode) -> Episode:
     with Progress({"replay": STEP_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
         progress.phase("replay")
         try:
-            again: Episode = pool.schedule(_rerun_here, args=[simulation, recorded], timeout=LIMIT_S).result()
+            again: Episode = progress.wait(pool.schedule(_rerun_here, args=[simulation, recorded], timeout=LIMIT_S))
         except FutureTimeoutError:
             raise LayflatError(f"the replay took more than {LIMIT_S:.0f} s; its physics may hang") from None
         except ProcessExpired as error:

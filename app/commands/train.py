@@ -45,13 +45,13 @@ def train(config: TrainConfig, *, force: bool) -> TrainedModel:
         raise UsageError(f"{config.data} has no intervention steps; remove --intervention-weight")
     # GPy prints when it is interrupted; stdout is for results.
     with Progress({"training": EXPECTED_S}) as progress, redirect_stdout(sys.stderr):
-        progress.phase("training", items=demonstrations.robot.size)
+        progress.phase("training")
         model = registry.train(
             config.policy,
             demonstrations,
             seed=config.seed,
             provenance=capture_provenance(),
-            progress=lambda done, of, clause: progress.advance(status=clause),
+            progress=lambda done, of, clause: progress.within(done / of, clause),
             intervention_weight=weight,
         )
     model_io.save(model, config.model, force=force)

@@ -7,7 +7,7 @@ costs only what it was running.
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 from layflat.app.support.child_python import own_imports_only, socket_folder
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.fork_server import ONE_THREAD, ForkServer
+from layflat.app.workers.item_progress import RunningItem
 from layflat.app.workers.simulated_episode import EpisodeFactory
 from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
 from layflat.app.workers.worker_process import POLL_S, Engine, NextWorkItem
@@ -36,7 +37,9 @@ def ray_engine(workers: int, address: str | None) -> Engine:
     """
     ray = _ray()
 
-    def run(next_item: NextWorkItem, folder: Path, make: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
+    def run(
+        next_item: NextWorkItem, folder: Path, make: EpisodeFactory
+    ) -> Generator[WorkResult | Sequence[RunningItem], None, None]:
         _connect(ray, workers, address)
         try:
             yield from _run(ray, next_item, folder, make)
@@ -74,7 +77,7 @@ def _connect(ray: Any, workers: int, address: str | None) -> None:
 
 def _run(
     ray: Any, next_item: NextWorkItem, folder: Path, make: EpisodeFactory
-) -> Generator[WorkResult | None, None, None]:
+) -> Generator[WorkResult | Sequence[RunningItem], None, None]:
     task = ray.remote(num_cpus=1, max_retries=0)(run_on_node)
     pending: dict[Any, WorkItem] = {}
     while True:
@@ -84,7 +87,7 @@ def _run(
         if not pending:
             return
         ready, _ = ray.wait(list(pending), timeout=POLL_S)
-        yield None
+        yield ()
         for reference in ready:
             yield _result(ray, reference, pending.pop(reference), folder)
 

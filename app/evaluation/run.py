@@ -27,6 +27,7 @@ from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.support.metrics import crashed_metrics, episode_metrics, write_json
 from layflat.app.support.progress import Progress
 from layflat.app.workers.interrupts import note_interrupts
+from layflat.app.workers.item_progress import ItemProgress
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workers.work_item import WorkItem, WorkResult, read_run, run_file
 from layflat.app.workers.worker_process import Engine, local_engine
@@ -91,6 +92,7 @@ class Evaluation:
         self._plan = plan
         self._out = out
         self._progress = progress
+        self._episodes: ItemProgress | None = None
         self._runs = out / RUNS
         if (out / EPISODES).exists() and not (out / CONFIG).exists():
             raise UsageError(f"{out} contains other results; choose another --out, or --force to replace them")
@@ -111,8 +113,10 @@ class Evaluation:
             for result in results:
                 if interrupts.received:
                     raise KeyboardInterrupt
-                if result is not None:
+                if isinstance(result, WorkResult):
                     self._add(result)
+                elif self._episodes is not None:
+                    self._episodes.show_running(result)
 
     def finish(self) -> None:
         """Write the rows in their order and the summary; what has no room on the disk is made by the next run."""
@@ -177,16 +181,17 @@ class Evaluation:
             planned = (run for item in self._plan.items() for run in item.run_ids)
             finished = sum(run in self._csv.runs for run in planned)
             if finished:
-                self._progress.advance(finished, status="already there")
+                self._progress.skip(finished, "already there")
+            self._episodes = ItemProgress(self._progress, self._plan.n_episodes - finished)
 
     def _report(self, rows: list[dict[str, Any]]) -> None:
-        if self._progress is None:
+        if self._episodes is None:
             return
         for row in rows:
             portions = [row["contact_placed"], row["contact_disturbed"], row["contact_final"]]
             contact = " -> ".join("-" if c is None else f"{c:.2f}" for c in portions)
             what = f"crashed, {row['reason']}" if row["crashed"] else f"contact {contact}"
-            self._progress.advance(status=f"{row['run']}: {what}")
+            self._episodes.finish(1, f"{what}, {row['run']}")
 
 
 def _crashed_row(item: WorkItem, run: str, reason: str) -> dict[str, Any]:

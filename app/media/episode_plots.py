@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from layflat.app.media.plot_style import ALERT, BOXED_LEGEND, MUTED, png_bytes, styled_figure
+from layflat.app.media.plot_style import ALERT, MUTED, SERIES, legend_below, png_bytes, styled_figure
 from layflat.app.support.phases import disturbed_spans
 from layflat.data.arrays import FloatArray
 from layflat.data.atomic_files import atomic_path
 from layflat.data.robot import RobotSpec
 from layflat.data.types import OUTCOMES, Episode, Outcome, actions_of
 
-OUTCOME_COLORS: Mapping[Outcome, str] = {"success": "#0f766e", "failure": "#c2571a", "partial": "#6d5bd0"}
-AXIS_COLORS: Mapping[str, str] = {"x": "#0369a1", "y": "#4d7c0f", "z": "#b8336a"}
+OUTCOME_COLORS: Mapping[Outcome, str] = {"success": SERIES[1], "failure": SERIES[0], "partial": SERIES[2]}
+AXIS_COLORS: Mapping[str, str] = {"x": SERIES[1], "y": SERIES[0], "z": SERIES[4]}
 LINE_STYLES = ("-", "--")
 """Of the first and the second picker."""
 INTERVENTION_COLOR = "#f2c14e"
@@ -129,7 +129,7 @@ def _mark_events(axis: Axes, episodes: Sequence[EpisodeCurves], *, named: bool) 
         alpha, label = 0.5 * _alpha(len(interventions)), None if number else "a person decides"
         axis.axvspan(first, end, color=INTERVENTION_COLOR, alpha=alpha, zorder=0, linewidth=0, label=label)
     if named and (disturbances or pulls or interventions):
-        axis.legend(loc="lower right", fontsize=8)
+        legend_below(axis, 3)
 
 
 def _alpha(count: int) -> float:
@@ -153,7 +153,7 @@ def _draw_paths(axis: Axes, episodes: Sequence[EpisodeCurves]) -> None:
         axis.plot([], [], "--", color=MUTED, label="picker 2")
     axis.plot([], [], "o", color=MUTED, markersize=4, label="start")
     axis.plot([], [], "s", color=MUTED, markersize=4, label="end")
-    axis.legend(loc="upper right")
+    legend_below(axis, 6)
     axis.set(title="paths in the xz plane", xlabel="x (m)", ylabel="z (m)")
     axis.set_aspect("equal", adjustable="datalim")
 
@@ -176,7 +176,7 @@ def _draw_actions(axis: Axes, episodes: Sequence[EpisodeCurves]) -> None:
         tracks = [(curves.time_s[:-1], 1000 * curves.actions_m[:, column]) for curves in episodes]
         _draw_tracks(axis, tracks, AXIS_COLORS[name[1]], LINE_STYLES[name.endswith("2")], label=name)
     axis.set(title="actions", ylabel="displacement (mm per step)")
-    axis.legend(loc="best", ncols=2, **BOXED_LEGEND)
+    legend_below(axis, 3)
 
 
 def _draw_contact(axis: Axes, episodes: Sequence[EpisodeCurves]) -> None:

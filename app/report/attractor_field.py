@@ -8,11 +8,12 @@ from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import to_rgba
 from scipy.special import softmax
 
-from layflat.app.media.plot_style import ALERT, BOXED_LEGEND, INK, png_bytes, styled_figure
+from layflat.app.media.plot_style import ALERT, INK, SERIES, styled_figure, svg_text
 from layflat.app.report.blocks import Figure
+from layflat.app.report.charts import PANEL_IN, key
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Episode
@@ -24,8 +25,9 @@ MARGIN_M = 0.06
 CONTACT = "contact"
 """Name of the contact portion among a model's inputs."""
 GRID = (27, 17)
-DEMONSTRATION_COLOR = "#3b82c4"
-UNCERTAINTY = LinearSegmentedColormap.from_list("uncertainty", ["#ffffff", "#dfe5ea", "#b9c3cd"])
+DEMONSTRATION_COLOR = SERIES[3]
+SHADES, SHADE = 6, 0.045
+"""Steps of the standard deviation, and how much ink each lays over those below."""
 
 
 class VectorFieldModel(Protocol):
@@ -102,39 +104,56 @@ def field_figure(
             fields[title] = vector_field(model, demonstrations, contact=contact)
     max_std_mm = max(1000 * float(field.std.max()) for field in fields.values())
     longest_m = max(float(np.hypot(field.dx, field.dz).max()) for field in fields.values())
-    with styled_figure(10.4, 3.5 if len(fields) > 1 else 4.2) as figure:
-        axes = list(figure.subplots(1, len(fields), squeeze=False, sharey=True)[0])
-        for axis, (name, field) in zip(axes, fields.items(), strict=True):
-            levels = np.linspace(0, max_std_mm, 13)
-            shade = axis.contourf(field.x, field.z, 1000 * field.std, levels=levels, cmap=UNCERTAINTY, zorder=0)
-            axis.quiver(
-                field.x, field.z, field.dx, field.dz, angles="xy", scale_units="xy", scale=(longest_m or 0.035) / 0.035,
-                color=INK, width=0.0028, zorder=3, headwidth=3.6, headlength=4, minlength=0.3,
-            )  # fmt: skip
-            _draw_demonstrations(axis, robot, demonstrations)
-            axis.set(title=name, xlabel="x (m)", aspect="equal")
-        axes[0].set_ylabel("z (m)")
-        axes[0].legend(loc="upper right", **BOXED_LEGEND)
-        label = "standard deviation (mm per step)"
-        figure.colorbar(shade, ax=axes, shrink=0.75, pad=0.01, label=label, format="%.1f")
-        png = png_bytes(figure)
+    panels = tuple(
+        _panel(name, field, robot, demonstrations, max_std_mm=max_std_mm, longest_m=longest_m)
+        for name, field in fields.items()
+    )
+    legend = (
+        key(f"{len(demonstrations)} demonstrations", color=DEMONSTRATION_COLOR, marker="o"),
+        key("end", color=ALERT, marker="s", linestyle="none"),
+        key(f"standard deviation, up to {max_std_mm:.1f} mm a step", color=INK, alpha=SHADES * SHADE, linewidth=9),
+    )
     part = "the holder" if robot.n_points == 1 else "the first held corner"
     caption = (
         f"{robot} robot: the displacement that a model predicts for {part} in the xz plane (arrows, length "
-        "proportional) over its standard deviation (grey: unsure), with the "
+        "proportional) over its standard deviation (shaded: unsure), with the "
         f"{len(demonstrations)} demonstrations it learned from. Inputs outside the plane are, at each point, those of "
         "the demonstrations' steps near it."
     )
     if contact is not None and len(fields) > len(models):
         caption += f" Where the contact is held, the cloth counts as {100 * contact:.0f} % flat everywhere."
-    return Figure(png=png, alt=f"attractor field, {robot}", caption=caption)
+    alt = f"Learned displacements of the {robot} robot in the xz plane: {', '.join(fields)}."
+    return Figure(panels=panels, alt=alt, caption=caption, legend=legend)
+
+
+def _panel(
+    title: str,
+    field: VectorField,
+    robot: RobotSpec,
+    demonstrations: Sequence[Episode],
+    *,
+    max_std_mm: float,
+    longest_m: float,
+) -> str:
+    with styled_figure(*PANEL_IN) as drawing:
+        axis = drawing.subplots()
+        for low in np.linspace(0, max_std_mm, SHADES, endpoint=False)[1:]:
+            # One over the other: shades side by side would leave seams.
+            levels, color = [float(low), 1.01 * max_std_mm + 1e-9], to_rgba(INK, SHADE)
+            axis.contourf(field.x, field.z, 1000 * field.std, levels=levels, colors=[color], zorder=0)
+        axis.quiver(
+            field.x, field.z, field.dx, field.dz, angles="xy", scale_units="xy", scale=(longest_m or 0.035) / 0.035,
+            color=INK, width=0.004, zorder=3, headwidth=3.6, headlength=4, minlength=0.3,
+        )  # fmt: skip
+        _draw_demonstrations(axis, robot, demonstrations)
+        axis.set(title=title, xlabel="x (m)", ylabel="z (m)", aspect="equal")
+        return svg_text(drawing)
 
 
 def _draw_demonstrations(axis: Axes, robot: RobotSpec, demonstrations: Sequence[Episode]) -> None:
     layout = FeatureLayout(robot=robot, names=plane_of(robot)[:2])
-    for number, episode in enumerate(demonstrations):
+    for episode in demonstrations:
         path = np.array([layout.vector(observation) for observation in episode.observations()])
-        label = f"{len(demonstrations)} demonstrations" if number == 0 else None
-        axis.plot(*path.T, color=DEMONSTRATION_COLOR, linewidth=1.3, alpha=0.9, zorder=2, label=label)
+        axis.plot(*path.T, color=DEMONSTRATION_COLOR, linewidth=1.3, alpha=0.9, zorder=2)
         axis.plot(*path[0], "o", color=DEMONSTRATION_COLOR, markersize=3.5, zorder=4)
-        axis.plot(*path[-1], "s", color=ALERT, markersize=3.5, zorder=4, label="end" if number == 0 else None)
+        axis.plot(*path[-1], "s", color=ALERT, markersize=3.5, zorder=4)

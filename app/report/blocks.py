@@ -20,6 +20,8 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     cited: frozenset[int] = frozenset()
     """Indices of the rows that are the thesis's, not ours."""
+    runs: tuple[str, ...] = ()
+    """Episode of each row, by its name, if rows are episodes; the page says how to look at it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,13 +46,24 @@ class TableBlock:
     """Whether cells are sentences: left-aligned, on several lines."""
 
 
+@dataclass(frozen=True)
+class Key:
+    """An entry of a legend."""
+
+    name: str
+    svg: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A PNG."""
+    """Charts side by side, or below each other on a small screen, with one legend above them."""
 
-    png: bytes
+    panels: tuple[str, ...]
+    """SVG elements."""
     alt: str
+    """What a reader who cannot see it should know."""
     caption: str = ""
+    legend: tuple[Key, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +73,8 @@ class FrameStrip:
     frames: tuple[Frame, ...]
     policy: str
     caption: str
+    run: str = ""
+    """Name of the episode."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +84,12 @@ class VideoBlock:
     frames: Callable[[], Iterator[NDArray[np.uint8]]]
     """Called once."""
     fps: float
+    poster: NDArray[np.uint8]
+    """Shown before it plays, and on paper; (H, W, 3) RGB."""
     policy: str
     caption: str
+    run: str = ""
+    """Name of the episode."""
 
 
 Block: TypeAlias = Text | TableBlock | Figure | FrameStrip | VideoBlock
@@ -91,11 +110,11 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """One number that matters, with its name above and a remark below."""
+    """Numbers that matter, of one policy in one place."""
 
     name: str
-    value: str
-    below: str = ""
+    values: tuple[tuple[str, str, str], ...]
+    """What it is, the number, and its interval and n."""
 
 
 @dataclass(frozen=True, kw_only=True)

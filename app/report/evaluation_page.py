@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import pandas as pd
 
 from layflat.app.evaluation.paired import CONDITION
-from layflat.app.evaluation.summary import with_measures
-from layflat.app.media.episode_renderer import EpisodeRenderer, is_drawable
-from layflat.app.media.frames import key_steps
+from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.report import charts
-from layflat.app.report.blocks import Block, Card, Figure, FrameStrip, Page, Section, TableBlock, Text, VideoBlock
+from layflat.app.report.blocks import Block, Figure, Page, Section, TableBlock, Text
 from layflat.app.report.comparison_sentences import compare_policies, comparison_sentence, paired_table
-from layflat.app.report.page import OnProgress, write_page
+from layflat.app.report.examples import FILMS, example_blocks, film_runs
+from layflat.app.report.headline import UNDISTURBED, headline_cards
+from layflat.app.report.page import OnProgress, no_progress, write_page
 from layflat.app.report.policies import policies_of
 from layflat.app.report.result_tables import GROUP_NOTE, episode_table, failure_table, group_table
+from layflat.app.report.results_like import ResultsFolder, ResultsLike
 from layflat.app.report.table_cells import values
 from layflat.app.report.thesis_numbers import BASELINE
 from layflat.app.report.thesis_tables import (
@@ -30,49 +30,24 @@ from layflat.app.report.thesis_tables import (
     placing_table,
     with_outcomes,
 )
-from layflat.app.support.formatting import list_numbers, percent, points, ratio
+from layflat.app.support.formatting import list_numbers
 from layflat.app.support.phases import disturbance_outcomes
 from layflat.app.support.seeds import taught_text
-from layflat.data.types import Episode
 from layflat.sim.physics.registry import DEFAULT_PHYSICS
 from layflat.sim.tasks import DEFAULT_TASK
 
-UNDISTURBED, THESIS = "none", "thesis"
-"""Disturbances whose sections can have the thesis's tables."""
+THESIS = "thesis"
+"""Disturbance whose section can have the thesis's table."""
 USUAL = {"task": DEFAULT_TASK, "physics": DEFAULT_PHYSICS}
 """Values that a section's title leaves out."""
-EXAMPLES = ("best", "median", "worst")
-STRIP_FRAMES = 6
-STRIP_WIDTH = 220
-VIDEO_WIDTH = 480
 MAX_CURVES = 200
 """Episodes of a policy in a condition whose curves are read; the first by seed."""
 MAX_ROWS = 2000
-MAX_CARDS = 4
+EPISODES_NOTE = (
+    "The commands are for this page's folder: they show an episode's numbers again; `--video FILE.webm` makes a film, "
+    "and `layflat data plot FILE.h5 --out FILE.png` its curves."
+)
 MOMENTS = {"contact_placed": "before", "contact_disturbed": "after the disturbance", "contact_final": "final"}
-
-
-class ResultsLike(Protocol):
-    """Rows and episodes of an evaluation."""
-
-    @property
-    def rows(self) -> pd.DataFrame:
-        """The contract's columns, ``run`` (the name of an episode), and ``reason`` of a crash; one row per episode."""
-
-    def episode(self, run: str, /) -> Episode:
-        """Return the recorded episode of a row that did not crash."""
-
-
-class ResultsFolder(ResultsLike, Protocol):
-    """Results of an evaluation in a folder."""
-
-    @property
-    def folder(self) -> Path:
-        """The evaluation's --out."""
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        """Content of summary.json; empty while the evaluation runs for the first time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +56,10 @@ class PageOptions:
 
     title: str = ""
     """By default from the folder's name."""
-    has_video: Callable[[str, pd.Series], bool] = lambda example, row: False
-    """Whether one of EXAMPLES of a policy, whose row is given, gets a video."""
+    films: int | None = FILMS
+    """Most films; None: of the best, the typical and the worst episode of each policy."""
+    first: str = ""
+    """Policy whose films come first."""
     thesis_tables: bool = False
     """Whether the thesis's Tables 4-1 and 4-2 stand above ours."""
     sections: tuple[Section, ...] = ()
@@ -90,7 +67,7 @@ class PageOptions:
 
 
 def write_evaluation(
-    results: ResultsFolder, options: PageOptions | None = None, *, on_progress: OnProgress | None = None
+    results: ResultsFolder, options: PageOptions | None = None, *, on_progress: OnProgress = no_progress
 ) -> Path:
     """Write the page of an evaluation into its folder; return its path."""
     path, options = results.folder / "report.html", options or PageOptions()
@@ -98,7 +75,9 @@ def write_evaluation(
     with EpisodeRenderer() as renderer:
         taught = [taught_text(entry["policy"], entry["seeds"]) for entry in results.summary.get("taught", ())]
         provenance = _provenance(results.summary)
-        page = evaluation_page(results, renderer, options, title=title, notes=taught, provenance=provenance)
+        page = evaluation_page(
+            results, renderer, options, title=title, notes=taught, provenance=provenance, on_progress=on_progress
+        )
         write_page(path, page, on_progress=on_progress)
     return path
 
@@ -111,28 +90,24 @@ def evaluation_page(
     title: str,
     notes: Sequence[str] = (),
     provenance: Sequence[str] = (),
+    on_progress: OnProgress = no_progress,
 ) -> Page:
     """Make the page; its videos are drawn when it is written, while ``renderer`` must be open."""
     rows = results.rows
-    conditions = rows.groupby(list(CONDITION), sort=False)
-    sections = [
-        _section(results, renderer, options, dict(zip(CONDITION, key, strict=True)), part) for key, part in conditions
-    ]
+    films = film_runs(rows, options.films, options.first)
+    conditions = list(rows.groupby(list(CONDITION), sort=False))
+    sections = []
+    for key, part in conditions:
+        sections.append(_section(results, renderer, options, dict(zip(CONDITION, key, strict=True)), part, films))
+        on_progress(0.5 / len(conditions), sections[-1].title)
     return Page(
         title=title,
         lead=_lead(rows),
-        cards=tuple(_cards(rows)),
+        cards=headline_cards(rows),
         sections=(*sections, *options.sections, _failures(rows), _episodes(rows)),
         notes=(*notes, *_notes(rows)),
         provenance=tuple(provenance),
     )
-
-
-def example_rows(rows: pd.DataFrame, column: str = "contact_final") -> list[tuple[str, Mapping[str, Any]]]:
-    """Return (name from EXAMPLES, row) by ``column``; each episode once."""
-    known = rows[rows[column].notna() & ~rows["crashed"].astype(bool)].sort_values([column, "flat_area_final", "seed"])
-    picks = {len(known) - 1: "best", len(known) // 2: "median", 0: "worst"}
-    return [(name, known.iloc[at].to_dict()) for at, name in picks.items()] if len(known) else []
 
 
 def moment_boxes(rows: pd.DataFrame) -> Figure | None:
@@ -145,8 +120,8 @@ def moment_boxes(rows: pd.DataFrame) -> Figure | None:
         return None
     if len(groups) == 2:  # undisturbed: "before" and "final" are the same moment
         groups.pop("before")
-    caption = "Contact portion, one dot an episode; boxes are quartiles."
-    return Figure(png=charts.box_plots(groups), alt="box plots of the contact portion", caption=caption)
+    few = f"; boxes, from {charts.MIN_BOX} episodes on, are quartiles"
+    return charts.box_plots(groups, caption=f"Contact portion: one mark an episode, the line is the median{few}.")
 
 
 def contact_curves(rows: pd.DataFrame, curve: Callable[[str], charts.Curve]) -> Figure:
@@ -161,26 +136,21 @@ def contact_curves(rows: pd.DataFrame, curve: Callable[[str], charts.Curve]) -> 
     )
     if max(map(len, groups.values())) == MAX_CURVES:
         caption += f" Of each policy the first {MAX_CURVES} episodes."
-    return Figure(png=charts.contact_over_time(groups), alt="contact portion over time", caption=caption)
+    return charts.contact_over_time(groups, caption=caption)
 
 
-def example_strips(
-    results: ResultsLike, renderer: EpisodeRenderer, rows: pd.DataFrame, options: PageOptions
-) -> Iterator[Block]:
-    """Yield frames (and videos) of the best, the median and the worst episode of each policy."""
-    for policy in policies_of(rows):
-        for name, row in example_rows(rows[rows["policy"] == policy]):
-            episode = results.episode(row["run"])
-            caption = (
-                f"{name}: seed {row['seed']}, final contact {percent(row['contact_final'])}, flat area "
-                f"{ratio(row['flat_area_final'])}, {row['stopped_by']}"
-            )
-            if is_drawable(episode):
-                frames = renderer.frame_strip(episode, key_steps(episode, STRIP_FRAMES), STRIP_WIDTH)
-                yield FrameStrip(frames=frames, policy=policy, caption=caption)
-                if options.has_video(name, row):
-                    video = partial(renderer.camera_frames, episode, VIDEO_WIDTH)
-                    yield VideoBlock(frames=video, fps=1.0 / episode.step_s, policy=policy, caption=caption)
+def _contact_figure(results: ResultsLike, rows: pd.DataFrame) -> Figure:
+    """Draw boxes and curves beside each other, under the curves' legend."""
+    boxes = moment_boxes(rows)
+    curves = contact_curves(rows, lambda run: charts.curve_of(results.episode(run)))
+    if boxes is None:
+        return curves
+    return replace(
+        curves,
+        panels=(*boxes.panels, *curves.panels),
+        alt=f"{boxes.alt} {curves.alt}",
+        caption=f"{boxes.caption} {curves.caption}",
+    )
 
 
 def _section(
@@ -189,6 +159,7 @@ def _section(
     options: PageOptions,
     condition: Mapping[str, str],
     rows: pd.DataFrame,
+    films: Collection[str],
 ) -> Section:
     disturbance = condition["disturbance"]
     case = "undisturbed" if disturbance == UNDISTURBED else f"disturbance {disturbance}"
@@ -198,8 +169,7 @@ def _section(
     if options.thesis_tables:
         blocks.append(_thesis_table(results, rows, disturbance))
     blocks += _comparisons(rows, "contact_final" if disturbance == UNDISTURBED else "gain")
-    blocks += [moment_boxes(rows), contact_curves(rows, lambda run: charts.curve_of(results.episode(run)))]
-    blocks += example_strips(results, renderer, rows, options)
+    blocks += [_contact_figure(results, rows), *example_blocks(results, renderer, rows, films)]
     return Section(
         id=re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-"),
         title=title[0].upper() + title[1:],
@@ -241,7 +211,7 @@ def _failures(rows: pd.DataFrame) -> Section:
 
 
 def _episodes(rows: pd.DataFrame) -> Section:
-    note = "" if len(rows) <= MAX_ROWS else f"The first {MAX_ROWS} of {len(rows)}; episodes.csv has all."
+    note = EPISODES_NOTE if len(rows) <= MAX_ROWS else f"{EPISODES_NOTE} The first {MAX_ROWS}; episodes.csv has all."
     table = episode_table(rows[:MAX_ROWS])
     block = TableBlock(table=table, title=f"{len(rows)} episodes", note=note, folded=True)
     return Section(id="episodes", title="Every episode", blocks=(block,))
@@ -254,15 +224,6 @@ def _lead(rows: pd.DataFrame) -> str:
         f"{len(rows)} episodes: {', '.join(policies_of(rows))}; {', '.join(counts)}; disturbances: {disturbances}; "
         f"seeds {list_numbers(rows['seed'])}."
     )
-
-
-def _cards(rows: pd.DataFrame) -> Iterator[Card]:
-    for policy in policies_of(rows)[:MAX_CARDS]:
-        group = with_measures(rows[rows["policy"] == policy])
-        final, gain = values(group, "contact_final"), values(group, "gain")
-        if len(final):
-            below = f"regained {points(gain.mean())} points, n = {len(gain)}" if len(gain) else f"n = {len(final)}"
-            yield Card(name=f"{policy}: final contact, mean", value=percent(final.mean()), below=below)
 
 
 def _notes(rows: pd.DataFrame) -> Iterator[str]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from layflat.app.media.frames import Frame
 from layflat.app.media.video import write_video
-from layflat.app.report.policies import policy_color
+from layflat.app.report.charts import policy_keys
 from layflat.app.support.formatting import percent
 
 JPEG_QUALITY = 84
@@ -38,7 +38,7 @@ def page_template() -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.filters["no_wrap"] = no_wrap
-    environment.globals["policy_color"] = policy_color
+    environment.globals["policy_key"] = lambda policy: Markup(policy_keys([policy])[0].svg)
     return environment.get_template("page.html.j2")
 
 
@@ -76,11 +76,6 @@ def jpeg_uri(image: NDArray[np.uint8]) -> str:
     """Encode an RGB image as the data URI of a JPEG."""
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return _uri("image/jpeg", encoded.tobytes())
-
-
-def png_uri(content: bytes) -> str:
-    """Encode a PNG's content as a data URI."""
-    return _uri("image/png", content)
 
 
 def _uri(kind: str, content: bytes) -> str:

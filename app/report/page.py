@@ -6,21 +6,32 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from layflat.app.report.blocks import Block, Figure, FrameStrip, Page, Table, TableBlock, Text, VideoBlock
-from layflat.app.report.html_assets import frame_views, page_template, png_uri, video_uri
+from layflat.app.report.blocks import Block, FrameStrip, Page, Table, TableBlock, Text, VideoBlock
+from layflat.app.report.html_assets import frame_views, jpeg_uri, page_template, video_uri
 from layflat.data.atomic_files import write_text
 
-OnProgress = Callable[[str], None]
+OnProgress = Callable[[float, str], None]
+"""Called with a share of the page that is done, in addition to those before, and the title of a section."""
 
 
-def write_page(path: Path, page: Page, *, on_progress: OnProgress | None = None) -> None:
-    """Write the page, whole or not at all; ``on_progress`` is called with each section's title."""
+def no_progress(share: float, title: str) -> None:
+    """Do nothing: the default of ``on_progress``."""
+
+
+def write_page(path: Path, page: Page, *, on_progress: OnProgress = no_progress) -> None:
+    """Write the page, whole or not at all; it reports half of the progress."""
     views = []
     for section in page.sections:
-        if on_progress is not None:
-            on_progress(section.short or section.title)
         views.append({"section": section, "blocks": [_view(block) for block in section.blocks]})
-    write_text(path, page_template().render(page=page, views=views))
+        on_progress(0.5 / len(page.sections), section.short or section.title)
+    write_text(path, page_template().render(page=page, views=views, shown=_shown(page)))
+
+
+def _shown(page: Page) -> dict[str, str]:
+    """Return what the page has of each run: its film or its frames."""
+    blocks = [block for section in page.sections for block in section.blocks]
+    kinds = ((FrameStrip, "frames"), (VideoBlock, "film"))
+    return {b.run: name for kind, name in kinds for b in blocks if isinstance(b, kind) and b.run}
 
 
 def markdown(page: Page) -> str:
@@ -51,10 +62,8 @@ def _markdown_of(block: Block) -> list[str]:
 def _view(block: Block) -> dict[str, Any]:
     """Return a block for the template: its kind, itself, and its pictures as data URIs."""
     view: dict[str, Any] = {"kind": type(block).__name__, "block": block}
-    if isinstance(block, Figure):
-        view["uri"] = png_uri(block.png)
-    elif isinstance(block, FrameStrip):
+    if isinstance(block, FrameStrip):
         view["frames"] = frame_views(block.frames)
     elif isinstance(block, VideoBlock):
-        view["uri"] = video_uri(block.frames(), fps=block.fps)
+        view |= {"uri": video_uri(block.frames(), fps=block.fps), "poster": jpeg_uri(block.poster)}
     return view

@@ -1,30 +1,30 @@
-"""Order and colour of the policies in every table and figure."""
+"""Order and looks of the policies in every table and figure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 
+from layflat.app.media.plot_style import SERIES
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 
-COLORS: Mapping[str, str] = {
-    BASELINE: "#c2571a",
-    PROPOSED: "#0f766e",
-    "gp-contact": "#6d5bd0",
-    "gp-direction": "#b8336a",
-    "gp-baseline+drag-rule": "#4d7c0f",
-    "gp-finish+recovery+steady": "#1d4ed8",
-    "word": "#0f766e",
-    "stretch-right": "#c2571a",
-    "random": "#667382",
-}
-OTHER_COLORS = ("#0369a1", "#a16207", "#475569", "#9f1239")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)), (0, (3, 1.2, 1, 1.2, 1, 1.2)))
+_numbers: dict[str, int] = {BASELINE: 0, PROPOSED: 1, "stretch-right": 0, "word": 1}
+"""Number of each policy's style: those that have one of their own, and the others as they come."""
 
 
-def policy_color(policy: str, number: int = 0) -> str:
-    """Return the policy's colour; ``number`` tells policies without one of their own apart."""
-    return COLORS.get(policy, OTHER_COLORS[number % len(OTHER_COLORS)])
+def style_number(policy: str) -> int:
+    """Return the number of the policy's style, the same for as long as the program runs."""
+    return _numbers.setdefault(policy, len(_numbers) - 2)
+
+
+def policy_style(policy: str) -> dict[str, Any]:
+    """Return Matplotlib's colour, marker and line style of a policy: no two policies share all three."""
+    number = style_number(policy)
+    styles = ("color", SERIES), ("marker", MARKERS), ("linestyle", DASHES)
+    return {name: values[number % len(values)] for name, values in styles}
 
 
 def policies_of(rows: pd.DataFrame) -> list[str]:

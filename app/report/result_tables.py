@@ -52,7 +52,7 @@ def episode_table(rows: pd.DataFrame) -> Table:
         )
         cells = (*map(percent, contacts), points(row["gain"]), mesh, area, steps, row["stopped_by"], wall)
         lines.append((row["policy"], str(row["seed"]), *cells))
-    return Table(EPISODE_HEADER, tuple(lines))
+    return Table(EPISODE_HEADER, tuple(lines), runs=tuple(rows["run"]) if "run" in rows else ())
 
 
 def failure_table(rows: pd.DataFrame) -> Table:

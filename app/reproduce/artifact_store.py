@@ -97,7 +97,7 @@ class ArtifactStore:
             for spec, future in futures.items():
                 path = self.model_path(spec)
                 path.parent.mkdir(parents=True, exist_ok=True)
-                model_io.save(future.result(), path, force=True)
+                model_io.save(progress.wait(future), path, force=True)
                 progress.advance(status=f"trained {spec.name}")
 
     def _train(self, spec: ModelSpec) -> TrainedModel:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from layflat.app.report import charts
 from layflat.app.report import thesis_numbers as thesis
-from layflat.app.report.blocks import Figure, Table
+from layflat.app.report.blocks import Table
 from layflat.app.report.comparison_sentences import compare_policies, comparison_sentence
 from layflat.app.report.policies import policies_of
 from layflat.app.report.table_cells import END_HEADER, difference_cell, end_cells, mean_cell, range_cell, values
@@ -56,8 +56,7 @@ def render_flattening(results: ExperimentResults) -> ExperimentOutput:
         moment: {name: values(rows, f"contact_{moment}", name) for name in policies_of(rows)}
         for moment in ("start", "final")
     }
-    png, caption = charts.box_plots(groups), "Every dot is one start."
-    output.blocks.append(Figure(png=png, alt="contact at the start and at the end", caption=caption))
+    output.blocks.append(charts.box_plots(groups, caption="Every dot is one start."))
     output.blocks.append(results.curves(trial, rows))
     for name in policies_of(rows):
         output.blocks += results.strips(trial, name, studies.UNDISTURBED)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from layflat.app.evaluation.paired import MIN_PAIRS, PairedComparison
 from layflat.app.report import charts
-from layflat.app.report.blocks import Figure, Table, Text
+from layflat.app.report.blocks import Table, Text
 from layflat.app.report.comparison_sentences import compare_policies, comparison_sentence
 from layflat.app.report.policies import policies_of
 from layflat.app.report.table_cells import (
@@ -84,9 +84,8 @@ def render_inputs(results: ExperimentResults) -> ExperimentOutput:
             moment: {policy: values(of_case(rows, disturbance), column, policy) for policy in policies_of(rows)}
             for moment, (column, disturbance) in zip(moments, REPAIRS, strict=True)
         }
-        png = charts.box_plots(groups, ylabel="regained (points)")
         caption = "Contact regained, a dot each episode; boxes are quartiles."
-        output.blocks.append(Figure(png=png, alt=f"contact regained by policy, {robot}", caption=caption))
+        output.blocks.append(charts.box_plots(groups, title=f"regained (points), {robot}", caption=caption))
     if found:
         output.blocks.insert(0, Text(lines=tuple(word_contribution(found)), finding=True))
     return output

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from layflat.app.report.blocks import Page, Section, Table, TableBlock
-from layflat.app.report.page import OnProgress, markdown, write_page
+from layflat.app.report.page import OnProgress, markdown, no_progress, write_page
 from layflat.app.reproduce.claims import Claim
 from layflat.app.reproduce.experiment_output import ExperimentOutput
 from layflat.app.reproduce.experiment_results import ExperimentResults
@@ -25,16 +25,15 @@ CLAIMS_NOTE = (
 )
 
 
-def write_reports(out: Path, results: ExperimentResults, *, on_progress: OnProgress | None = None) -> Path:
-    """Write both files; ``on_progress`` is called with each experiment's name. Return the page's path."""
+def write_reports(out: Path, results: ExperimentResults, *, on_progress: OnProgress = no_progress) -> Path:
+    """Write both files; return the page's path."""
     outputs: list[tuple[Experiment, ExperimentOutput]] = []
     for experiment in EXPERIMENTS.values():
         outputs.append((experiment, experiment.render(results)))
-        if on_progress is not None:
-            on_progress(experiment.name)
+        on_progress(0.5 / len(EXPERIMENTS), experiment.name)
     page = page_of(outputs, results.scale, capture_provenance())
     write_text(out / "table.md", markdown(page))
-    write_page(out / "report.html", page)
+    write_page(out / "report.html", page, on_progress=on_progress)
     return out / "report.html"
 
 

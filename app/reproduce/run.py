@@ -64,10 +64,10 @@ def _reproduce(config: ReproduceConfig, scale: ScaleConfig, workers: int) -> Pat
             store.build(trial.models, progress, workers=workers)
             progress.phase(trial.name, items=trial.episodes)
             run_trial(trial, out, store, seed, progress, workers=workers)
-        progress.phase("report", items=len(EXPERIMENTS))
+        progress.phase("report")
         with EpisodeRenderer() as renderer:
             results = ExperimentResults(out, scale, store, renderer)
-            page = write_reports(out, results, on_progress=lambda text: progress.advance(status=text))
+            page = write_reports(out, results, on_progress=progress.advance)
     print(f"report: {page}")
     return page
 

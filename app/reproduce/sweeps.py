@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from layflat.app.report import charts
-from layflat.app.report.blocks import Figure, Table
+from layflat.app.report.blocks import Table
 from layflat.app.report.comparison_sentences import compare_policies, comparison_sentence
 from layflat.app.report.policies import policies_of
 from layflat.app.report.table_cells import area_cell, flat_cell, gain_cell, lost_cell, mean_cell, range_cell, values
@@ -42,9 +42,8 @@ def render_counts(results: ExperimentResults) -> ExperimentOutput:
         regained[name] = [(n, values(of_case(part, DISTURBANCE), "gain")) for n, part in known.items()]
     if placed:
         panels = {"contact after placing (%)": placed, "regained (points)": regained}
-        png = charts.means_against(panels, xlabel="demonstrations")
         caption = "Means with their 95 % bootstrap intervals."
-        output.blocks.append(Figure(png=png, alt="contact against the number of demonstrations", caption=caption))
+        output.blocks.append(charts.means_against(panels, xlabel="demonstrations", caption=caption))
     return output
 
 

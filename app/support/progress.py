@@ -1,24 +1,42 @@
 """Progress on stderr: the current phase and item of a command, and the expected time left.
 
-On a terminal a bar, elsewhere plain lines: one at each phase and each finished item, and at most one every few seconds
-in between.
+On a terminal a bar that moves within an item, elsewhere plain lines: one at each phase and each finished item, and in
+between at most one every few seconds and every percent.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import TextIO
+from typing import Protocol, TextIO, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn
 from rich.progress import Progress as RichProgress
+from rich.table import Column
 
-PLAIN_INTERVAL_S = 5.0
-TRUST_AFTER_SHARE = 0.02
-"""Share of the expected time after which the measured speed counts instead of the expected one."""
+PLAIN_INTERVAL_S, PLAIN_SHARE = 5.0, 0.01
+REDRAW_S, WAIT_S = 0.1, 0.3
+"""Shortest time between two pictures of the bar, and longest one while a future is waited for."""
+EXPECTED_SHARE = 0.03
+"""Share of the expected time that the expectation counts for beside the measured speed."""
+SKIPPED_SHARE = 0.02
+"""A phase that took less than this share of its expected time had nothing to do, and says nothing about the speed."""
+
+T = TypeVar("T", covariant=True)
+
+
+class Waitable(Protocol[T]):
+    """A future."""
+
+    def done(self) -> bool:
+        """Whether the result is there."""
+
+    def result(self, timeout: float | None = None) -> T:
+        """Return the result; TimeoutError where it does not come in time."""
 
 
 class Progress:
@@ -46,18 +64,19 @@ class Progress:
         self._stream = stream if stream is not None else sys.stderr
         self._clock = clock
         self._interval_s = interval_s
-        self._began_s = clock()
+        self._began_s = self._phase_s = self._worked_s = self._redrawn_s = clock()
         self._spoke_s = -float("inf")
+        self._spoke_share = 0.0
         self._finished: dict[str, float] = {}
-        self._phase = ""
-        self._items = 1
-        self._done = 0.0
-        self._status = ""
+        self._skipped = 0.0
+        self._phase, self._status = "", ""
+        self._items, self._done, self._share, self._found = 1, 0.0, 0.0, 0.0
+        # Without a thread of its own: this process is forked.
         self._bar = _bar(self._stream) if self._stream.isatty() else None
         self._bar_task = self._bar.add_task("", total=1.0, left="") if self._bar else None
 
     def __enter__(self) -> Progress:
-        self._began_s = self._clock()
+        self._began_s = self._worked_s = self._clock()
         if self._bar:
             self._bar.start()
         return self
@@ -67,7 +86,8 @@ class Progress:
     ) -> None:
         if kind is None:
             self._close_phase()
-            self._show(speak=False)
+            self._finished = dict(self._weights)
+            self._show(speak=True)
         if self._bar:
             self._bar.stop()
 
@@ -76,15 +96,48 @@ class Progress:
         if name not in self._weights:
             raise ValueError(f"phase {name!r} is unknown; known ones are {', '.join(self._weights)}")
         self._close_phase()
-        self._phase, self._items, self._done, self._status = name, max(items, 1), 0.0, ""
+        self._phase, self._items, self._status = name, max(items, 1), ""
+        self._done, self._share, self._found, self._phase_s = 0.0, 0.0, 0.0, self._clock()
         self._show(speak=True)
 
-    def advance(self, amount: float = 1.0, status: str = "") -> None:
-        """Count ``amount`` more items as done; a whole item gives a line."""
+    def advance(self, amount: float = 1.0, status: str = "", *, share: float | None = None) -> None:
+        """Count ``amount`` more items as done; a whole item gives a line.
+
+        ``share``: share of the phase's work that is done where items are not alike, see `within`.
+        """
         before = int(self._done + 1e-9)
         self._done = min(self._done + amount, float(self._items))
         self._status = status
+        self._work(self._done / self._items if share is None else self._scaled(share))
         self._show(speak=int(self._done + 1e-9) > before)
+
+    def skip(self, amount: float, status: str) -> None:
+        """Count ``amount`` items as done that were there before: they say nothing about the speed."""
+        self._done += amount
+        self._found = self._share = min(self._done / self._items, 1.0)
+        self._skipped += self._weights[self._phase] * self._found
+        self._status = status
+        self._show(speak=True)
+
+    def within(self, share: float, status: str | None = None) -> None:
+        """Show that ``share`` (0..1) of the phase's work is done, without what was skipped; items may be half done."""
+        self._status = self._status if status is None else status
+        self._work(self._scaled(share))
+        self._show(speak=False)
+
+    def wait(self, future: Waitable[T]) -> T:
+        """Return the result of a future, while the bar moves by the time that one item is expected to take."""
+        began_s, base = self._clock(), self._done / self._items
+        item_s = self._weights[self._phase] / self._items
+        while True:
+            try:
+                return future.result(timeout=WAIT_S)
+            except TimeoutError:
+                if future.done():
+                    raise
+                gone = 1.0 - math.exp((began_s - self._clock()) / item_s)
+                self._work(max(self._share, base + gone / self._items))
+                self._show(speak=False)
 
     def status(self, text: str) -> None:
         """Show what happens inside the current item."""
@@ -101,19 +154,34 @@ class Progress:
     @property
     def share(self) -> float:
         """Share of the expected time that is done, 0..1."""
-        current = self._weights[self._phase] * self._done / self._items if self._phase else 0.0
+        current = self._weights[self._phase] * self._share if self._phase else 0.0
         return min((sum(self._finished.values()) + current) / sum(self._weights.values()), 1.0)
 
     def remaining_s(self) -> float:
-        """Return the expected remaining time: at first by the weights, then by the measured speed."""
-        if self.share < TRUST_AFTER_SHARE:
-            return max(sum(self._weights.values()) - (self._clock() - self._began_s), 0.0)
-        return (self._clock() - self._began_s) * (1.0 - self.share) / self.share
+        """Return the expected remaining time: by the weights, and more and more by the measured speed.
+
+        It is estimated when something is done, and counts down in between.
+        """
+        total, since_s = sum(self._weights.values()), self._clock() - self._worked_s
+        expected = EXPECTED_SHARE * total
+        slowness = (self._worked_s - self._began_s + expected) / (self.share * total - self._skipped + expected)
+        left_s = (1.0 - self.share) * total * slowness
+        return max(left_s - since_s, 0.1 * left_s)
+
+    def _scaled(self, share: float) -> float:
+        return self._found + (1.0 - self._found) * share
+
+    def _work(self, share: float) -> None:
+        if share > self._share:
+            self._share, self._worked_s = min(share, 1.0), self._clock()
 
     def _close_phase(self) -> None:
         if self._phase:
-            self._finished[self._phase] = self._weights[self._phase]
-            self._phase = ""
+            weight, took_s = self._weights[self._phase], self._clock() - self._phase_s
+            if took_s < SKIPPED_SHARE * weight:
+                self._skipped += weight * (1.0 - self._found)
+            self._finished[self._phase] = weight
+            self._phase, self._worked_s = "", self._clock()
 
     def _headline(self) -> str:
         if not self._phase:
@@ -122,16 +190,19 @@ class Progress:
         return f"{self._phase}{count}" + (f": {self._status}" if self._status else "")
 
     def _show(self, *, speak: bool) -> None:
-        """Redraw the bar, or print a line if ``speak`` or the last one is old."""
-        left = f"about {duration(self.remaining_s())} left" if self._phase else ""
-        if self._bar and self._bar_task is not None:
-            self._bar.update(
-                self._bar_task, completed=self.share, description=self._headline(), left=left, refresh=speak
-            )
-            return
+        """Redraw the bar unless that was just done, or print a line if ``speak`` or there is much to add."""
         now_s = self._clock()
-        if self._phase and (speak or now_s - self._spoke_s >= self._interval_s):
-            self._spoke_s = now_s
+        left = f"about {duration(self.remaining_s())} left" if self._phase else f"in {duration(now_s - self._began_s)}"
+        if self._bar and self._bar_task is not None:
+            if speak or now_s - self._redrawn_s >= REDRAW_S:
+                self._redrawn_s = now_s
+                self._bar.update(
+                    self._bar_task, completed=self.share, description=self._headline(), left=left, refresh=True
+                )
+            return
+        overdue = now_s - self._spoke_s >= self._interval_s and self.share - self._spoke_share >= PLAIN_SHARE
+        if speak or overdue:
+            self._spoke_s, self._spoke_share = now_s, self.share
             self._write(f"[{100 * self.share:3.0f} %] {self._headline()} ({left})")
 
     def _write(self, line: str) -> None:
@@ -148,10 +219,11 @@ def duration(seconds: float) -> str:
 
 def _bar(stream: TextIO) -> RichProgress:
     return RichProgress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
+        TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis", ratio=1)),
+        BarColumn(bar_width=20),
         TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}", markup=False),
+        TextColumn("{task.fields[left]}", markup=False, table_column=Column(no_wrap=True)),
         console=Console(file=stream),
+        expand=True,
+        auto_refresh=False,
     )

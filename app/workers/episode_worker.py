@@ -20,10 +20,11 @@ from layflat.app.support.errors import format_error
 from layflat.app.support.metrics import episode_metrics
 from layflat.app.workers.process import describe_exit_status, run_in_fork, set_deadline
 from layflat.app.workers.simulated_episode import EpisodeFactory, ForkableEpisode
+from layflat.app.workers.step_counter import CountedCallback, StepCounter
 from layflat.app.workers.work_item import DisturbanceCase, WorkItem, run_file
 from layflat.data.atomic_files import fsync_write
 from layflat.data.errors import WriteError
-from layflat.data.session.journal import JournalHandle, JournalWriter
+from layflat.data.session.journal import JournalHandle
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.session.session_writer import serialize
 from layflat.data.system_errors import os_reason
@@ -53,16 +54,18 @@ class WorkerMessage:
     """Report of the recorded episode."""
 
 
-def run_work_item(item: WorkItem, folder: Path, make: EpisodeFactory, connection: Connection) -> None:
+def run_work_item(
+    item: WorkItem, folder: Path, make: EpisodeFactory, connection: Connection, counter: StepCounter
+) -> None:
     """Run the cases of a work item. Errors are sent to the parent, not raised; the process must not be reused."""
     try:
         set_deadline(item.limit_s * (1 if item.handle is None else 2))
         if item.handle is not None:
-            connection.send(_record(item, item.handle, folder, make))
+            connection.send(_record(item, item.handle, folder, make, counter))
             return
         early = [case for case in item.cases if not case.is_post_stop]
         late = [case for case in item.cases if case.is_post_stop]
-        episode = make(item, None)
+        episode = make(item, lambda beginning: counter)
         if _run_all(item, early, episode, folder, connection) and late:
             set_deadline(item.limit_s)
             episode.run_until_stop()
@@ -71,13 +74,15 @@ def run_work_item(item: WorkItem, folder: Path, make: EpisodeFactory, connection
         connection.send(WorkerMessage(ALL_RUNS, _reason(error), unwritable=isinstance(error, WriteError)))
 
 
-def _record(item: WorkItem, handle: JournalHandle, folder: Path, make: EpisodeFactory) -> WorkerMessage:
+def _record(
+    item: WorkItem, handle: JournalHandle, folder: Path, make: EpisodeFactory, counter: StepCounter
+) -> WorkerMessage:
     """Run the only case beside a journal, which is removed when the episode's part of the session is durable."""
     (case,) = item.cases
     with ExitStack() as stack:
 
-        def start(beginning: Episode) -> JournalWriter:
-            return stack.enter_context(closing(handle.open(beginning)))
+        def start(beginning: Episode) -> CountedCallback:
+            return CountedCallback(stack.enter_context(closing(handle.open(beginning))), counter)
 
         episode = _named(item, case, make(item, start).run_case(case))
     if item.keep_images and not handle.save_images:

@@ -12,6 +12,7 @@ from layflat.app.support.errors import LayflatError
 from layflat.app.support.metrics import crashed_metrics, episode_metrics
 from layflat.app.support.progress import Progress
 from layflat.app.workers.interrupts import note_interrupts
+from layflat.app.workers.item_progress import ItemProgress, RunningItem
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workers.work_item import WorkItem, WorkResult, read_run, run_file
 from layflat.app.workers.worker_process import local_engine
@@ -31,12 +32,18 @@ def demonstrations(config: SimConfig, seeds: Sequence[int], *, keep_images: bool
 
 
 def run_items(
-    items: Iterable[WorkItem], folder: Path, *, workers: int, make: EpisodeFactory = SimulatedEpisode
+    items: Iterable[WorkItem],
+    folder: Path,
+    *,
+    workers: int,
+    make: EpisodeFactory = SimulatedEpisode,
+    on_running: Callable[[Sequence[RunningItem]], None] = lambda running: None,
 ) -> Generator[WorkResult, None, None]:
     """Yield the results in the order of ``items``, each as soon as it and those before it are there.
 
-    An item is taken from ``items`` when a worker is free for it. Ctrl-C becomes a KeyboardInterrupt only when the
-    caller has dealt with the result at hand, and with those that are finished besides. Closing ends the workers.
+    An item is taken from ``items`` when a worker is free for it; ``on_running`` is called in between. Ctrl-C becomes a
+    KeyboardInterrupt only when the caller has dealt with the result at hand, and with those that are finished besides.
+    Closing ends the workers.
     """
     waiting, started, finished = iter(items), list[WorkItem](), dict[int, WorkResult]()
     position = 0
@@ -49,9 +56,11 @@ def run_items(
 
     with note_interrupts() as interrupts, closing(local_engine(workers)(next_item, folder, make)) as results:
         for result in results:
-            if result is not None:
+            if isinstance(result, WorkResult):
                 place = next(k for k, item in enumerate(started) if item is result.item)
                 finished[place] = result
+            else:
+                on_running(result)
             while position in finished:
                 yield finished.pop(position)
                 position += 1
@@ -106,7 +115,7 @@ def collect_items(
     ``on_saved`` is called when it is durable, and for what there is of an episode that was lost. After Ctrl-C the
     episodes that were still running are discarded. WriteError where the session cannot be written any more.
     """
-    collected, journals = CollectedEpisodes(), list[JournalHandle]()
+    collected, journals, done = CollectedEpisodes(), list[JournalHandle](), ItemProgress(progress, len(items))
 
     def with_journals(recorder: SessionRecorder) -> Iterator[WorkItem]:
         for item in items:
@@ -115,7 +124,8 @@ def collect_items(
 
     try:
         tasks = items if recorder is None else with_journals(recorder)
-        with closing(run_items(tasks, folder, workers=workers, make=make)) as results:
+        running = run_items(tasks, folder, workers=workers, make=make, on_running=done.show_running)
+        with closing(running) as results:
             for result in results:
                 handle = result.item.handle
                 if recorder is not None and handle is not None:
@@ -123,7 +133,7 @@ def collect_items(
                     saved = recorder.recover(handle) if result.saved is None else recorder.register(result.saved)
                     if saved is not None:
                         on_saved(saved)
-                _add(collected, result, folder, progress)
+                _add(collected, result, folder, done)
                 if handle is not None and result.unwritable is not None:
                     raise WriteError(result.unwritable)
     except KeyboardInterrupt as error:
@@ -134,18 +144,18 @@ def collect_items(
     return collected
 
 
-def _add(collected: CollectedEpisodes, result: WorkResult, folder: Path, progress: Progress) -> None:
+def _add(collected: CollectedEpisodes, result: WorkResult, folder: Path, progress: ItemProgress) -> None:
     item, (run,) = result.item, result.item.run_ids
     if run in result.lost:
         reason = result.lost[run]
         collected.lost.append(crashed_metrics(item.policy.label, item.config, item.seed, item.cases[0].name, reason))
-        progress.advance(status=f"seed {item.seed}: lost, {reason}")
+        progress.finish(1, f"seed {item.seed}: lost, {reason}")
     else:
         row = result.rows.get(run) or episode_metrics(read_run(folder, run))
         collected.rows.append(row)
         collected.runs.append(run)
         contact = f"contact {row['contact_start']:.2f} to {row['contact_final']:.2f}"
-        progress.advance(status=f"seed {item.seed}: {contact}, {row['stopped_by']}")
+        progress.finish(1, f"seed {item.seed}: {contact}, {row['stopped_by']}")
 
 
 def read_images(item: WorkItem, folder: Path) -> Episode | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -20,8 +20,10 @@ import cv2
 
 from layflat.app.workers.episode_worker import ALL_RUNS, WorkerMessage, run_work_item
 from layflat.app.workers.interrupts import defer_interrupts
+from layflat.app.workers.item_progress import RunningItem
 from layflat.app.workers.process import configure_child, describe_exit_status
 from layflat.app.workers.simulated_episode import EpisodeFactory
+from layflat.app.workers.step_counter import StepCounter
 from layflat.app.workers.work_item import WorkItem, WorkResult, run_file
 
 GRACE_S = 20.0
@@ -38,8 +40,8 @@ class Engine(Protocol):
 
     def __call__(
         self, next_item: NextWorkItem, folder: Path, make: EpisodeFactory
-    ) -> Generator[WorkResult | None, None, None]:
-        """Yield results as they come, with every run's file in ``folder``; None every now and then, for Ctrl-C."""
+    ) -> Generator[WorkResult | Sequence[RunningItem], None, None]:
+        """Yield results as they come, with every run's file in ``folder``; every now and then what runs, for Ctrl-C."""
 
 
 class WorkerProcess:
@@ -50,9 +52,11 @@ class WorkerProcess:
         self.item = item
         self._folder = folder
         self._connection, theirs = context.Pipe(duplex=False)
+        self._counter = StepCounter()
         self._give_up_s = time.monotonic() + item.limit_s * (len(item.cases) + 2) + GRACE_S
         # daemon: when this program ends by an error of its own, it does not wait for them.
-        self._process = context.Process(target=_run_alone, args=(item, folder, make, theirs, os.getpid()), daemon=True)
+        args = (item, folder, make, theirs, self._counter, os.getpid())
+        self._process = context.Process(target=_run_alone, args=args, daemon=True)
         self._process.start()
         theirs.close()
 
@@ -60,6 +64,11 @@ class WorkerProcess:
     def sentinel(self) -> int:
         """Handle that is ready when the process and its forks have ended."""
         return int(self._process.sentinel)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps so far, of all cases."""
+        return self._counter.steps
 
     @property
     def overdue(self) -> bool:
@@ -108,15 +117,19 @@ def _received(connection: Connection) -> Iterator[WorkerMessage]:
             yield connection.recv()
 
 
-def _run_alone(item: WorkItem, folder: Path, make: EpisodeFactory, connection: Connection, parent: int) -> None:
+def _run_alone(
+    item: WorkItem, folder: Path, make: EpisodeFactory, connection: Connection, counter: StepCounter, parent: int
+) -> None:
     configure_child(parent)
-    run_work_item(item, folder, make, connection)
+    run_work_item(item, folder, make, connection, counter)
 
 
 def local_engine(workers: int) -> Engine:
     """Return the engine that runs ``workers`` items at a time on this machine."""
 
-    def run(next_item: NextWorkItem, folder: Path, make: EpisodeFactory) -> Generator[WorkResult | None, None, None]:
+    def run(
+        next_item: NextWorkItem, folder: Path, make: EpisodeFactory
+    ) -> Generator[WorkResult | Sequence[RunningItem], None, None]:
         # Here, where OpenCV's threads are: a fork, which lacks them, would wait forever for them to end.
         cv2.setNumThreads(1)
         running: list[WorkerProcess] = []
@@ -128,7 +141,7 @@ def local_engine(workers: int) -> Engine:
                 if not running:
                     return
                 ready = wait([worker.sentinel for worker in running], timeout=POLL_S)
-                yield None
+                yield [RunningItem(worker.item, worker.steps) for worker in running]
                 for worker in [worker for worker in running if worker.sentinel in ready or worker.overdue]:
                     if worker.overdue:
                         worker.kill()

@@ -10,8 +10,9 @@ import logging
 import math
 import platform
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,8 @@ START_NOISE_RATIOS = np.geomspace(1e-5, 1.0, 16)
 MIN_START_VARIANCE = 1e-12
 """Lower bound of the start's variance: targets that are all zero have none."""
 MAX_ITERATIONS = 200
+EXPECTED_TRIES = 30
+"""Points that one run of the optimiser is expected to try, for the progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +73,7 @@ class FitOptions:
 
 
 def fit(training: TrainingSet, progress: Progress = ignore_progress, *, options: FitOptions | None = None) -> GpModel:
-    """Fit a model; ``progress`` is called after each output."""
+    """Fit a model; ``progress`` is called at each try of the optimiser and after each output."""
     options, scale, seed = options or FitOptions(), training.layout.scales(), training.seed
     scaled, outputs = training.inputs / scale, training.targets / OUTPUT_SCALE_M
     is_sparse = len(scaled) > options.max_points
@@ -133,11 +136,18 @@ def fit_hyperparameters(
         length, variance, noise = (float(value[a]) for value in start)
         begins = [(np.full(n_lengths, length), _inside(variance, VARIANCE_BOUNDS), _inside(noise, NOISE_BOUNDS))]
         begins += [_random_start(rng, n_lengths) for _ in range(starts - 1)]
-        ends = [_optimise(inputs, targets[:, a : a + 1], begin, ard, inducing) for begin in begins]
-        found.append(min(ends, key=lambda end: end[0])[1:])
         name = names[a] if a < len(names) else f"output {a}"
+        tries = count(1)
+
+        def on_try(a: int = a, tries: Iterator[int] = tries, name: str = name) -> None:
+            tried = min(next(tries), EXPECTED_TRIES * starts - 1)
+            progress(a * EXPECTED_TRIES * starts + tried, outputs * EXPECTED_TRIES * starts, f"{name}: optimising")
+
+        ends = [_optimise(inputs, targets[:, a : a + 1], begin, ard, inducing, on_try) for begin in begins]
+        found.append(min(ends, key=lambda end: end[0])[1:])
         noise_mm = 1000 * OUTPUT_SCALE_M * math.sqrt(found[-1][2])
-        progress(a + 1, outputs, f"{name}: noise {noise_mm:.2f} mm a step")
+        parts = EXPECTED_TRIES * starts
+        progress((a + 1) * parts, outputs * parts, f"{name}: noise {noise_mm:.2f} mm a step")
     return Hyperparameters(
         kernel="se-ard" if ard else "se",
         length_scales=np.array([np.broadcast_to(length, size) for length, _, _ in found]),
@@ -202,8 +212,12 @@ def _optimise(
     start: tuple[FloatArray, float, float],
     ard: bool,
     inducing: FloatArray | None = None,
+    on_try: Callable[[], None] = lambda: None,
 ) -> tuple[float, FloatArray, float, float]:
-    """Run L-BFGS once; return negative log likelihood, length scales (1,) or (D,), variance and noise at its end."""
+    """Run L-BFGS once, calling ``on_try`` at each point.
+
+    Returns negative log likelihood, length scales (1,) or (D,), variance and noise at its end.
+    """
     gpy = import_gpy()
     length, variance, noise = start
     # A line search may try a corner of the bounds; values that overflow there are rejected anyway.
@@ -219,6 +233,7 @@ def _optimise(
         model.kern.lengthscale.constrain_bounded(*LENGTH_SCALE_BOUNDS, warning=False)
         model.kern.variance.constrain_bounded(*VARIANCE_BOUNDS, warning=False)
         model.likelihood.variance.constrain_bounded(*NOISE_BOUNDS, warning=False)
+        model.add_observer(on_try, lambda *_, **__: on_try())
         model.optimize("lbfgsb", max_iters=MAX_ITERATIONS)
     lengths = np.array(model.kern.lengthscale, dtype=np.float64)
     cost = float(model.objective_function())

@@ -15,7 +15,9 @@ from layflat.app.evaluation.summary import with_measures
 from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.report import charts
 from layflat.app.report.blocks import Section, Table, TableBlock, Text, VideoBlock
-from layflat.app.report.evaluation_page import EXAMPLES, PageOptions, evaluation_page, example_rows
+from layflat.app.report.evaluation_page import PageOptions, evaluation_page
+from layflat.app.report.examples import EXAMPLES, example_rows, film_runs
+from layflat.app.report.headline import headline_cards
 from layflat.app.report.page import markdown, table_markdown, write_page
 from layflat.app.report.result_tables import episode_table, failures, group_table
 from layflat.app.support.metrics import episode_metrics
@@ -80,10 +82,10 @@ def batch(make_episode):
 
 @pytest.fixture(scope="module")
 def content(batch):
-    """The page, made once for all tests."""
+    """The page, made once for all tests; its films are made when it is written."""
     title, provenance = "An evaluation of made-up <episodes>", ("layflat evaluate", "numpy 2")
     with EpisodeRenderer() as renderer:
-        return evaluation_page(batch, renderer, PageOptions(), title=title, provenance=provenance)
+        yield evaluation_page(batch, renderer, PageOptions(films=2), title=title, provenance=provenance)
 
 
 @pytest.fixture(scope="module")
@@ -97,17 +99,17 @@ def page(content, tmp_path_factory):
 def test_the_page_is_self_contained(page):
     assert [found.name for found in page.parent.iterdir()] == ["report.html"]
     text = re.sub(r"data:[a-z/]+;base64,[A-Za-z0-9+/=]+", "DATA", page.read_text(encoding="utf-8"))
-    assert not re.search(r"https?://|<script|<link(?! rel=\"icon\" href=\"data:)|@import|url\(", text)
+    assert not re.search(r"https?://|<script|<link(?! rel=\"icon\" href=\"data:)|@import|url\((?!#)", text)
     assert set(re.findall(r"src=\"([^\"]*)\"", text)) == {"DATA"}
     assert "An evaluation of made-up &lt;episodes&gt;" in text
 
 
 def test_every_condition_has_its_boxes_its_curves_and_three_strips_a_policy(page):
     text = page.read_text(encoding="utf-8")
-    pictures = re.findall(r"data:image/(png|jpeg);base64,([A-Za-z0-9+/=]+)", text)
-    assert sum(kind == "png" for kind, _ in pictures) == len(CONDITIONS) * 2
-    assert sum(kind == "jpeg" for kind, _ in pictures) == len(CONDITIONS) * len(POLICIES) * 3 * 6
-    for _, picture in pictures[:10]:
+    pictures = re.findall(r"<img src=\"data:image/jpeg;base64,([A-Za-z0-9+/=]+)", text)
+    assert len(pictures) == len(CONDITIONS) * len(POLICIES) * 3 * 6
+    assert [figure.count("<svg") for figure in re.findall(r"<div class=\"panels\".*?</div>", text, re.DOTALL)] == [2, 3]
+    for picture in pictures[:10]:
         image = cv2.imdecode(np.frombuffer(base64.b64decode(picture), np.uint8), cv2.IMREAD_COLOR)
         assert image.std() > 5
 
@@ -134,23 +136,59 @@ def pickers(batch):
     return Pickers()
 
 
-@pytest.mark.parametrize("videos", [EXAMPLES, ("median",), ()])
-def test_a_video_is_made_of_each_example_that_is_asked_for(pickers, videos, tmp_path):
-    class OnePolicy:
-        rows = pickers.rows[pickers.rows["policy"] == "gp-word"]
-        episode = staticmethod(pickers.episode)
+def test_films_are_of_the_worst_and_the_typical_disturbed_ones_first(batch, pickers):
+    rows = batch.rows
+    picks = {name: row["run"] for name, row in example_rows(pickers.rows[pickers.rows["policy"] == "gp-word"])}
+    assert film_runs(rows, 2, "gp-word") == {picks["worst"], picks["typical"]}
+    assert film_runs(rows, 0) == set()
+    assert len(film_runs(rows, None)) == len(CONDITIONS) * len(POLICIES) * len(EXAMPLES)
+    disturbed = rows.set_index("run")["disturbance"] != "none"
+    assert all(disturbed[run] for run in film_runs(rows, 6))
 
-    with EpisodeRenderer() as renderer:
-        page = evaluation_page(
-            OnePolicy(), renderer, PageOptions(has_video=lambda example, row: example in videos), title="t"
-        )
-        found = [block for block in page.sections[0].blocks if isinstance(block, VideoBlock)]
-        assert [block.caption.split(":")[0] for block in found] == list(videos)
-        if len(found) == 1:
-            write_page(tmp_path / "report.html", page)
-            assert "data:video/webm;base64," in (tmp_path / "report.html").read_text(encoding="utf-8")
-        elif found:
-            assert next(iter(found[0].frames())).shape[1] == 480
+
+def test_a_film_plays_has_a_picture_for_paper_and_a_text(content, page):
+    films = [block for section in content.sections for block in section.blocks if isinstance(block, VideoBlock)]
+    text = page.read_text(encoding="utf-8")
+    shown = re.findall(r"<video src=\"data:video/webm;base64,[^\"]+\" poster=\"data:image/jpeg;base64,[^\"]+\" "
+                       r"aria-label=\"film of ([^\"]*)\"", text)  # fmt: skip
+    assert shown == [f"{film.policy}, {film.caption}" for film in films]
+    assert len(films) == text.count('<img class="poster" src="data:image/jpeg') == 2
+    assert all(film.poster.shape[1] == 480 and film.poster.std() > 5 for film in films)
+
+
+def test_a_row_leads_to_its_episode(batch, page):
+    text = page.read_text(encoding="utf-8")
+    for run in batch.rows["run"]:
+        assert f"layflat replay runs/{run}.h5 --episode 0" in text
+    links = re.findall(r"href=\"#((?:film|frames)-[^\"]*)\"", text)
+    assert len(links) == len(set(links)) == len(CONDITIONS) * len(POLICIES) * len(EXAMPLES)
+    assert all(f'id="{link}"' in text for link in links)
+
+
+def test_the_headline_keeps_disturbed_and_undisturbed_episodes_and_robots_apart(batch):
+    rows = batch.rows
+    cards = {card.name: card.values for card in headline_cards(rows)}
+    assert list(cards) == [f"{policy}, {robot}" for robot, _ in CONDITIONS for policy in POLICIES]
+    both = pd.concat([rows[rows["robot"] == "pickers"], rows[rows["robot"] == "pickers"].assign(disturbance="none")])
+    both.loc[both["disturbance"] == "none", ["contact_final", "contact_disturbed"]] = 0.25, float("nan")
+    (card,) = [card for card in headline_cards(both) if card.name == "gp-word"]
+    assert [value[0].split(":")[0] for value in card.values] == ["undisturbed", "disturbed"]
+    assert card.values[0][1:] == ("25.0 %", f"[25.0 to 25.0], n = {len(SEEDS)}")
+    mine = rows[(rows["robot"] == "pickers") & (rows["policy"] == "gp-word")]
+    assert card.values[1][1] == f"{100 * mine['contact_final'].mean():.1f} %"
+    assert f"], n = {len(SEEDS)}; regained +" in card.values[1][2]
+
+
+@pytest.mark.parametrize("n", [1, 3, 6, 40])
+def test_every_value_of_a_box_plot_is_a_mark_that_none_hides(n):
+    """Equal values lie side by side; marks are the only elements of a plot that are outlined in the card's colour."""
+    figure = charts.box_plots({"final": {"gp-word": np.full(n, 0.97), "other": np.full(n, 0.5)}})
+    (panel,) = figure.panels
+    marks = re.findall(r"<use href=\"#\w+\" x=\"([\d.]+)\" y=\"([\d.]+)\" style=\"[^\"]*stroke: var\(--card\)", panel)
+    assert len(set(marks)) == 2 * n
+    assert ("var(--series-1); opacity: 0.2" in panel) == (n >= charts.MIN_BOX)
+    assert figure.alt == "contact portion (%), medians. final: gp-word 97.0, other 50.0."
+    assert [key.name for key in figure.legend] == ["gp-word", "other"]
 
 
 def test_options_add_the_thesis_and_sections(batch, pickers):
@@ -195,13 +233,13 @@ def test_a_crash_is_shown_with_its_reason_and_is_no_success(batch, page):
     assert failures(batch.rows).iloc[-1] == "crashed"
 
 
-def test_examples_are_the_best_the_median_and_the_worst_once_each(batch):
+def test_examples_are_the_best_the_typical_and_the_worst_once_each(batch):
     rows = batch.rows[(batch.rows["policy"] == "gp-word") & (batch.rows["disturbance"] == "push")]
     picks = dict(example_rows(rows))
     finals = rows["contact_final"]
     assert picks["best"]["contact_final"] == finals.max()
     assert picks["worst"]["contact_final"] == finals.min()
-    assert finals.quantile(0.4) <= picks["median"]["contact_final"] <= finals.quantile(0.6)
+    assert finals.quantile(0.4) <= picks["typical"]["contact_final"] <= finals.quantile(0.6)
     assert [name for name, _ in example_rows(rows[:1])] == ["worst"]
     assert [name for name, _ in example_rows(rows[:0])] == []
 
@@ -226,12 +264,12 @@ def test_markdown_has_every_table_and_no_cell_that_breaks_it(content):
 
 
 @needs_chromium
-@pytest.mark.parametrize("width", [1280, 800])
+@pytest.mark.parametrize("width", [1280, 800, 390])
 def test_a_browser_shows_all_of_it(page, tmp_path, width):
-    """Nothing reaches beyond the window; at 1280 no table has to be scrolled either, and no picture is broken."""
+    """Nothing reaches beyond the window; at 1280 and 390 no table has to be scrolled either, and no picture is broken."""
     found = measured(page, tmp_path, width)
     assert (found["overflow"], found["wide"], found["broken"]) == (0, 0, 0)
-    assert width < 1280 or found["cut"] == 0
+    assert width == 800 or found["cut"] == 0
     image = screenshot(page, tmp_path, width)
     assert image.shape[:2] == (1600, width)
     assert image.std() > 20
