@@ -44,8 +44,8 @@ MAX_CURVES = 200
 """Episodes of a policy in a condition whose curves are read; the first by seed."""
 MAX_ROWS = 2000
 EPISODES_NOTE = (
-    "The commands are for this page's folder: they show an episode's numbers again; `--video FILE.webm` makes a film, "
-    "and `layflat data plot FILE.h5 --out FILE.png` its curves."
+    "The commands are for this page's folder. They show an episode's numbers; with --video FILE.webm they make a film. "
+    "layflat data plot FILE.h5 --out FILE.png draws its curves."
 )
 MOMENTS = {"contact_placed": "before", "contact_disturbed": "after the disturbance", "contact_final": "final"}
 
