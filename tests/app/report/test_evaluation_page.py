@@ -184,7 +184,8 @@ def test_every_value_of_a_box_plot_is_a_mark_that_none_hides(n):
     """Equal values lie side by side; marks are the only elements of a plot that are outlined in the card's colour."""
     figure = charts.box_plots({"final": {"gp-word": np.full(n, 0.97), "other": np.full(n, 0.5)}})
     (panel,) = figure.panels
-    marks = re.findall(r"<use href=\"#\w+\" x=\"([\d.]+)\" y=\"([\d.]+)\" style=\"[^\"]*stroke: var\(--card\)", panel)
+    outlined = r"<use href=\"#\w+\" x=\"([\d.]+)\" y=\"([\d.]+)\" style=\"[^\"]*stroke: var\(--card\)"
+    marks = re.findall(outlined, panel)
     assert len(set(marks)) == 2 * n
     assert ("var(--series-1); opacity: 0.2" in panel) == (n >= charts.MIN_BOX)
     assert figure.alt == "contact portion (%), medians. final: gp-word 97.0, other 50.0."
