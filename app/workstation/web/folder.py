@@ -36,6 +36,10 @@ class Folder:
         """Return the names of the model files."""
         return self._newest(f"*{MODEL}", Path.is_file)
 
+    def foreign(self) -> list[str]:
+        """Return the names of files that may be data sets of other tools."""
+        return self._newest("*.hdf5", Path.is_file)
+
     def results(self) -> list[str]:
         """Return the names of the folders that an evaluation has written."""
         return self._newest("*", lambda path: (path / "episodes.csv").is_file())

@@ -31,6 +31,11 @@ class JobView:
         """The newest command; None before the first."""
         return self._viewer.workstation.jobs.get(self._name)
 
+    @property
+    def succeeded(self) -> bool:
+        """Whether the newest command ended with its result."""
+        return self.job is not None and self.job.status == 0
+
     def start(self, arguments: list[str]) -> None:
         """Start a command."""
         self._viewer.workstation.run(self._name, arguments)

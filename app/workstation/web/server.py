@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
+import tempfile
 import threading
 import webbrowser
 from collections.abc import Iterator
@@ -37,7 +38,16 @@ class AppConfig:
 def app(config: AppConfig) -> int:
     """Serve the workstation on the sessions and models in a folder; return the exit status."""
     check_folder(config.folder)
-    workstation = Workstation(Folder(config.folder.resolve()), lambda shared, client: Viewer(shared, client, PAGES))
+    with tempfile.TemporaryDirectory(prefix="layflat-") as scratch:
+        workstation = Workstation(
+            Folder(config.folder.resolve()), Path(scratch), lambda shared, client: Viewer(shared, client, PAGES)
+        )
+        run(workstation, config)
+    return INTERRUPTED
+
+
+def run(workstation: Workstation, config: AppConfig) -> None:
+    """Serve a workstation until the program is interrupted."""
     with serve(workstation, config) as address:
         print(f"workstation: {address}", flush=True)
         if workstation.folder.read_only:
@@ -47,7 +57,6 @@ def app(config: AppConfig) -> int:
         with stop_signals() as stopped:
             while not stopped.is_set():
                 workstation.round()
-    return INTERRUPTED
 
 
 def check_folder(folder: Path) -> None:

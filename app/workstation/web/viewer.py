@@ -72,13 +72,15 @@ class Viewer:
 
     def on_click(self, handle: Any, work: Callable[[], None], *, control: bool = False) -> None:
         """Do something on each click; ``control``: only where this viewer is in control, or gets it."""
-        handle.on_click(self._posted(work, control))
+        handle.on_click(self.reaction(work, control=control))
 
     def on_change(self, handle: Any, work: Callable[[], None]) -> None:
         """Do something on each change by the person."""
-        handle.on_update(self._posted(work, False, by_person=True))
+        handle.on_update(self.reaction(work, by_person=True))
 
-    def _posted(self, work: Callable[[], None], control: bool, *, by_person: bool = False) -> Any:
+    def reaction(self, work: Callable[[], None], *, control: bool = False, by_person: bool = False) -> Any:
+        """Return a callback that does something in the workstation's thread."""
+
         def guarded() -> None:
             if control:
                 self.workstation.require_control(self.name)

@@ -136,3 +136,14 @@ def _at(times: NDArray[np.float64], series: TimeSeries, values: list[float]) -> 
 def blank() -> NDArray[np.uint8]:
     """Return the picture of a camera that has seen nothing yet."""
     return np.full((_PINHOLE.height // 4, _PINHOLE.width // 4, 3), 235, np.uint8)
+
+
+def table(header: list[str], rows: list[list[str]]) -> str:
+    """Return a table as HTML; it scrolls within the panel where it is too wide."""
+    cell = 'style="text-align:left;padding:0.15em 0.7em 0.15em 0"'
+    head = "".join(f'<th scope="col" {cell}>{html.escape(name)}</th>' for name in header)
+    body = "".join("<tr>" + "".join(f"<td {cell}>{html.escape(one)}</td>" for one in row) + "</tr>" for row in rows)
+    return (
+        f'<div tabindex="0" style="overflow-x:auto;margin:0.3em 0.9em;font-size:0.85em">'
+        f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 from layflat.app.support.errors import LayflatError, UsageError, format_error
@@ -48,6 +49,8 @@ class Workstation:
     """The folder, the session, the commands in the background, and the viewers."""
 
     folder: Folder
+    scratch: Path
+    """Folder for films and plots that are shown and not kept."""
     make_viewer: Callable[[Workstation, Any], View]
     """Makes the viewer of a client."""
     settings: Settings = field(init=False)

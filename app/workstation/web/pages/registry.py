@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from layflat.app.workstation.web.pages.data import DataPage
+from layflat.app.workstation.web.pages.evaluate import EvaluatePage
 from layflat.app.workstation.web.pages.page import Page
+from layflat.app.workstation.web.pages.place import PlacePage
+from layflat.app.workstation.web.pages.record import RecordPage
 from layflat.app.workstation.web.pages.replay import ReplayPage
 from layflat.app.workstation.web.pages.settings import SettingsPage
+from layflat.app.workstation.web.pages.train import TrainPage
 
-PAGES: Mapping[str, type[Page]] = {page.name: page for page in (ReplayPage, DataPage, SettingsPage)}
+PAGES: Mapping[str, type[Page]] = {
+    page.name: page
+    for page in (RecordPage, TrainPage, PlacePage, ReplayPage, DataPage, EvaluatePage, SettingsPage)
+}
