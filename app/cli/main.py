@@ -68,7 +68,7 @@ def app_(
     from layflat.app.workstation.web.server import AppConfig
     from layflat.app.workstation.web.server import app as run
 
-    raise typer.Exit(run(AppConfig(folder=folder, host=host, port=port, open_browser=not no_open)))
+    raise typer.Exit(run(AppConfig(folder=folder, host=host, port=port, open_browser=not no_open, debug=debug)))
 
 
 def word(

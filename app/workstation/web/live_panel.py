@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 
 from layflat.app.workstation.session.status import SessionStatus
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.web.viewer import Viewer
-from layflat.app.workstation.web.widgets import Curves, blank, camera_image, facts, put, sentence
+from layflat.app.workstation.web.widgets import facts, put, sentence
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 COMMANDS = {
@@ -36,11 +35,13 @@ HEADLINES = {
     "over": "Ended",
 }
 PHASES = {"disturb": "Disturbed", "repair": "Repairing"}
-PICTURE_S = 0.2
+LABELS = (Command.KEEP_SUCCESS, Command.KEEP_FAILURE, Command.DISCARD)
+RARE = (Command.REDO, Command.UNDO, Command.DISTURB, Command.QUIT)
+"""Commands whose buttons are below the others, and only there while they have an effect."""
 
 
 class LivePanel:
-    """Buttons, numbers, curves and the camera's picture of the running session, in a viewer's page."""
+    """Buttons and numbers of the running session, in a viewer's page."""
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
@@ -61,13 +62,9 @@ class LivePanel:
             hotkey.on_trigger(viewer.reaction(partial(self._send, command), control=True))
             self._keys.append(hotkey)
         named = tuple(name for name in DISTURBANCES if name != "none")
-        self._disturb = gui.add_button_group("Disturb", named, disabled=True)
+        self._disturb = gui.add_button_group("Disturb", named, visible=False)
         viewer.on_click(self._disturb, self._send_disturbance, control=True)
         self._facts = gui.add_html("")
-        self._curves = Curves(gui)
-        self._picture = gui.add_image(blank(), label="Camera: contact tinted, WORD as an arrow", format="jpeg")
-        self._drawn: object = None
-        self._drawn_s = 0.0
         self.update()
 
     def close(self) -> None:
@@ -97,16 +94,11 @@ class LivePanel:
         for command, button in self._buttons.items():
             effect = status.effect(command)
             label = (effect or command.value).capitalize()
-            put(button, label=f"{label} ({COMMANDS[command][0]})", disabled=effect is None)
-        put(self._disturb, disabled=not status.can_disturb)
+            visible = status.recording if command in LABELS else effect is not None or command not in RARE
+            put(button, label=f"{label} ({COMMANDS[command][0]})", disabled=effect is None, visible=visible)
+        put(self._disturb, visible=status.can_disturb)
         put(self._facts, content=facts(numbers(status)))
-        self._curves.show(self._workstation.series)
-        now = time.monotonic()
-        if frame is not None and frame is not self._drawn and now - self._drawn_s >= PICTURE_S:
-            self._drawn, self._drawn_s = frame, now
-            image = camera_image(frame)
-            if image is not None:
-                self._picture.image = image
+        self._viewer.monitor.show(frame, self._workstation.series)
 
 
 def headline(status: SessionStatus) -> str:

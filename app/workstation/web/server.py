@@ -24,6 +24,9 @@ from layflat.app.workstation.web.viewer import Viewer
 from layflat.app.workstation.web.workstation import Workstation
 from layflat.app.workstation.window.launch import has_display
 
+PANEL_PX = 430
+"""Width of the panel: all tabs in one row."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class AppConfig:
@@ -33,6 +36,7 @@ class AppConfig:
     host: str = "127.0.0.1"
     port: int = 8080
     open_browser: bool = True
+    debug: bool = False
 
 
 def app(config: AppConfig) -> int:
@@ -40,7 +44,10 @@ def app(config: AppConfig) -> int:
     check_folder(config.folder)
     with tempfile.TemporaryDirectory(prefix="layflat-") as scratch:
         workstation = Workstation(
-            Folder(config.folder.resolve()), Path(scratch), lambda shared, client: Viewer(shared, client, PAGES)
+            Folder(config.folder.resolve()),
+            Path(scratch),
+            lambda shared, client: Viewer(shared, client, PAGES),
+            config.debug,
         )
         run(workstation, config)
     return INTERRUPTED
@@ -77,6 +84,7 @@ def serve(workstation: Workstation, config: AppConfig) -> Iterator[str]:
     try:
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(PANEL_PX)
         add_stage(server)
 
         async def connect(client: viser.ClientHandle) -> None:

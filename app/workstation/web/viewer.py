@@ -10,6 +10,7 @@ import viser
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.status import Level
 from layflat.app.workstation.web.guide import Guide
+from layflat.app.workstation.web.monitor import Monitor
 from layflat.app.workstation.web.scene import Scene
 from layflat.app.workstation.web.stage import VIEWS, look_from
 from layflat.app.workstation.web.widgets import put, sentence
@@ -53,6 +54,7 @@ class Viewer:
         self.page: Shown | None = None
         self.scene = Scene(client.scene)
         self.guide = Guide(workstation, self.scene, self.name)
+        self.monitor = Monitor(client.gui)
         self._shown: SimulationFrame | None = None
         gui = client.gui
         self._control = gui.add_html("")
@@ -115,6 +117,7 @@ class Viewer:
             return
         self.close_page()
         self.say("")
+        self.monitor.show(None)
         put(self._marked, content=TAB_STYLE.format(number=list(self._pages).index(name) + 1))
         self._folder = self.client.gui.add_folder(name)
         self.page = page(self)

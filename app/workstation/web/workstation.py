@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
+import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -53,6 +54,8 @@ class Workstation:
     """Folder for films and plots that are shown and not kept."""
     make_viewer: Callable[[Workstation, Any], View]
     """Makes the viewer of a client."""
+    debug: bool = False
+    """Whether errors are printed with their traceback, too."""
     settings: Settings = field(init=False)
     session: SessionClient = field(default_factory=SessionClient)
     inputs: Inputs = field(default_factory=Inputs)
@@ -179,6 +182,8 @@ class Workstation:
         try:
             work()
         except Exception as error:
+            if self.debug:
+                traceback.print_exc()
             viewer = None if client_id is None else self.viewers.get(client_id)
             if viewer is not None:
                 viewer.say(format_error(error)[0], "error")

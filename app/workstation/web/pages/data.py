@@ -10,7 +10,6 @@ from typing import Any
 
 from layflat.app.workstation.web.job_view import JobView
 from layflat.app.workstation.web.operations import ANY, FORMATS, OPERATIONS, Field, arguments_of
-from layflat.app.workstation.web.pages.edits import EditForm
 from layflat.app.workstation.web.pages.page import Page
 from layflat.app.workstation.web.thumbnails import SIZE_PX, thumbnail
 from layflat.app.workstation.web.widgets import film, picture, put, sentence
@@ -57,7 +56,6 @@ class DataPage(Page):
                 "Episode", self.viewer.shown_episode, hint="Click on a row, or write a name such as demo_3."
             )
             self.viewer.on_change(self._chosen, self._choose)
-            self._edits = EditForm(self.viewer, self.folder, self._session, self.episode, self._show)
             self.button("Watch", lambda: self._watch())
             self.button("Film", self._film)
             self.button("Plots of the session", self._plot)
@@ -79,7 +77,6 @@ class DataPage(Page):
         self.viewer.shown_episode = self.episode()
         row = next((row for row in self._rows if row.name == self.episode()), None)
         if row is not None:
-            self._edits.choose(row)
             self._draw()
 
     def _show(self) -> None:
@@ -91,7 +88,6 @@ class DataPage(Page):
             shown = rows[self._first : self._first + PAGE_ROWS]
             self._pictures = {row.name: thumbnail(session, row.name) for row in shown}
         put(self._turn, visible=len(rows) > PAGE_ROWS)
-        self._edits.show()
         self._draw()
 
     def _draw(self) -> None:
@@ -181,7 +177,11 @@ def episode_table(rows: list[EpisodeRow], pictures: Mapping[str, bytes], chosen:
     lines = []
     for row in rows:
         data = base64.b64encode(pictures.get(row.name, b"")).decode()
-        image = f'<img alt="" width="{SIZE_PX[0]}" height="{SIZE_PX[1]}" src="data:image/jpeg;base64,{data}">' if data else ""
+        image = (
+            f'<img alt="" width="{SIZE_PX[0]}" height="{SIZE_PX[1]}" src="data:image/jpeg;base64,{data}">'
+            if data
+            else ""
+        )
         flags = "".join(f'<div title="{html.escape(FLAGS[flag])}">⚑ {html.escape(flag)}</div>' for flag in row.flags)
         flat = "" if row.flat_area is None else f", flat {row.flat_area:.2f}"
         note = f"<div><i>{html.escape(row.note)}</i></div>" if row.note else ""

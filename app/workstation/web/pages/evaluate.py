@@ -54,7 +54,13 @@ class EvaluatePage(Page):
         if not chosen:
             raise UsageError("no policy is chosen; tick at least one")
         out = self.folder.new(self._name.value)
-        arguments = [*(name if name == SCRIPTED else str(self.folder.model(name)) for name in chosen), "--episodes", str(int(self._episodes.value)), "--seed", str(EVALUATION_SEED)]
+        arguments = [
+            *(name if name == SCRIPTED else str(self.folder.model(name)) for name in chosen),
+            "--episodes",
+            str(int(self._episodes.value)),
+            "--seed",
+            str(EVALUATION_SEED),
+        ]
         arguments += ["--disturb", str(self._suite.value)] if self._suite.value != NONE else []
         arguments += ["--videos"] if self._videos.value else []
         self._job.start(["evaluate", *arguments, "--out", str(out)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import Mode
 from layflat.app.workstation.web.live_panel import LivePanel
@@ -14,6 +15,8 @@ class LivePage(Page):
     modes: tuple[Mode, ...] = ()
     """Sessions that the page shows."""
     _panel: LivePanel | None = None
+    _touched = False
+    """Whether a choice of the form was changed since something ran."""
 
     def build_form(self) -> None:
         """Add the form."""
@@ -21,15 +24,28 @@ class LivePage(Page):
     def build(self) -> None:
         """Add the form, or the running session."""
         session = self.workstation.session
-        self._panel = None
+        self._panel, self._touched, self._alive = None, False, session.alive
         if not session.alive:
             self.build_form()
+            self._touched = False
         elif session.status.mode in self.modes:
             self._panel = LivePanel(self.viewer)
-            self.button("End", self._end, control=True, color="gray", hint="Ends it; a running take is kept as partial.")
+            self.button(
+                "End", self._end, control=True, color="gray", hint="Ends it; a running take is kept as partial."
+            )
         else:
             self.note("Another session is running; end it on its page before you start one here.")
-        self._alive = session.alive
+
+    def preview(self) -> SimulationFrame | None:
+        """Return what would be started."""
+        return None
+
+    def frame(self) -> SimulationFrame | None:
+        """Return what runs; else what has just ended, or would be started."""
+        session = self.workstation.session
+        if session.alive or (session.frame is not None and not self._touched):
+            return session.frame
+        return self.preview() or session.frame
 
     def update(self) -> None:
         """Show the newest status, and the form again when the session has ended."""

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 from layflat.app.support.seeds import EVALUATION_SEED
 from layflat.app.workers.work_item import WorkItem
+from layflat.app.workstation.preview import initial_frame
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import Message
 from layflat.app.workstation.settings import SPEEDS
@@ -33,6 +35,7 @@ class PlacePage(LivePage):
 
     name = "Place"
     modes = ("place", "correct")
+    _preview: SimulationFrame | None = None
 
     def build_form(self) -> None:
         """Add the form."""
@@ -43,13 +46,19 @@ class PlacePage(LivePage):
         self._robot = self.choice("Robot", list(ROBOTS), now.robot, lambda _: self._show_choice())
         self._cloth = self.choice("Cloth", list(CLOTHS), now.cloth, lambda _: self._show_choice())
         self._wrappers = self.choice(
-            "Helped by", list(WRAPPERS), NONE, lambda _: None, "Wrappers against folds (recovery) and swinging (steady)."
+            "Helped by",
+            list(WRAPPERS),
+            NONE,
+            lambda _: None,
+            "Wrappers against folds (recovery) and swinging (steady).",
         )
         self._source = self.choice(
             "Take over with", [NONE, *SOURCES], NONE, lambda _: None, "Move to take over; rest to return control."
         )
         self._seed = self.gui.add_text("Seed", str(EVALUATION_SEED))
-        self._fast = self.gui.add_checkbox("Place quickly", False, hint="As fast as possible, then it is yours to disturb.")
+        self._fast = self.gui.add_checkbox(
+            "Place quickly", False, hint="As fast as possible, then it is yours to disturb."
+        )
         self._record = self.choice("Record into", [NONE], NONE, self._choose_record)
         self._name = self.gui.add_text("Name", "placed", visible=False, hint="Name of the new session.")
         self.button("Place", self._begin, control=True, color="teal")
@@ -60,6 +69,7 @@ class PlacePage(LivePage):
 
     def _show_choice(self) -> None:
         """Offer robot and cloth only to a policy that has none, and only sessions that fit."""
+        self._touched, self._preview = True, None
         builtin = not str(self._policy.value).endswith(MODEL)
         put(self._robot, visible=builtin)
         put(self._cloth, visible=builtin)
@@ -68,11 +78,16 @@ class PlacePage(LivePage):
         except Exception as error:
             put(self._facts, content=sentence(str(error), "error"))
             return
+        self._preview = initial_frame(config.robot, config.cloth)
         model = spec.model
         text = "" if model is None else f"{config.robot}, {config.cloth}, from {model.demonstrations} demonstrations"
         put(self._facts, content=sentence(text))
         fitting = [] if self.folder.read_only else [name for name in self.folder.sessions() if self._fits(name, config)]
         put(self._record, options=(NONE, *fitting, *([] if self.folder.read_only else [NEW])))
+
+    def preview(self) -> SimulationFrame | None:
+        """Return the cloth as it will hang."""
+        return self._preview
 
     def _fits(self, name: str, config: SimConfig) -> bool:
         try:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from layflat.app.support.errors import UsageError
+from layflat.app.workstation.preview import initial_frame
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.settings import SPEEDS
 from layflat.app.workstation.web.folder import SESSION
@@ -27,6 +31,7 @@ class RecordPage(LivePage):
 
     name = "Record"
     modes = ("record",)
+    _preview: SimulationFrame | None = None
 
     def build_form(self) -> None:
         """Add the form."""
@@ -38,9 +43,9 @@ class RecordPage(LivePage):
         self._session = self.choice("Session", [*names, NEW], chosen if names else NEW, lambda _: self._show_choice())
         self._facts = self.gui.add_html("")
         self._name = self.gui.add_text("Name", _free_name(names), hint="Name of the new session.")
-        self._robot = self.choice("Robot", list(ROBOTS), now.robot, self.setting("robot"))
+        self._robot = self.choice("Robot", list(ROBOTS), now.robot, self._set("robot"))
         self._task = self.choice("Task", list(TASKS), next(iter(TASKS)), lambda _: None)
-        self._cloth = self.choice("Cloth", list(CLOTHS), now.cloth, self.setting("cloth"))
+        self._cloth = self.choice("Cloth", list(CLOTHS), now.cloth, self._set("cloth"))
         plugged = gamepad_plugged(robot_spec(now.robot))
         source = now.source if now.source in RECORDERS else "kinesthetic"
         self._source = self.choice(
@@ -56,13 +61,27 @@ class RecordPage(LivePage):
         self._show_choice()
         self._choose_source(str(self._source.value))
 
+    def _set(self, name: str) -> Callable[[str], None]:
+        def change(value: str) -> None:
+            self.workstation.change_settings(**{name: value})
+            self._show_choice()
+
+        return change
+
     def _choose_source(self, name: str) -> None:
         self.workstation.change_settings(source=name)
         put(self._about, content=sentence(RECORDERS[name]))
         put(self._disturb, visible=name != SCRIPTED)
 
+    def preview(self) -> SimulationFrame | None:
+        """Return the cloth as it will hang."""
+        return self._preview
+
     def _show_choice(self) -> None:
         """Offer robot, task and cloth only where the session does not have them yet."""
+        self._touched, self._preview = True, None
+        config = self._config()
+        self._preview = initial_frame(config.robot, config.cloth)
         new = self._session.value == NEW
         for part in (self._name, self._robot, self._task, self._cloth):
             put(part, visible=new)

@@ -14,6 +14,5 @@ from layflat.app.workstation.web.pages.settings import SettingsPage
 from layflat.app.workstation.web.pages.train import TrainPage
 
 PAGES: Mapping[str, type[Page]] = {
-    page.name: page
-    for page in (RecordPage, TrainPage, PlacePage, ReplayPage, DataPage, EvaluatePage, SettingsPage)
+    page.name: page for page in (RecordPage, TrainPage, PlacePage, ReplayPage, DataPage, EvaluatePage, SettingsPage)
 }

@@ -9,7 +9,7 @@ from layflat.app.workstation.playback import Playback, episode_facts, open_playb
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.web.job_view import JobView
 from layflat.app.workstation.web.pages.page import Page
-from layflat.app.workstation.web.widgets import Curves, blank, camera_image, facts, put
+from layflat.app.workstation.web.widgets import facts, put
 from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
 
@@ -47,9 +47,7 @@ class ReplayPage(Page):
         self.viewer.on_click(self._events, lambda: self._go_to(self._events.value))
         self._speed = self.choice("Speed", SPEEDS, "1x", lambda _: None)
         self._loop = self.gui.add_checkbox("Loop", False)
-        self._curves = Curves(self.gui, ("this", "beside"))
         self._facts = self.gui.add_html("")
-        self._picture = self.gui.add_image(blank(), label="Camera", format="jpeg")
         self.button("Run the actions again", self._check, hint="Whether physics repeats the recording.")
         self._job = JobView(self.viewer, "replay")
         self._load()
@@ -74,7 +72,6 @@ class ReplayPage(Page):
         put(self._time, max=max(self._last, 1))
         moments = self._moments()
         put(self._events, options=tuple(moments))
-        self._curves.show(*(playback.series for playback in self._playbacks))
         self._show(0)
         self._playing = True
 
@@ -131,15 +128,13 @@ class ReplayPage(Page):
         if active := playback.active_disturbances(self._at):
             text["now"] = active
         put(self._facts, content=facts(text))
-        image = camera_image(frame)
-        if image is not None:
-            self._picture.image = image
 
     def update(self) -> None:
         """Show the step that is due."""
         if not self._playbacks:
             return
         self._job.update()
+        self.viewer.monitor.show(self.frame(), *(playback.series for playback in self._playbacks))
         if not self._playing:
             return
         now = time.monotonic()
