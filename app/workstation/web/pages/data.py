@@ -10,6 +10,7 @@ from typing import Any
 
 from layflat.app.workstation.web.job_view import JobView
 from layflat.app.workstation.web.operations import ANY, FORMATS, OPERATIONS, Field, arguments_of
+from layflat.app.workstation.web.pages.edits import EditForm
 from layflat.app.workstation.web.pages.page import Page
 from layflat.app.workstation.web.thumbnails import SIZE_PX, thumbnail
 from layflat.app.workstation.web.widgets import film, picture, put, sentence
@@ -56,6 +57,7 @@ class DataPage(Page):
                 "Episode", self.viewer.shown_episode, hint="Click on a row, or write a name such as demo_3."
             )
             self.viewer.on_change(self._chosen, self._choose)
+            self._edits = EditForm(self.viewer, self.folder, self._session, self.episode, self._show)
             self.button("Watch", lambda: self._watch())
             self.button("Film", self._film)
             self.button("Plots of the session", self._plot)
@@ -77,6 +79,7 @@ class DataPage(Page):
         self.viewer.shown_episode = self.episode()
         row = next((row for row in self._rows if row.name == self.episode()), None)
         if row is not None:
+            self._edits.choose(row)
             self._draw()
 
     def _show(self) -> None:
@@ -86,8 +89,10 @@ class DataPage(Page):
             self._rows = rows
             self._first = min(self._first, max(len(rows) - 1, 0) // PAGE_ROWS * PAGE_ROWS)
             shown = rows[self._first : self._first + PAGE_ROWS]
+            dropped = session.dropped
             self._pictures = {row.name: thumbnail(session, row.name) for row in shown}
         put(self._turn, visible=len(rows) > PAGE_ROWS)
+        self._edits.show(dropped)
         self._draw()
 
     def _draw(self) -> None:
