@@ -12,9 +12,11 @@ from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
+from layflat.app.workstation.session.status import SessionEvent
+from layflat.app.workstation.stop_signals import stop_on_signals
 from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator
-from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording, stop_on_signals
-from layflat.app.workstation.window.launch import NoWindowError, has_display, record_in_window
+from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording
+from layflat.app.workstation.window.launch import NoWindowError, has_display, run_window
 from layflat.policy import model_io
 from layflat.policy.spec import PolicySpec
 from layflat.policy.trained_model import TrainedModel
@@ -31,7 +33,7 @@ def record_teleoperated(config: RecordConfig) -> None:
     in_terminal = TELEOPERATORS[config.source].terminal
     if config.window or (config.window is None and has_display()):
         try:
-            record_in_window(config, model)
+            run_window(session_request(config, model), print_event, config.mapping)
             return
         except NoWindowError as error:
             if config.window or not in_terminal:
@@ -58,6 +60,11 @@ def session_request(config: RecordConfig, model: TrainedModel | None) -> Session
         disturbance=config.disturb,
         images=config.images,
     )
+
+
+def print_event(event: SessionEvent) -> None:
+    """Print a line for scripts on stdout; a note for a person on stderr."""
+    print(event.text, file=sys.stderr if event.kind == "note" else sys.stdout, flush=True)
 
 
 def record_in_terminal(config: RecordConfig, model: TrainedModel | None) -> None:

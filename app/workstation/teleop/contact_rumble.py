@@ -10,16 +10,26 @@ RUMBLE_STRENGTH = 0.6
 RUMBLE_S = 0.15
 
 
+class ContactBegin:
+    """Notices each beginning of contact."""
+
+    def __init__(self) -> None:
+        self._touching = True
+
+    def update(self, contact_portion: float, n_steps: int) -> bool:
+        """Take the newest contact portion and the number of steps of the demonstration; return whether it begins."""
+        before, self._touching = self._touching, contact_portion >= CONTACT_MIN
+        return self._touching and not before and n_steps > 0
+
+
 class ContactRumble:
     """Rumbles a device once each time contact begins."""
 
     def __init__(self, teleoperator: Teleoperator) -> None:
         self._teleoperator = teleoperator
-        self._touching = True
+        self._begin = ContactBegin()
 
     def update(self, contact_portion: float, n_steps: int) -> None:
         """Take the newest contact portion, and the number of steps of the demonstration."""
-        touching = contact_portion >= CONTACT_MIN
-        if touching and not self._touching and n_steps:
+        if self._begin.update(contact_portion, n_steps):
             self._teleoperator.rumble(RUMBLE_STRENGTH, RUMBLE_S)
-        self._touching = touching

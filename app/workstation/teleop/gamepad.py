@@ -17,7 +17,7 @@ from layflat.app.workstation.teleop.devices import GamepadDevice, GamepadRegistr
 from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
 from layflat.app.workstation.teleop.key_map import LEFT, RIGHT
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
-from layflat.app.workstation.teleop.teleoperator import Button
+from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 
@@ -38,7 +38,7 @@ FINE_SPEED = 0.1
 """Speed with L2 pulled; R2 goes up to 1."""
 
 
-class Gamepad:
+class Gamepad(WindowTeleoperator):
     """Teleoperator whose sticks move the robot and whose triggers make that faster or finer."""
 
     name = "gamepad"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,10 @@ class DragTeleoperator(WindowTeleoperator):
         """Continue the drag."""
         raise NotImplementedError
 
+    def release_taps(self, acted_s: float) -> None:
+        """Forget the taps of keys on which a step has acted, see `WindowKeyboard`."""
+        self.keyboard.release_taps(acted_s)
+
     def on_event(self, event: Any) -> bool:
         """Handle the left mouse button, and keys."""
         pygame = self._pygame
@@ -68,8 +73,10 @@ class Mouse(DragTeleoperator):
 
     name = "mouse"
 
-    def __init__(self, robot: RobotSpec) -> None:
+    def __init__(self, robot: RobotSpec, scale: Callable[[], float] = lambda: 1.0) -> None:
+        """Use ``scale``, which returns that of the display: lengths of drags are px at scale 1."""
         super().__init__(robot)
+        self._scale = scale
         self._start: Pixel = (0, 0)
         self._at: Pixel = (0, 0)
 
@@ -81,6 +88,10 @@ class Mouse(DragTeleoperator):
     def move(self, at: Pixel) -> None:
         """Continue the drag."""
         self._at = at
+
+    def band(self) -> tuple[Pixel, Pixel, float] | None:
+        """Return where the drag began and where it is, and the length of one at full speed, px; None without one."""
+        return (self._start, self._at, REACH_PX * self._scale()) if self.dragging else None
 
     def poll(self) -> TeleopInput:
         """Return the motion of the drag and the keys, and the keys' commands."""
@@ -97,7 +108,8 @@ class Mouse(DragTeleoperator):
         """Return the motion (A,) of the drag: to the right is +x, up is +z."""
         if not self.dragging:
             return self.robot.zeros()
-        right, up = (self._at[0] - self._start[0]) / REACH_PX, (self._start[1] - self._at[1]) / REACH_PX
+        reach = REACH_PX * self._scale()
+        right, up = (self._at[0] - self._start[0]) / reach, (self._start[1] - self._at[1]) / reach
         right, up = dead_zone(right, up, dead=DEAD)
         if self.robot.n_points == 1:
             return self.robot.pack([right, 0.0, up])

@@ -62,16 +62,22 @@ def make_terminal_teleoperator(name: str, robot: RobotSpec, *, mapping: Path | N
 
 
 def make_window_teleoperator(
-    name: str, robot: RobotSpec, *, ray: Ray, corners: Callable[[], FloatArray], mapping: Path | None = None
+    name: str,
+    robot: RobotSpec,
+    *,
+    ray: Ray,
+    corners: Callable[[], FloatArray],
+    mapping: Path | None = None,
+    scale: Callable[[], float] = lambda: 1.0,
 ) -> WindowTeleoperator:
     """Make a teleoperator that is given the window's events; a missing device is a problem of its inputs.
 
-    ``ray`` and ``corners`` are for `HandGuidingTeleoperator`, ``mapping`` for gamepads.
+    ``ray`` and ``corners`` are for `HandGuidingTeleoperator`, ``mapping`` for gamepads, ``scale`` for `Mouse`.
     """
     makers: Mapping[str, Callable[[], WindowTeleoperator]] = {
         "gamepad": lambda: Gamepad(robot, mapping=mapping, own_events=False),
         "keyboard": lambda: WindowKeyboard(robot),
-        "mouse": lambda: Mouse(robot),
+        "mouse": lambda: Mouse(robot, scale),
         "kinesthetic": lambda: HandGuidingTeleoperator(robot, ray, corners),
     }
     return makers[name]()

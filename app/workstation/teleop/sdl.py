@@ -15,6 +15,8 @@ SETTINGS = {
     "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",
     # Else SIGTERM becomes an event that is never read.
     "SDL_NO_SIGNAL_HANDLERS": "1",
+    # Name by which desktops group and configure windows.
+    "SDL_VIDEO_X11_WMCLASS": "layflat",
 }
 
 

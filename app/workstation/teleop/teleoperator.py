@@ -45,3 +45,11 @@ class WindowTeleoperator(Teleoperator, Protocol):
 
     def on_event(self, event: Any) -> bool:
         """Handle one of pygame's events; return whether it was for this device."""
+
+    def release_taps(self, acted_s: float) -> None:
+        """Forget the taps of keys before the input of ``acted_s``, on which a step has acted."""
+        return
+
+    def band(self) -> tuple[tuple[int, int], tuple[int, int], float] | None:
+        """Return where a drag began and where it is, and the length of one at full speed, px; None without one."""
+        return None

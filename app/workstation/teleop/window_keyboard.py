@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from layflat.app.workstation.teleop import key_map, sdl
@@ -9,6 +10,8 @@ from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
 from layflat.data.robot import RobotSpec
 
+TAP_S = 1.0
+"""Time in which a key that is up again acts on a step; one that comes while nothing steps must not act later."""
 _ARROWS = ("left", "right", "up", "down")
 
 
@@ -23,6 +26,8 @@ class WindowKeyboard(WindowTeleoperator):
         self._motions = key_map.key_motions(robot)
         self._held: dict[int, str] = {}
         """Name of each held key when it was pressed, by pygame's code: releasing shift first must not leave it held."""
+        self._taps: dict[str, float] = {}
+        """When each motion key was pressed that no step has acted on yet, s of the monotonic clock."""
         self._commands: list[Command] = []
         self._speed = key_map.SPEED
 
@@ -31,6 +36,7 @@ class WindowKeyboard(WindowTeleoperator):
         pygame = self._pygame
         if event.type == pygame.WINDOWFOCUSLOST:
             self._held.clear()
+            self._taps.clear()
             return False
         if event.type == pygame.KEYUP:
             return self._held.pop(event.key, None) is not None
@@ -43,6 +49,7 @@ class WindowKeyboard(WindowTeleoperator):
             self._speed = key_map.SPEEDS[name]
         elif name in self._motions:
             self._held[event.key] = name
+            self._taps[name] = time.monotonic()
         else:
             return False
         return True
@@ -50,8 +57,14 @@ class WindowKeyboard(WindowTeleoperator):
     def poll(self) -> TeleopInput:
         """Return the motion of the held keys and the commands since the last poll."""
         commands, self._commands = tuple(self._commands), []
-        motion = key_map.sum_motions(self.robot, self._motions, self._held.values())
+        now = time.monotonic()
+        self._taps = {name: at_s for name, at_s in self._taps.items() if now - at_s < TAP_S}
+        motion = key_map.sum_motions(self.robot, self._motions, {*self._held.values(), *self._taps})
         return TeleopInput(motion=motion, speed=self._speed, commands=commands, device="keyboard")
+
+    def release_taps(self, acted_s: float) -> None:
+        """Forget the taps before the input of ``acted_s``, on which a step has acted: each tap acts for a step."""
+        self._taps = {name: at_s for name, at_s in self._taps.items() if at_s >= acted_s}
 
     def help(self) -> tuple[Button, ...]:
         """Return the effect of each key."""
@@ -60,6 +73,7 @@ class WindowKeyboard(WindowTeleoperator):
     def close(self) -> None:
         """Release all keys."""
         self._held.clear()
+        self._taps.clear()
 
     def _key_name(self, event: Any) -> str:
         """Return the name that the terminal uses for this key."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import os
 import select
-import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TextIO
 
 from layflat.app.workstation.session.client import SessionClient
@@ -122,25 +121,3 @@ def run_recording(
     for event in client.end():
         display.print_result(event.text)
     display.clear()
-
-
-@contextmanager
-def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C, SIGTERM and a closed terminal end the recording between two steps, with everything saved.
-
-    Yields a function that returns whether one has come; a second Ctrl-C interrupts at once.
-    """
-    received: list[int] = []
-
-    def handle(number: int, _: object) -> None:
-        if number == signal.SIGINT and received:
-            raise KeyboardInterrupt
-        received.append(number)
-
-    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP] if os.name == "posix" else [signal.SIGINT]
-    before = {number: signal.signal(number, handle) for number in numbers}
-    try:
-        yield lambda: bool(received)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

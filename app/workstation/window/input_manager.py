@@ -1,19 +1,19 @@
-"""InputManager: the input of device and mouse, sent to the activity once a frame."""
+"""InputManager: the input of device and mouse, sent to the session once a frame."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pygame
 
-from layflat.app.support.errors import format_error
+from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.teleop.contact_rumble import ContactRumble
 from layflat.app.workstation.teleop.registry import make_window_teleoperator
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
-from layflat.app.workstation.window.context import WindowContext
+from layflat.app.workstation.window.sound import ContactTone
 from layflat.app.workstation.window.viewport import Viewport
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
@@ -22,45 +22,46 @@ from layflat.data.robot import RobotSpec
 class InputManager:
     """The device in use, and the mouse in the view."""
 
-    def __init__(self, context: WindowContext, viewport: Viewport) -> None:
-        self.mapping: Path | None = None
-        """Mapping of a gamepad that SDL does not know."""
-        self.problem = ""
-        """Why there is no device, one sentence."""
-        self.newest: TeleopInput | None = None
-        """Newest input of the device."""
-        self._context = context
+    def __init__(
+        self,
+        client: SessionClient,
+        viewport: Viewport,
+        view: Callable[[], pygame.Rect],
+        *,
+        source: str,
+        robot: RobotSpec,
+        mapping: Path | None = None,
+        scale: Callable[[], float] = lambda: 1.0,
+    ) -> None:
+        self._client = client
         self._viewport = viewport
+        self._view = view
+        self.newest: TeleopInput = zero_input(robot)
+        """Newest input of the device."""
+        self.tone = ContactTone()
         self._teleoperator: WindowTeleoperator | None = None
         self._rumble: ContactRumble | None = None
-
-    def select(self, name: str, robot: RobotSpec) -> bool:
-        """Open a device; return False and set `problem` where that fails."""
-        self.release()
-        try:
+        if source:
             self._teleoperator = make_window_teleoperator(
-                name, robot, ray=self._ray, corners=self._corners, mapping=self.mapping
+                source, robot, ray=self._ray, corners=self._corners, mapping=mapping, scale=scale
             )
-        except Exception as error:
-            self.problem, _ = format_error(error)
-            return False
-        self._rumble = ContactRumble(self._teleoperator)
-        return True
+            self._rumble = ContactRumble(self._teleoperator)
 
     def _ray(self, at: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
         """Return the line of sight behind a pixel of the window."""
-        view = self._context.layout.view
+        view = self._view()
         return self._viewport.camera.ray((at[0] - view.left, at[1] - view.top), view.size)
 
     def _corners(self) -> FloatArray:
-        frame = self._context.client.frame
+        frame = self._client.frame
         return np.full((2, 3), np.inf) if frame is None else frame.corners
 
-    def release(self) -> None:
-        """Close the device."""
+    def close(self) -> None:
+        """Close the device; may be called twice."""
         if self._teleoperator is not None:
             self._teleoperator.close()
-        self._teleoperator = self._rumble = self.newest = None
+        self._teleoperator = self._rumble = None
+        self.tone.close()
 
     def uses_mouse(self) -> bool:
         """Return whether the device is the mouse in the view, which then does not drag the cloth."""
@@ -70,34 +71,37 @@ class InputManager:
         """Return the effect of each button of the device."""
         return () if self._teleoperator is None else self._teleoperator.help()
 
+    def band(self) -> tuple[tuple[int, int], tuple[int, int], float] | None:
+        """Return where a drag of the device began and where it is, px of the window, and its length at full speed."""
+        return None if self._teleoperator is None else self._teleoperator.band()
+
     def handle_event(self, event: pygame.event.Event) -> bool:
         """Pass an event to the device; return whether it was for it.
 
-        A press of the mouse is only for the device in the view: elsewhere it is on a tab or a button.
+        A press of the mouse is only for the device in the view: elsewhere it is on a button.
         """
-        if event.type == pygame.MOUSEBUTTONDOWN and not self._context.layout.view.collidepoint(event.pos):
+        if event.type == pygame.MOUSEBUTTONDOWN and not self._view().collidepoint(event.pos):
             return False
         return self._teleoperator is not None and self._teleoperator.on_event(event)
 
-    def send(self, *, accepts_drag: bool) -> None:
-        """Send the newest input to the activity; ``accepts_drag``: the mouse may drag the cloth now."""
-        client = self._context.client
+    def send(self) -> None:
+        """Send the newest input to the session."""
+        client = self._client
         if self._teleoperator is not None:
+            if client.frame is not None:
+                self._teleoperator.release_taps(client.frame.input_s)
             self.newest = self._teleoperator.poll()
             for command in self.newest.commands:
-                self._context.send_command(command)
-        self._viewport.hand = None if self.newest is None else self.newest.hand
-        if not (client.alive and accepts_drag):
+                client.send_command(command)
+        self._viewport.hand = self.newest.hand
+        if not (client.alive and client.status.can_drag and not self.uses_mouse()):
             self._viewport.end_drag()
-        if not client.alive or client.robot is None:
-            return
-        client.send_input(self.newest or zero_input(client.robot), self._viewport.drag)
-        if self._rumble is not None:
-            status: dict[str, Any] = client.status
-            self._rumble.update(float(status.get("contact", 0.0)), int(status.get("steps", 0)))
+        if client.alive:
+            client.send_input(self.newest, self._viewport.drag)
+            for signal in (self._rumble, self.tone):
+                if signal is not None:
+                    signal.update(client.status.contact, client.status.steps)
 
     def describe(self) -> str:
         """Return the device's name or its problem, for a person."""
-        if self.newest is None:
-            return ""
         return self.newest.device if self.newest.connected else self.newest.problem

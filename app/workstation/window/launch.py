@@ -1,4 +1,4 @@
-"""`layflat app`, and the window of `layflat record`: what they need, and the window."""
+"""The live window of `layflat record`: what it needs, and how it is opened and ends."""
 
 from __future__ import annotations
 
@@ -6,25 +6,18 @@ import os
 import re
 import socket
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError
-from layflat.app.workers.record_config import RecordConfig
-from layflat.app.workstation.session.session_queries import next_seeds
+from layflat.app.workstation.session.request import SessionRequest
+from layflat.app.workstation.session.status import SessionEvent
+from layflat.app.workstation.stop_signals import stop_on_signals
 from layflat.app.workstation.teleop import sdl
-from layflat.policy.trained_model import TrainedModel
-
-if TYPE_CHECKING:
-    from layflat.app.workstation.window.window import Window
 
 ALTERNATIVES = (
-    "without one, use `layflat record --no-window --source keyboard`, `gamepad` or `scripted`, `train`, `place`,"
-    " `replay`, `data` and `demo` in this terminal"
+    "without one, use `layflat record --no-window --source keyboard`, `gamepad` or `scripted` in this terminal, or"
+    " `layflat app` in a browser"
 )
 NO_DISPLAY = f"there is no display for a window (DISPLAY and WAYLAND_DISPLAY are not set); {ALTERNATIVES}"
 UNSEEN = ("dummy", "offscreen")
@@ -44,27 +37,38 @@ def has_display() -> bool:
     return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def app(folder: Path) -> int:
-    """Open the workstation on the sessions and models in ``folder``; return the exit status."""
-    validators.writable_folder(folder)
-    with open_window(folder) as window:
-        return window.run()
+def run_window(request: SessionRequest, on_event: Callable[[SessionEvent], None], mapping: Path | None = None) -> None:
+    """Show a session in a window until it is over or the person closes it, by Ctrl-C and SIGTERM too.
+
+    NoWindowError where there is no display, LayflatError where the session ended by itself.
+    """
+    with stop_on_signals(impatient=False) as stopped:
+        _check_display()
+        from layflat.app.workstation.window.window import Window
+
+        window = Window(request, mapping=mapping, on_event=on_event)
+        try:
+            window.run(stopped)
+        finally:
+            window.close()
+    window.client.check()
 
 
-@contextmanager
-def open_window(folder: Path, **options: Any) -> Iterator[Window]:
-    """Open a window, and close it at the end; LayflatError where there can be none."""
+def _check_display() -> None:
+    """Raise NoWindowError where there is no display, or one that does not answer."""
     if not has_display():
         raise NoWindowError(NO_DISPLAY)
-    _check_display()
+    found = re.fullmatch(r"(?:tcp/)?([^/:]+):(\d+)(?:\.\d+)?", os.environ.get("DISPLAY", ""))
+    if found and found[1] != "unix":
+        try:
+            socket.create_connection((found[1], X_PORT + int(found[2])), timeout=ANSWER_S).close()
+        except (OSError, OverflowError, UnicodeError):
+            raise _unanswered() from None
     sdl.prepare()
     try:
         import pygame
-
-        from layflat.app.workstation.session.activities import make_activity
-        from layflat.app.workstation.window.window import Window
     except ImportError as error:
-        raise LayflatError(f"the window needs pygame and pygame-menu ({error}); run `layflat doctor`") from None
+        raise LayflatError(f"the window needs pygame ({error}); run `layflat doctor`") from None
     try:
         pygame.display.init()
     except pygame.error as error:
@@ -73,53 +77,8 @@ def open_window(folder: Path, **options: Any) -> Iterator[Window]:
         # SDL would rather draw where nothing is seen than report that a display does not answer.
         pygame.display.quit()
         raise _unanswered()
-    window = Window(folder, make_activity, **options)
-    try:
-        yield window
-    finally:
-        window.close()
-
-
-def _check_display() -> None:
-    """Raise NoWindowError where the display is on another machine that does not answer."""
-    found = re.fullmatch(r"(?:tcp/)?([^/:]+):(\d+)(?:\.\d+)?", os.environ.get("DISPLAY", ""))
-    if found and found[1] != "unix":
-        try:
-            socket.create_connection((found[1], X_PORT + int(found[2])), timeout=ANSWER_S).close()
-        except (OSError, OverflowError, UnicodeError):
-            raise _unanswered() from None
 
 
 def _unanswered() -> NoWindowError:
     name = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY", "")
     return NoWindowError(f"the display {name} does not answer; {ALTERNATIVES}")
-
-
-def record_in_window(config: RecordConfig, model: TrainedModel | None) -> None:
-    """Record in a window of its own, which closes when ``config.episodes`` are kept or the person quits.
-
-    One line on stdout for each that is kept or discarded. Only the session is written.
-    """
-    with open_window(config.path.parent, remember=False) as window:
-        page = window.record_page
-        window.context.settings = replace(
-            window.context.settings,
-            robot=config.robot,
-            cloth=config.cloth,
-            source=config.source,
-            descriptor=config.descriptor,
-            images=config.images,
-            session=config.path.name,
-        )
-        source = config.source if model is None else f"{model.policy}+{config.source}"
-        (page.seed,), _ = next_seeds(config.path, source, 1, config.seed)
-        page.episodes, page.disturbance, page.model = config.episodes, config.disturb, model
-        page.print_lines = True
-        window.input_manager.mapping = config.mapping
-        page.start()
-        status = window.run(until=lambda: not page.running)
-        problem = window.context.client.problem
-    if status:
-        raise KeyboardInterrupt
-    if problem:
-        raise LayflatError(problem)

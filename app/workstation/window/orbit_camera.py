@@ -26,10 +26,10 @@ REACH_M = (np.array([-0.4, -0.7, 0.0]), np.array([1.0, 0.7, 0.7]))
 class OrbitCamera:
     """Place and direction of the view. Angles in rad: azimuth 0 is from +x, counter-clockwise seen from above."""
 
-    target: tuple[float, float, float] = (0.20, 0.09, 0.25)
+    target: tuple[float, float, float] = (0.20, 0.06, 0.29)
     azimuth: float = math.radians(-42)
     elevation: float = math.radians(26)
-    distance: float = 1.70
+    distance: float = 1.85
 
     def turned(self, dx_px: float, dy_px: float) -> OrbitCamera:
         """Return the camera after the mouse has turned the scene by so much."""
@@ -81,6 +81,15 @@ class OrbitCamera:
         right, up, back = self.axes()
         metres = float((self.eye() - point) @ back) / focal_px(height_px)
         return point + metres * (dx_px * right - dy_px * up)
+
+
+PRESETS = {
+    "reset": OrbitCamera(),
+    "side": OrbitCamera(azimuth=math.radians(-90), elevation=math.radians(4), target=(0.20, 0.0, 0.25), distance=1.5),
+    "top": OrbitCamera(azimuth=math.radians(-90), elevation=math.radians(89), target=(0.25, 0.0, 0.0), distance=1.5),
+    "front": OrbitCamera(azimuth=0.0, elevation=math.radians(8), target=(0.20, 0.0, 0.25), distance=1.5),
+}
+"""Views by name: side along +y with +x to the right, top from above with +x to the right, front along -x."""
 
 
 @lru_cache(maxsize=8)

@@ -1,110 +1,266 @@
-"""Edges of the window: tabs above, the status line below the view, key hints, and a panel of rows."""
+"""Words of the window: state, numbers, newest sentence and key chips, each wrapped into the room that there is."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import pygame
 
-from layflat.app.workstation.session.intervention import YOU
+from layflat.app.workstation.session.status import YOU, Level, SessionStatus
+from layflat.app.workstation.teleop.teleop_input import Command
+from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.context import FormRow, KeyHint
+from layflat.app.workstation.window.style import Canvas
 
 
-def real_time_factor(status: Mapping[str, Any]) -> str:
-    """Return how fast simulated time runs, for a person."""
-    factor = float(status.get("real_time_factor", 0.0) or 0.0)
-    return f"{factor:.2f} × real time" if factor else ""
+class KeyHint(NamedTuple):
+    """A button: its name, its effect now, and a function for a click on it."""
+
+    key: str
+    text: str
+    press: Callable[[], None] | None = None
+    color: style.Color = style.TEXT
 
 
-def draw_top(surface: pygame.Surface, names: Sequence[str], chosen: str, device: str, factor: str) -> list[pygame.Rect]:
-    """Draw the tabs, the device and how fast time runs; return the tabs' areas."""
-    surface.fill(style.BACKGROUND)
-    x = style.draw_text(surface, "Layflat", (16, 9), 20, style.TEXT, face=style.BOLD).right + 22
-    tabs = []
-    for name in names:
-        face, color = (style.BOLD, style.TEXT) if name == chosen else (style.REGULAR, style.QUIET)
-        area = pygame.Rect(x, 8, style.text_width(name, 15, face) + 22, 32)
-        if name == chosen:
-            pygame.draw.rect(surface, style.RAISED, area, border_radius=style.RADIUS)
-        picture = style.render_text(name, 15, color, face)
-        surface.blit(picture, picture.get_rect(center=area.center))
-        tabs.append(area)
-        x = area.right + 2
-    right = surface.get_width() - 16
-    if factor:
-        right = style.draw_text(surface, factor, (right, 14), 13, style.QUIET, align="right").left - 18
-    room = right - x - 10
-    if device and room > 60:
-        style.draw_text(surface, style.truncate(device, 13, room), (right, 14), 13, style.QUIET, align="right")
-    return tabs
+class Fact(NamedTuple):
+    """A number and its name."""
+
+    name: str
+    value: str
+    color: style.Color = style.TEXT
 
 
-def draw_status(surface: pygame.Surface, message: str, color: style.Color, status: Mapping[str, Any]) -> None:
-    """Draw who is in control and the newest message at the left, and the timing at the right."""
-    surface.fill(style.BACKGROUND)
-    timing, controller = str(status.get("timing", "")), str(status.get("controller", ""))
-    x, room = 4, surface.get_width()
-    if controller:
-        human = controller == YOU
-        text = "you are in control" if human else f"{controller} is in control"
-        text_color = style.HUMAN if human else style.TEXT
-        x = style.draw_text(surface, text, (x, 4), 13, text_color, face=style.BOLD).right + 14
-    if timing and not message:
-        style.draw_text(surface, timing, (x, 5), 12, style.FAINT, width=room - x - 4)
-        return
-    width = style.text_width(message, 13)
-    style.draw_text(surface, message, (x, 4), 13, color, width=room - x - 4)
-    left = room - x - width - 24
-    if timing and style.text_width(timing, 12) < left:
-        style.draw_text(surface, timing, (room - 4, 5), 12, style.FAINT, align="right")
+LEVELS: dict[Level, style.Color] = {
+    "info": style.QUIET, "success": style.CONTACT, "warning": style.WORD, "error": style.WARNING,
+}  # fmt: skip
+COMMAND_COLORS = {Command.START: style.ACCENT, Command.KEEP_SUCCESS: style.CONTACT, Command.KEEP_FAILURE: style.WORD}
+_STATES = {
+    "starting": ("○", "Starting the simulation", style.QUIET),
+    "countdown": ("○", "Get ready", style.ACCENT),
+    "still": ("▶", "Go: starts when you move", style.ACCENT),
+    "paused": ("‖", "Paused", style.WORD),
+    "finished": ("■", "Keep it?", style.ACCENT),
+    "over": ("■", "Ended", style.QUIET),
+}
+"""Sign, words and colour of states; each has a sign of its own beside its colour."""
+TOP_TEXT, FACT_TEXT, NAME_TEXT, MESSAGE_TEXT = 19, 15, 11, 13
+HEADLINE_WIDTH = 300
+"""Width at scale 1 that the state needs in any case; what it says is smaller where it is longer."""
+STRIP_SHARE = 0.25
+"""Share of the window's height above which the strip's letters are made smaller."""
 
 
-def draw_key_hints(surface: pygame.Surface, hints: Sequence[KeyHint]) -> list[pygame.Rect]:
-    """Draw key hints in as many lines as there is room for; return the areas of those drawn."""
-    surface.fill(style.BACKGROUND)
-    style.draw_card(surface, surface.get_rect())
-    areas = []
-    x, y, pitch = 14, 9, 30
+def headline(status: SessionStatus) -> tuple[str, str, style.Color]:
+    """Return sign, words and colour of the state."""
+    verdict = status.verdict
+    if status.state == "asking":
+        return "?", status.question, style.WORD
+    if status.state == "waiting":
+        return ("○", "Ready", style.TEXT) if status.ready else ("○", "Hanging the cloth", style.QUIET)
+    if status.state == "running":
+        if status.controller not in ("", YOU):
+            doing = {"disturb": "is disturbed", "repair": "repairs"}.get(status.phase, "places")
+            return "●", f"{status.controller} {doing}", style.ACCENT
+        return "●", "You are in control" if status.policy else "Recording", style.HUMAN if status.policy else style.TEXT
+    if status.state in ("stopped", "finished") and verdict is not None:
+        color = style.CONTACT if verdict.success else style.WORD
+        return "✓" if verdict.success else "■", f"Stopped: {verdict.words}", color
+    if status.state == "stopped":
+        return "■", f"Stopped: {100 * status.contact:.0f} %", style.TEXT
+    return _STATES.get(status.state, _STATES["starting"])
+
+
+def facts(status: SessionStatus, *, place: str, device: str) -> list[Fact]:
+    """Return the numbers; ``place`` is the file and what it holds."""
+    by = "+".join(filter(None, (status.policy, status.source)))
+    made = [*status.disturbances, *([f"your pull, {status.drag_steps} steps"] if status.drag_steps else [])]
+    more = [("partial", status.counts["partial"]), ("discarded", status.counts["discarded"])]
+    found = [
+        Fact("contact", f"{100 * status.contact:.0f} %", style.CONTACT),
+        Fact("flat area", f"{status.flat_area:.2f}"),
+        Fact("time", f"{status.time_s:.1f} s, {status.steps} steps"),
+        Fact("seed", str(status.seed)),
+        *([Fact("kept", status.progress)] if status.recording else []),
+        *(Fact(name, str(count)) for name, count in more if count),
+        Fact("by", by),
+        *([Fact("you", f"{status.intervention_steps} steps", style.HUMAN)] if status.intervention_steps else []),
+        *([Fact("disturbed", ", ".join(made))] if made else []),
+        *([Fact("device", device)] if device else []),
+        Fact("file", place),
+    ]
+    if status.verdict is not None and status.state in ("waiting", "countdown"):
+        found.append(Fact("last", status.verdict.words, style.CONTACT if status.verdict.success else style.TEXT))
+    if status.real_time_factor:
+        found.append(Fact("speed", f"{status.real_time_factor:.2f} × real time"))
+    return found
+
+
+def banner(status: SessionStatus, start_key: str) -> tuple[str, str]:
+    """Return large words over the view, and small ones below them; empty where there are none."""
+    state, message = status.state, status.message.text
+    if state == "waiting":
+        return ("Ready", f"{start_key}: {status.effect(Command.START) or 'start'}") if status.ready else ("", "")
+    if state == "countdown":
+        return (str(max(1, round(0.5 + status.countdown_s - 1e-6))), "") if status.ready else ("", "")
+    if state == "asking":
+        return "?", status.question
+    if state == "paused":
+        return "Paused", message.removeprefix("paused: ").removeprefix("paused")
+    return ("Go", "starts when you move") if state == "still" else ("", "")
+
+
+def device_hints(buttons: Iterable[Button], status: SessionStatus, press: Callable[[Command], None]) -> list[KeyHint]:
+    """Return a device's buttons that have an effect now, then its motions."""
+    commands, motions = [], []
+    for button in buttons:
+        if button.command is None:
+            motions.append(KeyHint(button.name, button.text))
+        elif effect := status.effect(button.command):
+            color = COMMAND_COLORS.get(button.command, style.TEXT)
+            commands.append(KeyHint(button.name, effect, partial(press, button.command), color))
+    return commands + motions
+
+
+# Drawing
+
+
+def flow(widths: Sequence[int], room: int, gap: int, pitch: int) -> tuple[list[tuple[int, int]], int]:
+    """Return the places of items in lines that fit into ``room`` px, and the height of all lines."""
+    places, x, y = [], 0, 0
+    for width in widths:
+        if x and x + width > room:
+            x, y = 0, y + pitch
+        places.append((x, y))
+        x += width + gap
+    return places, y + pitch if widths else 0
+
+
+def top_has_room(canvas: Canvas, hints: Sequence[KeyHint]) -> bool:
+    """Return whether keys have room beside the state."""
+    return canvas.area.width - _keys_width(canvas, hints) >= canvas.px(HEADLINE_WIDTH)
+
+
+def _keys_width(canvas: Canvas, hints: Sequence[KeyHint]) -> int:
+    return sum(canvas.key_width(hint.key, hint.text) + canvas.px(16) for hint in hints)
+
+
+def draw_top(canvas: Canvas, status: SessionStatus, hints: Sequence[KeyHint]) -> list[pygame.Rect]:
+    """Draw the state, and keys at its right; return their areas."""
+    canvas.surface.fill(style.BACKGROUND)
+    sign, words, color = headline(status)
+    middle, px = canvas.area.centery, canvas.px
+    sign_area = canvas.text(sign, (px(4), middle), TOP_TEXT, color, bold=True, align="midleft")
+    left = canvas.area.width - _keys_width(canvas, hints) + px(16)
+    room = (left if hints else canvas.area.width) - sign_area.right - px(24)
+    size = float(TOP_TEXT)
+    while size > 8 and canvas.width(words, size, bold=True) > room:
+        size -= 0.5
+    canvas.text(words, (sign_area.right + px(8), middle), size, style.TEXT, bold=True, align="midleft")
+    x, areas = left, []
     for hint in hints:
-        if x + style.key_hint_width(hint.key, hint.text) > surface.get_width() - 10 and x > 14:
-            x, y = 14, y + pitch
-        if y + pitch > surface.get_height():
-            break
-        areas.append(style.draw_key_hint(surface, (x, y), hint.key, hint.text, hint.color))
-        x = areas[-1].right + 20
+        areas.append(canvas.key((x, middle - px(style.KEY_HEIGHT) // 2), hint.key, hint.text, hint.color))
+        x = areas[-1].right + px(16)
     return areas
 
 
-def draw_rows(surface: pygame.Surface, headline: tuple[str, style.Color], rows: Sequence[FormRow]) -> None:
-    """Draw a panel that shows a page's state."""
-    width = surface.get_width()
-    title, color = headline
-    pygame.draw.circle(surface, color, (22, 30), 6)
-    style.draw_text(surface, title, (38, 15), 20, style.TEXT, face=style.BOLD, width=width - 50)
-    y = 58
-    for row in rows:
-        area = pygame.Rect(16, y + 17, width - 32, surface.get_height() - y - 20)
-        if area.height < 20:
-            break
-        style.draw_text(surface, row.name, (16, y), 12, style.QUIET)
-        y = style.draw_block(surface, row.value, area, 15, row.color) + 5
+def _fact_widths(canvas: Canvas, shown: Sequence[Fact]) -> list[int]:
+    """Return widths of the cells, in steps: a number that changes does not move those beside it."""
+    step = canvas.px(24)
+    wide = [max(canvas.width(f.value, FACT_TEXT), canvas.width(f.name, NAME_TEXT)) for f in shown]
+    return [min(-(-(width + canvas.px(6)) // step) * step, canvas.area.width) for width in wide]
 
 
-def draw_banner(surface: pygame.Surface, large: str, small: str) -> None:
-    """Draw words over the view."""
+def facts_height(canvas: Canvas, shown: Sequence[Fact]) -> int:
+    """Return the height that the numbers take, px."""
+    return flow(_fact_widths(canvas, shown), canvas.area.width, canvas.px(8), canvas.px(38))[1]
+
+
+def draw_facts(canvas: Canvas, shown: Sequence[Fact]) -> None:
+    """Draw numbers below their names."""
+    canvas.surface.fill(style.BACKGROUND)
+    widths, px = _fact_widths(canvas, shown), canvas.px
+    places, _ = flow(widths, canvas.area.width, px(8), px(38))
+    for fact, (x, y), width in zip(shown, places, widths, strict=True):
+        canvas.text(fact.name, (x + px(4), y), NAME_TEXT, style.QUIET)
+        canvas.block(fact.value, pygame.Rect(x + px(4), y + px(14), width, px(22)), FACT_TEXT, fact.color)
+
+
+def message_height(canvas: Canvas, message: str) -> int:
+    """Return the height that the newest sentence takes, px."""
+    return len(canvas.wrap(message, MESSAGE_TEXT, canvas.area.width)) * canvas.pitch(MESSAGE_TEXT)
+
+
+def draw_message(canvas: Canvas, message: str, color: style.Color) -> None:
+    """Draw the newest sentence."""
+    canvas.surface.fill(style.BACKGROUND)
+    canvas.block(message, canvas.area, MESSAGE_TEXT, color)
+
+
+def hints_scale(canvas: Canvas, hints: Sequence[KeyHint], max_height: int) -> tuple[float, int]:
+    """Return the scale at which all hints fit, and the height that they take then, px."""
+    scale = canvas.scale
+    while True:
+        smaller = Canvas(canvas.surface, scale)
+        height = _place_hints(smaller, hints, canvas.area.width)[1]
+        if height <= max_height or scale < 0.75 * canvas.scale:
+            return scale, height
+        scale *= 0.94
+
+
+def _place_hints(canvas: Canvas, hints: Sequence[KeyHint], width: int) -> tuple[list[tuple[int, int]], int]:
+    px = canvas.px
+    widths = [canvas.key_width(hint.key, hint.text) for hint in hints]
+    places, height = flow(widths, width - 2 * px(12), px(18), px(29))
+    return [(x + px(12), y + px(8)) for x, y in places], height + px(12)
+
+
+def draw_hints(canvas: Canvas, hints: Sequence[KeyHint], scale: float) -> list[pygame.Rect]:
+    """Draw all key chips; return their areas."""
+    canvas.surface.fill(style.BACKGROUND)
+    canvas.card()
+    smaller = Canvas(canvas.surface, scale)
+    places, _ = _place_hints(smaller, hints, canvas.area.width)
+    return [smaller.key(at, hint.key, hint.text, hint.color) for at, hint in zip(places, hints, strict=True)]
+
+
+def draw_banner(canvas: Canvas, large: str, small: str, *, low: bool) -> None:
+    """Draw words over the view, at its lower end if ``low``: never over what a hand has to take hold of."""
     if not large:
         return
-    size = 64 if len(large) <= 3 else 26
-    title, under = style.render_text(large, size, style.TEXT, style.BOLD), style.render_text(small, 15, style.QUIET)
-    width = max(title.get_width(), under.get_width()) + 60
-    height = title.get_height() + (under.get_height() + 4 if small else 0) + 28
-    area = pygame.Rect(0, 0, min(width, surface.get_width() - 20), height)
-    area.midtop = (surface.get_width() // 2, 24)
+    px, view = canvas.px, canvas.area
+    size = 56 if len(large) <= 3 else 24
+    lines = canvas.wrap(small, 14, view.width - px(60)) if small else []
+    width = max([canvas.width(large, size, bold=True), *(canvas.width(line, 14) for line in lines)]) + px(48)
+    height = canvas.px(size * 1.25) + len(lines) * canvas.pitch(14) + px(16)
+    area = pygame.Rect(0, 0, min(width, view.width), height)
+    area.midbottom, top = (view.centerx, view.bottom - px(12)), (view.centerx, view.top + px(40))
+    if not low:
+        area.midtop = top
     veil = pygame.Surface(area.size, pygame.SRCALPHA)
-    pygame.draw.rect(veil, (*style.BACKGROUND, 205), veil.get_rect(), border_radius=12)
-    surface.blit(veil, area)
-    surface.blit(title, title.get_rect(midtop=(area.centerx, area.top + 12)))
-    if small:
-        surface.blit(under, under.get_rect(midbottom=(area.centerx, area.bottom - 14)))
+    pygame.draw.rect(veil, (*style.BACKGROUND, 215), veil.get_rect(), border_radius=px(12))
+    canvas.surface.blit(veil, area)
+    title = canvas.text(large, (area.centerx, area.top + px(6)), size, style.TEXT, bold=True, align="midtop")
+    for k, line in enumerate(lines):
+        at = (area.centerx, title.bottom + k * canvas.pitch(14))
+        canvas.text(line, at, 14, style.QUIET, align="midtop")
+
+
+def draw_view_keys(canvas: Canvas, hints: Sequence[KeyHint]) -> list[pygame.Rect]:
+    """Draw the keys of the views in the view's upper left corner; return their areas."""
+    px, small = canvas.px, Canvas(canvas.surface, 0.85 * canvas.scale)
+    widths = [small.key_width(hint.key, hint.text) for hint in hints]
+    places, _ = flow(widths, canvas.area.width - 2 * px(8), px(10), px(24))
+    return [small.key((x + px(8), y + px(8)), h.key, h.text, h.color) for (x, y), h in zip(places, hints, strict=True)]
+
+
+def draw_band(canvas: Canvas, band: tuple[tuple[int, int], tuple[int, int], float], corner: tuple[int, int]) -> None:
+    """Draw how far a drag is, and how far it is at full speed."""
+    start, at, reach = band
+    a, b = ((p[0] - corner[0], p[1] - corner[1]) for p in (start, at))
+    pygame.draw.circle(canvas.surface, style.QUIET, a, reach, canvas.px(1))
+    pygame.draw.line(canvas.surface, style.ACCENT, a, b, canvas.px(4))
+    pygame.draw.circle(canvas.surface, style.TEXT, b, canvas.px(6))
+    share = min(((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) ** 0.5 / reach, 1.0)
+    canvas.text(f"{100 * share:.0f} %", (b[0] + canvas.px(12), b[1]), 13, style.TEXT, bold=True)

@@ -1,13 +1,15 @@
-"""Look of the window: colors, fonts, text, cards and key hints."""
+"""Colours of the window, and Canvas: an area of it, with text and cards at the display's scale."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TypeAlias
 
+import matplotlib
 import numpy as np
 import pygame
-import pygame_menu.font as fonts
 from numpy.typing import NDArray
 
 from layflat.data.names import storable
@@ -17,60 +19,48 @@ Color: TypeAlias = tuple[int, int, int]
 BACKGROUND: Color = (17, 21, 28)
 CARD: Color = (25, 31, 40)
 RAISED: Color = (38, 46, 58)
-LINE: Color = (52, 62, 77)
+LINE: Color = (70, 82, 99)
 TEXT: Color = (231, 235, 241)
-QUIET: Color = (150, 161, 177)
-FAINT: Color = (98, 110, 127)
-ACCENT: Color = (96, 156, 255)
+QUIET: Color = (165, 175, 190)
+"""At least 4.5:1 on a card."""
+ACCENT: Color = (110, 168, 255)
 CONTACT: Color = (70, 225, 150)
 WORD: Color = (255, 196, 0)
-"""CONTACT and WORD are the colors of layflat.perception.overlay, so that a curve and its image look alike."""
+"""CONTACT and WORD are the colours of layflat.perception.overlay, so that a curve and its image look alike."""
 WARNING: Color = (255, 122, 96)
-RECORDING: Color = (255, 84, 84)
+"""Something is wrong; never at rest."""
 HUMAN: Color = (198, 146, 255)
 """A person, not the policy, is in control."""
 
-RADIUS = 8
-
-REGULAR, BOLD, MONO = fonts.FONT_OPEN_SANS, fonts.FONT_OPEN_SANS_BOLD, fonts.FONT_FIRACODE
-"""Fonts that pygame-menu ships: the system's fonts are never used."""
+RADIUS, KEY_TEXT, KEY_HEIGHT, KEY_PAD, KEY_GAP = 8, 13, 24, 7, 7
 
 
-@lru_cache(maxsize=32)
-def font(size: int, face: str = REGULAR) -> pygame.font.Font:
-    """Return a font."""
-    return pygame.font.Font(face, size)
+@lru_cache(maxsize=1)
+def _font_files() -> tuple[Path, Path]:
+    """Return DejaVu Sans and its bold face, which matplotlib ships: the system's fonts are never used."""
+    folder = Path(matplotlib.get_data_path(), "fonts", "ttf")
+    return folder / "DejaVuSans.ttf", folder / "DejaVuSans-Bold.ttf"
 
 
-@lru_cache(maxsize=600)
-def render_text(text: str, size: int, color: Color, face: str = REGULAR) -> pygame.Surface:
-    """Return a line of text as a picture; most of a frame's lines are those of the last."""
-    return font(size, face).render(storable(text), True, color)
+@lru_cache(maxsize=64)
+def _font(size_px: int, bold: bool) -> pygame.font.Font:
+    return pygame.font.Font(_font_files()[bold], size_px)
+
+
+@lru_cache(maxsize=800)
+def _render(text: str, size_px: int, color: Color, bold: bool) -> pygame.Surface:
+    return _font(size_px, bold).render(text, True, color)
+
+
+@lru_cache(maxsize=2000)
+def _width(text: str, size_px: int, bold: bool) -> int:
+    return int(_font(size_px, bold).size(text)[0])
 
 
 def clear_cache() -> None:
     """Forget pictures and fonts: they end with the display that they were made for."""
-    font.cache_clear()
-    render_text.cache_clear()
-
-
-def draw_text(
-    surface: pygame.Surface,
-    text: str,
-    place: tuple[int, int],
-    size: int = 14,
-    color: Color = TEXT,
-    *,
-    face: str = REGULAR,
-    width: int | None = None,
-    align: str = "left",
-) -> pygame.Rect:
-    """Draw one line at its top left (or top right) corner, truncated to ``width`` px; return what it covers."""
-    if width is not None:
-        text = truncate(text, size, width, face)
-    picture = render_text(text, size, color, face)
-    left = place[0] - (picture.get_width() if align == "right" else 0)
-    return surface.blit(picture, (left, place[1]))
+    for cached in (_font, _render, _width):
+        cached.cache_clear()
 
 
 def make_picture(rgb: NDArray[np.uint8]) -> pygame.Surface:
@@ -79,71 +69,101 @@ def make_picture(rgb: NDArray[np.uint8]) -> pygame.Surface:
     return pygame.image.frombuffer(whole.data, (whole.shape[1], whole.shape[0]), "RGB")
 
 
-def text_width(text: str, size: int, face: str = REGULAR) -> int:
-    """Return the width of a line, px."""
-    return int(font(size, face).size(text)[0])
+def luminance(color: Color) -> float:
+    """Return the relative luminance of a colour, 0..1, as WCAG defines it."""
+    share = np.array(color) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
 
 
-@lru_cache(maxsize=400)
-def truncate(text: str, size: int, width: int, face: str = REGULAR) -> str:
-    """Return the text, or as much of it as fits, with dots."""
-    if text_width(text, size, face) <= width:
-        return text
-    while text and text_width(text + "…", size, face) > width:
-        text = text[:-1]
-    return text.rstrip() + "…"
+def contrast(one: Color, other: Color) -> float:
+    """Return the contrast of two colours, 1..21, as WCAG defines it."""
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
 
 
-@lru_cache(maxsize=200)
-def wrap(text: str, size: int, width: int, face: str = REGULAR) -> tuple[str, ...]:
-    """Return the text in lines that fit; a word that does not fit is truncated."""
-    lines: list[str] = []
-    for paragraph in text.split("\n"):
-        line = ""
-        for word in paragraph.split(" "):
+@dataclass(frozen=True)
+class Canvas:
+    """A surface and its scale; places are px of the surface, sizes of letters are px at scale 1."""
+
+    surface: pygame.Surface
+    scale: float = 1.0
+
+    def px(self, length: float) -> int:
+        """Return a length at scale 1 as px, at least one."""
+        return max(round(length * self.scale), 1)
+
+    @property
+    def area(self) -> pygame.Rect:
+        """Whole surface."""
+        return self.surface.get_rect()
+
+    def width(self, text: str, size: float = 14, *, bold: bool = False) -> int:
+        """Return the width of a line, px."""
+        return _width(storable(text), self.px(size), bold)
+
+    def pitch(self, size: float = 14) -> int:
+        """Return the height of a line, px."""
+        return _font(self.px(size), False).get_linesize()
+
+    def text(
+        self,
+        text: str,
+        at: tuple[int, int],
+        size: float = 14,
+        color: Color = TEXT,
+        *,
+        bold: bool = False,
+        align: str = "topleft",
+    ) -> pygame.Rect:
+        """Draw a line with its ``align`` (a name of pygame.Rect) at a place; return what it covers."""
+        picture = _render(storable(text), self.px(size), color, bold)
+        return self.surface.blit(picture, picture.get_rect(**{align: at}))
+
+    def wrap(self, text: str, size: float, width: int, *, bold: bool = False) -> list[str]:
+        """Return the text in lines that fit into ``width`` px; a word that is longer is divided."""
+        lines, line = [], ""
+        for word in text.split(" "):
             longer = f"{line} {word}" if line else word
-            if text_width(longer, size, face) <= width:
+            if self.width(longer, size, bold=bold) <= width:
                 line = longer
                 continue
-            if line:
-                lines.append(line)
-            line = truncate(word, size, width, face)
-        lines.append(line)
-    return tuple(lines)
+            lines += [line] if line else []
+            while self.width(word, size, bold=bold) > width and len(word) > 1:
+                n = next(k for k in range(len(word) - 1, 0, -1) if k == 1 or self._fits(word[:k], size, width, bold))
+                lines.append(word[:n])
+                word = word[n:]
+            line = word
+        return [*lines, line] if line or not lines else lines
 
+    def _fits(self, text: str, size: float, width: int, bold: bool) -> bool:
+        return self.width(text, size, bold=bold) <= width
 
-def draw_block(
-    surface: pygame.Surface, text: str, area: pygame.Rect, size: int = 14, color: Color = QUIET, face: str = REGULAR
-) -> int:
-    """Draw wrapped text from the top of ``area``, as many lines as fit; return the y below it."""
-    pitch = font(size, face).get_linesize()
-    y = area.top
-    for line in wrap(text, size, area.width, face):
-        if y + pitch > area.bottom + 2:
-            break
-        draw_text(surface, line, (area.left, y), size, color, face=face)
-        y += pitch
-    return y
+    def block(self, text: str, area: pygame.Rect, size: float = 14, color: Color = QUIET) -> int:
+        """Draw wrapped text, smaller where it would not fit into ``area``; return the y below it."""
+        while size > 6 and len(self.wrap(text, size, area.width)) * self.pitch(size) > area.height:
+            size -= 0.5
+        y = area.top
+        for line in self.wrap(text, size, area.width):
+            self.text(line, (area.left, y), size, color)
+            y += self.pitch(size)
+        return y
 
+    def card(self, area: pygame.Rect | None = None) -> None:
+        """Draw a card with round corners, by default over everything."""
+        pygame.draw.rect(self.surface, CARD, area or self.area, border_radius=self.px(RADIUS))
 
-def draw_card(surface: pygame.Surface, area: pygame.Rect) -> None:
-    """Draw a card with round corners."""
-    pygame.draw.rect(surface, CARD, area, border_radius=RADIUS)
+    def key_width(self, key: str, text: str) -> int:
+        """Return the width of a key chip, px."""
+        return self._box_width(key) + self.px(KEY_GAP) + self.width(text, KEY_TEXT)
 
+    def _box_width(self, key: str) -> int:
+        return max(self.width(key, KEY_TEXT, bold=True) + 2 * self.px(KEY_PAD), self.px(KEY_HEIGHT))
 
-KEY_PX, KEY_PAD, KEY_HEIGHT, KEY_GAP = 13, 7, 24, 7
-
-
-def key_hint_width(key: str, text: str) -> int:
-    """Return the width of a key hint, px."""
-    return max(text_width(key, KEY_PX, BOLD) + 2 * KEY_PAD, KEY_HEIGHT) + KEY_GAP + text_width(text, KEY_PX)
-
-
-def draw_key_hint(surface: pygame.Surface, place: tuple[int, int], key: str, text: str, color: Color) -> pygame.Rect:
-    """Draw a key in a box and its effect; return what they cover."""
-    box = pygame.Rect(place, (max(text_width(key, KEY_PX, BOLD) + 2 * KEY_PAD, KEY_HEIGHT), KEY_HEIGHT))
-    pygame.draw.rect(surface, RAISED, box, border_radius=6)
-    picture, label = render_text(key, KEY_PX, color, BOLD), render_text(text, KEY_PX, QUIET)
-    surface.blit(picture, picture.get_rect(center=box.center))
-    surface.blit(label, label.get_rect(midleft=(box.right + KEY_GAP, box.centery)))
-    return pygame.Rect(place, (key_hint_width(key, text), KEY_HEIGHT))
+    def key(self, at: tuple[int, int], key: str, text: str, color: Color) -> pygame.Rect:
+        """Draw a key in a box and its effect; return what they cover."""
+        box = pygame.Rect(at, (self._box_width(key), self.px(KEY_HEIGHT)))
+        pygame.draw.rect(self.surface, RAISED, box, border_radius=self.px(6))
+        self.text(key, box.center, KEY_TEXT, color, bold=True, align="center")
+        label = self.text(text, (box.right + self.px(KEY_GAP), box.centery), KEY_TEXT, QUIET, align="midleft")
+        return box.union(label)

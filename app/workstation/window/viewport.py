@@ -12,7 +12,8 @@ import pygame
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
-from layflat.app.workstation.window.view3d import Scene, View3d
+from layflat.app.workstation.window.style import Canvas
+from layflat.app.workstation.window.view3d import Scene, View3d, axis_heads
 from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
 from layflat.perception.overlay import draw_cloth_state
@@ -45,13 +46,16 @@ class Viewport:
     _scene_picture: tuple[Any, pygame.Surface] | None = None
     _image_picture: tuple[Any, pygame.Surface] | None = None
 
-    def draw(self, surface: pygame.Surface, frame: SimulationFrame) -> None:
-        """Fill ``surface`` with the 3D view."""
-        key = (id(frame), self.camera, surface.get_size(), self.hover, id(self.drag), id(self.hand))
+    def draw(self, canvas: Canvas, frame: SimulationFrame, ghost: FloatArray | None = None) -> None:
+        """Fill the canvas with the 3D view; ``ghost``: nodes (N, 3) of a demonstration beside the cloth."""
+        size = canvas.surface.get_size()
+        key = (id(frame), self.camera, size, self.hover, id(self.drag), id(self.hand), id(ghost))
         if self._scene_picture is None or self._scene_picture[0] != key:
-            rgb = self._view3d(frame).draw(self._scene(frame), self.camera, surface.get_size())
+            rgb = self._view3d(frame).draw(self._scene(frame, ghost), self.camera, size, canvas.scale)
             self._scene_picture = (key, style.make_picture(rgb))
-        surface.blit(self._scene_picture[1], (0, 0))
+        canvas.surface.blit(self._scene_picture[1], (0, 0))
+        for name, color, head in axis_heads():
+            canvas.text(name, self.pixel_of(head, size), 12, color, align="center")
 
     def _view3d(self, frame: SimulationFrame) -> View3d:
         key = (frame.robot, frame.cloth)
@@ -60,38 +64,41 @@ class Viewport:
             self._view = (key, View3d(spec, robot_type(frame.robot).arm_shape(spec)))
         return self._view[1]
 
-    def _scene(self, frame: SimulationFrame) -> Scene:
+    def _scene(self, frame: SimulationFrame, ghost: FloatArray | None) -> Scene:
         drag = self.drag or frame.drag
         has_arm = len(frame.joints) > 0
         return Scene(
             nodes=frame.nodes,
-            corners=np.zeros((0, 3)) if has_arm else frame.corners,
+            corners=frame.corners,
             joints=frame.joints if has_arm else None,
             hands=frame.hands,
             force_n=frame.force_n,
             drag=None if drag is None else (frame.nodes[drag.node], np.array(drag.target_m)),
             guided=_guided(frame, self.hand),
             hover=None if self.hover is None else frame.nodes[self.hover],
+            ghost=ghost,
         )
 
-    def draw_camera(self, surface: pygame.Surface, frame: SimulationFrame | None) -> None:
-        """Fill ``surface`` with the camera's image, with contact and WORD drawn on it."""
-        area = surface.get_rect()
+    def draw_camera(self, canvas: Canvas, frame: SimulationFrame | None) -> None:
+        """Fill the canvas with the camera's image, with contact and WORD drawn on it."""
+        surface, area = canvas.surface, canvas.area
         surface.fill(style.BACKGROUND)
         if frame is None or frame.rgb is None or frame.cloth_state is None:
-            style.draw_card(surface, area)
-            style.draw_text(surface, "Camera", (12, 7), 13, style.QUIET)
+            canvas.card()
+            canvas.text("Camera", (canvas.px(12), canvas.px(7)), 13, style.QUIET)
             return
         key = (id(frame), area.size)
         if self._image_picture is None or self._image_picture[0] != key:
             # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
             scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
             drawn = draw_cloth_state(frame.rgb, frame.cloth_state, _PINHOLE, scale=scale)
-            how = cv2.INTER_AREA if drawn.shape[1] > area.width else cv2.INTER_CUBIC
-            small = np.asarray(cv2.resize(drawn, area.size, interpolation=how), dtype=np.uint8)
+            factor = min(area.width / drawn.shape[1], area.height / drawn.shape[0])
+            size = (round(drawn.shape[1] * factor), round(drawn.shape[0] * factor))
+            how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+            small = np.asarray(cv2.resize(drawn, size, interpolation=how), dtype=np.uint8)
             self._image_picture = (key, style.make_picture(small))
-        surface.blit(self._image_picture[1], (0, 0))
-        _round_corners(surface)
+        picture = self._image_picture[1]
+        surface.blit(picture, picture.get_rect(center=area.center))
 
     # The mouse, in pixels of the view
 
@@ -107,10 +114,10 @@ class Viewport:
             shifted = bool(pygame.key.get_mods() & pygame.KMOD_SHIFT)
             self.dragging = "pan" if button == MIDDLE or shifted else "turn"
 
-    def move(self, by: tuple[int, int], size: tuple[int, int]) -> None:
+    def move(self, by: tuple[int, int], size: tuple[int, int], scale: float) -> None:
         """Turn or pan the view, or drag the cloth in the plane that faces the eye."""
         if self.dragging == "turn":
-            self.camera = self.camera.turned(*by)
+            self.camera = self.camera.turned(by[0] / scale, by[1] / scale)
         elif self.dragging == "pan":
             self.camera = self.camera.panned(*by, size[1])
         elif self.dragging == "cloth" and self.drag is not None:
@@ -155,15 +162,3 @@ def _guided(frame: SimulationFrame, hand: FloatArray | None) -> tuple[FloatArray
         return frame.holder, hand
     point = int(np.linalg.norm(hand - frame.corners, axis=1).argmax())
     return frame.corners[point], hand[point]
-
-
-def _round_corners(surface: pygame.Surface) -> None:
-    """Give an image the corners of a card."""
-    width, height = surface.get_size()
-    radius = style.RADIUS
-    for x, y in ((0, 0), (width - radius, 0), (0, height - radius), (width - radius, height - radius)):
-        centre = (radius if x == 0 else width - radius - 1, radius if y == 0 else height - radius - 1)
-        corner = pygame.Surface((radius, radius), pygame.SRCALPHA)
-        corner.fill(style.BACKGROUND)
-        pygame.draw.circle(corner, (0, 0, 0, 0), (centre[0] - x, centre[1] - y), radius)
-        surface.blit(corner, (x, y))

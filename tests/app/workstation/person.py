@@ -6,21 +6,18 @@ import math
 import os
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pygame
-import pygame_menu
-from pygame_menu.widgets import Button, DropSelect, TextInput
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.session.status import SessionEvent, SessionStatus
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE
 from layflat.app.workstation.window.window import FRAMES_HZ, Window
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
 from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
 from layflat.sim.cloth.spec import HELD_STRETCH, cloth_spec
-from layflat.sim.disturbances.mouse_drag import pick_node
 from layflat.sim.robots.registry import robot_spec
 from layflat.tests.virtual_pad import VirtualPad
 
@@ -31,28 +28,29 @@ PATIENCE_S = 90.0
 class Person:
     """Looks at a window, and acts in it."""
 
-    def __init__(self, window: Window, pad: VirtualPad | None = None) -> None:
+    def __init__(self, window: Window, pad: VirtualPad | None = None, events: list[SessionEvent] | None = None) -> None:
         self.window = window
         self.pad = pad
-        self.frames = 0
+        self.events = [] if events is None else events
+        """What the window has passed on."""
         self._expert: ScriptedDemonstrator | None = None
         self._acted = (0, -1)
         self._clock = pygame.time.Clock()
 
     @property
-    def status(self) -> dict:
-        return self.window.context.client.status
+    def status(self) -> SessionStatus:
+        return self.window.client.status
 
+    @property
     def state(self) -> str:
-        return str(self.status.get("state", ""))
+        return self.status.state
 
     def seen(self) -> SimulationFrame | None:
-        return self.window.page.frame()
+        return self.window.client.frame
 
     def look(self) -> None:
         """Run one frame."""
         self.window.frame()
-        self.frames += 1
         self._clock.tick(FRAMES_HZ)
 
     def wait(self, until: Callable[[], bool], what: str, seconds: float = PATIENCE_S) -> None:
@@ -60,10 +58,7 @@ class Person:
         give_up = time.monotonic() + seconds
         while not until():
             if time.monotonic() > give_up:
-                shop = self.window.context
-                raise AssertionError(
-                    f"waited {seconds:.0f} s for {what}: {shop.message!r} {shop.client.problem!r} {self.status}"
-                )
+                raise AssertionError(f"waited {seconds:.0f} s for {what}: {self.window.client.problem!r} {self.status}")
             self.look()
 
     def watch(self, seconds: float) -> None:
@@ -71,90 +66,45 @@ class Person:
         while time.monotonic() < give_up:
             self.look()
 
+    def keep_anyway(self, until: Callable[[], bool]) -> None:
+        """Wait until a take is kept, and answer the question whether the label is meant."""
+
+        def kept() -> bool:
+            if self.state == "asking":
+                self.window.client.answer(True)
+            return until()
+
+        self.wait(kept, "it to be kept")
+
     # Mouse and keys
 
-    def tab(self, name: str) -> None:
-        self.look()
-        area = next(area for area, mode in self.window.tabs if mode.name == name)
-        self.click(area.center)
-        assert self.window.page.name == name, self.window.context.message
-
     def click(self, at: tuple[int, int]) -> None:
-        post(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0))
         post(pygame.MOUSEBUTTONDOWN, pos=at, button=1)
         post(pygame.MOUSEBUTTONUP, pos=at, button=1)
         self.look()
 
-    def key(self, code: int, text: str = "") -> None:
-        # pygame-menu asks the keyboard itself whether a key is down, but for tests.
-        post(pygame.KEYDOWN, key=code, mod=0, unicode=text, test=True)
+    def key(self, code: int, mod: int = 0) -> None:
+        """Press and release a key within a frame."""
+        post(pygame.KEYDOWN, key=code, mod=mod, unicode="")
+        post(pygame.KEYUP, key=code, mod=mod)
+        self.look()
+
+    def hold(self, code: int) -> None:
+        post(pygame.KEYDOWN, key=code, mod=0, unicode="")
+        self.look()
+
+    def release(self, code: int) -> None:
         post(pygame.KEYUP, key=code, mod=0)
         self.look()
 
     def press(self, text: str) -> None:
-        """Click on a key hint, by its text or by its key."""
-        self.window.draw()
-        for (area, _), hint in zip(self.window.hints, self.window.page.key_hints(), strict=False):
+        """Click on a key chip, by its text or by its key."""
+        self.look()
+        for area, hint in self.window.painter.hints:
             if text in (hint.key, hint.text):
                 self.click(area.center)
                 return
-        raise AssertionError(f"no button {text!r} among {[hint[:2] for hint in self.window.page.key_hints()]}")
-
-    def menu(self, text: str) -> None:
-        """Press a button of the menu by what is written on it."""
-        menu = self.window.page.menu
-        assert menu is not None
-        widget = next(w for w in menu.get_widgets() if isinstance(w, Button) and w.get_title() == text)
-        menu.scroll_to_widget(widget)
-        area = widget.get_rect(to_real_position=True)
-        self.click(area.center)
-
-    def choose(self, number: int, name: str) -> None:
-        """Open the ``number``-th list of the menu and click on what it has by that name."""
-        menu = self.window.page.menu
-        assert menu is not None
-        widget = [w for w in menu.get_widgets() if isinstance(w, DropSelect)][number]
-        names = [item[0] for item in widget.get_items()]
-        area = widget.get_rect(to_real_position=True)
-        self.click(area.center)
-        assert widget.active
-        # Its first rows are seen without scrolling.
-        row = names.index(name)
-        box = widget._drop_frame.get_widgets()[row].get_rect(to_real_position=True)
-        self.click(box.center)
-
-    def widget(self, kind: type, number: int = 0) -> Any:
-        """The ``number``-th widget of a kind in the menu, after a click on it, near its right end."""
-        menu = self.window.page.menu
-        assert menu is not None
-        found = [w for w in menu.get_widgets() if isinstance(w, kind)][number]
-        area = found.get_rect(to_real_position=True)
-        self.click((area.right - 16, area.centery))
-        return found
-
-    def write(self, number: int, text: str) -> None:
-        """Write into the ``number``-th line of the menu, behind what is there."""
-        self.widget(TextInput, number)
-        for letter in text:
-            self.key(ord(letter), letter)
-
-    def drag_node(
-        self,
-        node: int,
-        by: tuple[int, int],
-        frames: int = 20,
-        *,
-        until: Callable[[], bool] = lambda: True,
-        shot: Callable[[], None] | None = None,
-    ) -> int | None:
-        """Drag a node with the mouse, or what hides it, by so many pixels; return the node that is seen there."""
-        frame, view = self.seen(), self.window.context.layout.view
-        assert frame is not None
-        x, y = self.window.viewport.pixel_of(frame.nodes[node], view.size)
-        triangles = cloth_spec(frame.cloth).triangles()
-        seen = pick_node(frame.nodes, triangles, *self.window.viewport.camera.ray((x, y), view.size))
-        self.drag_pixel((x + view.left, y + view.top), by, frames, until=until, shot=shot)
-        return seen
+        raise AssertionError(f"no button {text!r} among {[hint[:2] for _, hint in self.window.painter.hints]}")
 
     def drag_pixel(
         self,
@@ -163,7 +113,6 @@ class Person:
         frames: int = 20,
         *,
         until: Callable[[], bool] = lambda: True,
-        shot: Callable[[], None] | None = None,
     ) -> None:
         """Drag what is at a pixel of the window, and release it when ``until`` is true."""
         post(pygame.MOUSEMOTION, pos=at, rel=(0, 0), buttons=(0, 0, 0))
@@ -177,8 +126,6 @@ class Person:
             post(pygame.MOUSEMOTION, pos=at, rel=(int(step[0]), int(step[1])), buttons=(1, 0, 0))
             self.look()
         self.wait(until, "what is dragged")
-        if shot is not None:
-            shot()
         post(pygame.MOUSEBUTTONUP, pos=at, button=1)
         self.look()
 
@@ -192,9 +139,9 @@ class Person:
 
     def begin(self, seconds: float = PATIENCE_S) -> None:
         """Start the demonstration that waits, through its countdown."""
-        self.wait(lambda: self.state() == "waiting" and bool(self.status.get("ready")), "the cloth to hang", seconds)
+        self.wait(lambda: self.state == "waiting" and self.status.ready, "the cloth to hang", seconds)
         self.pad.tap("cross")
-        self.wait(lambda: self.state() == "running", "the countdown")
+        self.wait(lambda: self.state in ("still", "running"), "the countdown")
 
     def demonstrate(self, seed: int, *, n_steps: int | None = None, seconds: float = 240.0) -> None:
         """Lay the cloth with the sticks, as the scripted demonstrator would by what the window shows."""
@@ -205,9 +152,7 @@ class Person:
             self._expert.reset(seed)
             self._acted = (frame.episode, -1)
         self.pad.axis("r2", 1.0)
-        self.wait(
-            lambda: self._move() or (n_steps is not None and self.status.get("steps", 0) >= n_steps), "the end", seconds
-        )
+        self.wait(lambda: self._move() or (n_steps is not None and self.status.steps >= n_steps), "the end", seconds)
         self.rest()
 
     def rest(self) -> None:
@@ -226,7 +171,7 @@ class Person:
         """Push the sticks as the newest frame asks for; return True once the cloth lies."""
         frame = self.seen()
         if frame is None or (frame.episode, frame.step) == self._acted:
-            return self.state() not in ("running", "paused")
+            return self.state not in ("still", "running", "paused")
         self._acted = (frame.episode, frame.step)
         decision = self._expert.act(observation_of(frame))
         if decision.stop is not None:
@@ -278,5 +223,3 @@ def headless() -> None:
     sdl.prepare()
     os.environ["SDL_VIDEODRIVER"] = "dummy"
     os.environ["SDL_AUDIODRIVER"] = "dummy"
-    # It has no cursors either, which pygame-menu would report each time.
-    pygame_menu.utils.warn = lambda *_: None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -83,6 +85,7 @@ def test_keys_are_held_together_until_they_come_up():
     one.on_event(key(pygame.KEYDOWN, pygame.K_d))
     one.on_event(key(pygame.KEYDOWN, pygame.K_DOWN))
     assert one.poll().motion.tolist() == [1.0, -1.0]
+    one.release_taps(time.monotonic())  # A step has acted.
     assert one.poll().motion.tolist() == [1.0, -1.0]
     one.on_event(key(pygame.KEYUP, pygame.K_d))
     assert one.poll().motion.tolist() == [0.0, -1.0]
@@ -95,6 +98,7 @@ def test_releasing_shift_first_leaves_no_key_held():
     one.on_event(key(pygame.KEYDOWN, pygame.K_a, pygame.KMOD_LSHIFT))
     assert (one.poll().motion.reshape(2, 3)[1] == [0, -1, 0]).all()  # The left picker, to the left: -y.
     one.on_event(key(pygame.KEYUP, pygame.K_a))
+    one.release_taps(time.monotonic())
     assert not one.poll().moving
 
 

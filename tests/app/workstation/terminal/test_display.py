@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.request import COUNTDOWN_S
 from layflat.app.workstation.session.status import SessionStatus
+from layflat.app.workstation.stop_signals import stop_on_signals
 from layflat.app.workstation.teleop import key_map
 from layflat.app.workstation.teleop.contact_rumble import CONTACT_MIN, ContactRumble
 from layflat.app.workstation.teleop.teleop_input import Command
@@ -26,7 +27,6 @@ from layflat.app.workstation.terminal.display import (
     print_instructions,
     run_recording,
     status_line,
-    stop_on_signals,
 )
 from layflat.tests.app.workstation.fakes import FakeClient, FakeTeleoperator, Recording
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS

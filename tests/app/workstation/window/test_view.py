@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from layflat.app.workstation.playback import Playback
 from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.layout import layout
+from layflat.app.workstation.window.curves import MIN_SPAN_S, draw_contact
+from layflat.app.workstation.window.layout import fitting_scale, layout
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
-from layflat.app.workstation.window.time_series import MIN_SPAN_S, draw_contact
+from layflat.app.workstation.window.style import Canvas
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.spec import cloth_spec
 from layflat.sim.robots.hanger import PandaHanger
@@ -68,9 +69,9 @@ def test_zooming_has_a_limit_and_turning_stays_above_the_table():
 
 
 def cloth_share(picture: np.ndarray) -> np.ndarray:
-    """Return where the picture has the cloth's blue, (H, W)."""
-    red, _, blue = (picture[..., k].astype(int) for k in range(3))
-    return (blue - red > 60) & (blue > 90)
+    """Return where the picture has colours of a cloth, which table, arm and hanger have not, (H, W)."""
+    red, green, _ = (picture[..., k].astype(int) for k in range(3))
+    return (np.abs(green - red) > 20) & (green > 60)
 
 
 @pytest.mark.parametrize("name", ["towel", "napkin"])
@@ -79,7 +80,8 @@ def test_the_cloth_is_drawn_where_it_is(name):
     nodes = spec.flat_nodes()
     view = View3d(spec, None)
     orbit = OrbitCamera(elevation=1.2)
-    cloth = cloth_share(view.draw(Scene(nodes=nodes), orbit, SIZE))
+    below = Scene(nodes=nodes - [0, 0, 50])
+    cloth = cloth_share(view.draw(Scene(nodes=nodes), orbit, SIZE)) & ~cloth_share(view.draw(below, orbit, SIZE))
     inner = nodes.reshape(spec.rows, spec.columns, 3)[1:-1, 1:-1].reshape(-1, 3)
     for x, y in np.rint(orbit.project(inner, SIZE)[0]).astype(int):
         assert cloth[y, x]
@@ -114,26 +116,22 @@ def test_a_nearer_thing_hides_one_behind_it():
         cloth_share(view.draw(s, from_above, SIZE)).sum()
         for s in (Scene(nodes=above, joints=joints), Scene(nodes=above))
     ]
-    # Except for a pixel of the arm's foot at a corner.
-    assert hidden[0] == pytest.approx(hidden[1], abs=5)
+    # Except for some pixels of the arm's foot at a corner.
+    assert hidden[0] == pytest.approx(hidden[1], rel=2e-3)
 
 
-@pytest.mark.parametrize("size", [(960, 600), (1280, 720), (1366, 768), (1920, 1080), (3840, 2160), (400, 300)])
-def test_nothing_in_the_window_overlaps(size):
-    place = layout(size)
-    areas = {
-        name: getattr(place, name) for name in ("top", "panel", "view", "status", "camera", "contact", "word", "hints")
-    }
+@pytest.mark.parametrize("size", [(800, 600), (1280, 720), (1920, 1080), (3840, 2160), (400, 300)])
+@given(heights=st.tuples(*[st.integers(10, 60)] * 2, st.integers(30, 75)))
+def test_nothing_in_the_window_overlaps(size, heights):
+    scale = fitting_scale(size, 2.0)
+    facts, message, hints = (round(height * scale) for height in heights)
+    place = layout(size, scale, facts=facts, message=message, hints=hints)
+    areas = {name: area for name, area in vars(place).items() if name != "window"}
     for name, area in areas.items():
         assert place.window.contains(area), name
-        assert area.width >= 200, name
-        assert area.height >= 24, name
+        assert area.height >= 4, name
     for (one, a), (other, b) in itertools.combinations(areas.items(), 2):
         assert not a.colliderect(b), f"{one} and {other}"
-    assert place.text.contains(place.view)
-    assert place.text.contains(place.word)
-    # The camera's image is 4 to 3, and is shown like that.
-    assert place.camera.width / place.camera.height == pytest.approx(4 / 3, abs=0.35)
 
 
 def human_band(series: TimeSeries, width: int = 300) -> list[bool]:
@@ -141,9 +139,9 @@ def human_band(series: TimeSeries, width: int = 300) -> list[bool]:
     pygame.font.init()
     style.clear_cache()
     surface = pygame.Surface((width, 160))
-    draw_contact(surface, series)
+    draw_contact(Canvas(surface), series)
     drawn = (pygame.surfarray.array3d(surface) == style.HUMAN).all(axis=2).any(axis=1)
-    left, right = 42, width - 14  # Of the plot on its card.
+    left, right = 44, width - 14  # Of the plot on its card.
     columns = [round(left + (s + 0.5) / MIN_SPAN_S * (right - left - 1)) for s in range(int(MIN_SPAN_S))]
     return drawn[columns].tolist()
 
