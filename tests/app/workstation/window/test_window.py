@@ -55,6 +55,7 @@ def record_three(person: Person, n_steps: int | None) -> list[int]:
     pad.unplug()
     person.wait(lambda: person.state == "paused", "the pause")
     assert "was disconnected" in person.window.devices.describe()
+    person.watch(0.8)  # A step that has begun ends.
     at = person.status.steps
     person.watch(0.5)
     assert person.status.steps == at, "time does not pass without a device"
