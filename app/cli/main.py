@@ -73,7 +73,9 @@ def app_(
 
 def word(
     rgb: Annotated[Path, typer.Argument(metavar="RGB.png", show_default=False, help="The colour picture, or .jpg.")],
-    depth: Annotated[Path, typer.Argument(metavar="DEPTH.png", show_default=False, help="Aligned depth, 16 bits.")],
+    depth: Annotated[
+        Path, typer.Argument(metavar="DEPTH.png", show_default=False, help="Aligned depth, or .tiff with floats.")
+    ],
     json: Json = None,
     overlay: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw what was seen there, also if refused.")
@@ -84,7 +86,9 @@ def word(
     intrinsics: Annotated[
         str | None, typer.Option(metavar="FX,FY,CX,CY", help="Of the colour camera, px; a D435's by default.")
     ] = None,
-    depth_scale: Annotated[float, typer.Option(metavar="MM", help="Millimetres of one unit of depth.")] = 1.0,
+    depth_scale: Annotated[
+        float | None, typer.Option(metavar="MM", help="Millimetres of one unit of depth: 1, of floats 1000.")
+    ] = None,
     hsv: Annotated[
         str | None, typer.Option(metavar="H_MIN,H_MAX,S_MIN,V_MIN", help="The cloth's colour: degrees, 0..1, 0..1.")
     ] = None,

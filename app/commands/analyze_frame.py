@@ -39,8 +39,8 @@ class FrameConfig:
     """Cloth pixels of the cloth laid flat."""
     intrinsics: str | None = None
     """``FX,FY,CX,CY``, px; a D435's by default."""
-    depth_scale: float = 1.0
-    """Millimetres of one unit of depth."""
+    depth_scale: float | None = None
+    """Millimetres of one unit of depth; by default 1, of a TIFF with floats 1000."""
     hsv: str | None = None
     """Colour of the cloth, ``H_MIN,H_MAX,S_MIN,V_MIN``."""
     cloth_at: str | None = None
@@ -61,11 +61,11 @@ def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
         raise UsageError("--hsv, --cloth-at and --mask each say where the cloth is; give one of them")
     _check_outputs(config.json, config.overlay, _inputs(config), force=force)
     descriptor = make_descriptor(validators.one_of("descriptor", config.descriptor, DESCRIPTORS))
-    rgb, frame = _see(config)
+    rgb, frame, depth_scale = _see(config)
     relief = measure_relief(frame.camera, frame.depth, frame.cloth_mask)
     wrinkles, regions = relief.wrinkles(), wrinkle_regions(relief) if config.regions else []
     result = result_json(frame, descriptor, wrinkles, assumed=config.intrinsics is None, flat_pixels=config.flat_pixels)
-    result |= {"depth_scale_mm": config.depth_scale, "seed": config.seed}
+    result |= {"depth_scale_mm": depth_scale, "seed": config.seed}
     if config.regions:
         result["regions"] = [region_json(region, frame.camera) for region in regions]
     if config.overlay is not None:
@@ -77,10 +77,13 @@ def analyze_frame_files(config: FrameConfig, *, force: bool) -> FrameResult:
     return frame
 
 
-def _see(config: FrameConfig) -> tuple[NDArray[np.uint8], FrameResult]:
-    """Return the colour picture (H, W, 3) as it is analyzed, and what is seen; a refusal leaves an overlay."""
+def _see(config: FrameConfig) -> tuple[NDArray[np.uint8], FrameResult, float]:
+    """Return the colour picture (H, W, 3) as it is analyzed, what is seen, and the depth's unit, mm.
+
+    A refusal leaves an overlay.
+    """
     color, at, contact_m = parse_hsv(config.hsv), parse_point(config.cloth_at), contact_height(config.contact_mm)
-    rgb, depth = read_rgb(config.rgb), read_depth(config.depth, config.depth_scale)
+    rgb, (depth, unit_mm) = read_rgb(config.rgb), read_depth(config.depth, config.depth_scale)
     match = match_sizes(config.rgb, rgb, config.depth, depth)
     if at is not None:
         if not (0 <= at[0] < rgb.shape[1] and 0 <= at[1] < rgb.shape[0]):
@@ -104,7 +107,9 @@ def _see(config: FrameConfig) -> tuple[NDArray[np.uint8], FrameResult]:
         if config.overlay is not None:
             write_png(config.overlay, draw_refusal(rgb, error.taken))
         raise
-    return rgb, replace(frame, warnings=(match.note, *frame.warnings)) if match.note else frame
+    if match.note:
+        frame = replace(frame, warnings=(match.note, *frame.warnings))
+    return rgb, frame, unit_mm
 
 
 def _inputs(config: FrameConfig) -> tuple[Path, ...]:

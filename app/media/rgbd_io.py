@@ -1,4 +1,4 @@
-"""RGB-D frames from two files: colour (PNG or JPEG, 8 bits) and depth (PNG, 16 bits, one channel); masks."""
+"""RGB-D frames from two files: colour (PNG or JPEG, 8 bits) and depth (PNG or TIFF, one channel); masks."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from layflat.app.support.errors import UsageError
 MAX_PIXELS = 50_000_000
 """A D435's largest image has 2 million pixels; a larger file is not a camera frame and is not decoded."""
 NO_VALUE = 65535
+DEPTH_UNITS_MM = {np.dtype(np.uint16): 1.0, np.dtype(np.float32): 1000.0}
+"""Millimetres of one unit where nothing else is said, by the kind of number."""
 OPENNI_SIZES, OPENNI_ROWS = ((1024, 1280), (480, 640)), (32, 992)
 """Sizes of colour and registered depth of OpenNI's cameras in SXGA, and the colour's rows that the depth covers."""
 MAX_ASPECT_ERROR = 0.01
@@ -38,26 +40,28 @@ def read_rgb(path: Path) -> NDArray[np.uint8]:
     return np.ascontiguousarray(pixels[..., 2::-1])  # OpenCV's order is blue, green, red
 
 
-def read_depth(path: Path, scale_mm: float = 1.0) -> NDArray[np.float32]:
-    """Read a 16-bit PNG in units of ``scale_mm`` as (H, W) float32 m. UsageError for anything else.
+def read_depth(path: Path, scale_mm: float | None = None) -> tuple[NDArray[np.float32], float]:
+    """Read depth as (H, W) float32 m, and return the millimetres of one unit of the file. UsageError otherwise.
 
-    0 and NO_VALUE, the usual marks for a missing value, are 0.
+    The unit is ``scale_mm``, else 1 mm for 16 bits and 1 m for floats. A missing value is 0; in the file it is 0,
+    NO_VALUE, negative or not finite.
     """
-    if not (math.isfinite(scale_mm) and 0 < scale_mm <= 1000):
+    if scale_mm is not None and not (math.isfinite(scale_mm) and 0 < scale_mm <= 1000):
         raise UsageError(f"--depth-scale is {scale_mm:g}; it must be the millimetres of one unit, such as 1 or 0.25")
-    mode, pixels = _read(path, "a depth image as PNG with 16 bits")
+    mode, pixels = _read(path, "a depth image as PNG with 16 bits or TIFF with floats", ("PNG", "TIFF"))
     if pixels.ndim != 2 or mode == "LA":
         raise UsageError(
             f"{path} has {_kind(pixels)}; depth has one channel: save the sensor's values, not a picture of them"
         )
-    if pixels.dtype != np.uint16:
+    if pixels.dtype not in DEPTH_UNITS_MM:
         raise UsageError(
             f"{path} has {_kind(pixels)}; depth needs 16 bits, whole millimetres: 8 bits lose the millimetres"
         )
-    valid = np.where(pixels == NO_VALUE, 0, pixels)
+    unit_mm = scale_mm or DEPTH_UNITS_MM[pixels.dtype]
+    valid = np.where(np.isfinite(pixels) & (pixels > 0) & (pixels != NO_VALUE), pixels, 0)
     if not valid.any():
         raise UsageError(f"{path} is 0 or {NO_VALUE} everywhere: it holds no depth at all")
-    return np.asarray(valid * np.float32(scale_mm / 1000), dtype=np.float32)
+    return np.asarray(valid * np.float32(unit_mm / 1000), dtype=np.float32), unit_mm
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:

@@ -111,7 +111,18 @@ def frames(tmp_path_factory) -> Path:
     }.items():
         (folder / f"{name}.png").write_bytes(content)
     cv2.imwrite(str(folder / "photo.jpg"), rgb)
-    cv2.imwrite(str(folder / "metres.tiff"), depth.astype(np.float32) / 1000)
+    metres = np.where(depth > 0, depth.astype(np.float32) / 1000, np.nan)
+    for name, pixels in {
+        "metres": metres,
+        "millimetres": metres * 1000,
+        "nothing": metres * np.nan,
+        "floats3": np.dstack([metres] * 3),
+        "doubles": metres.astype(np.float64),
+        "bytes": (depth // 8).astype(np.uint8),
+    }.items():
+        cv2.imwrite(str(folder / f"{name}.tiff"), pixels)
+    whole = (folder / "metres.tiff").read_bytes()
+    (folder / "half.tiff").write_bytes(whole[: len(whole) // 2])
     return folder
 
 
@@ -230,6 +241,17 @@ def test_depth_scale_is_the_unit(frames, run, analyze):
     assert two["contact_pixels"] == pytest.approx(one["contact_pixels"], rel=1e-3)
 
 
+@pytest.mark.parametrize(("name", "options"), [("metres", ()), ("millimetres", ("--depth-scale", "1"))])
+def test_a_tiff_with_floats_is_the_same_depth(name, options, frames, run, analyze):
+    status, _, err = run(frames / "good-rgb.png", frames / f"{name}.tiff", *options, "--json", "tiff.json")
+    assert (status, err) == (0, "")
+    result, png = json.loads(Path("tiff.json").read_text()), analyze("good")
+    assert result.pop("depth_scale_mm") == (1.0 if options else 1000.0)
+    assert png.pop("depth_scale_mm") == 1.0
+    assert result["contact_pixels"] == pytest.approx(png["contact_pixels"], rel=1e-3)
+    assert result["plane"]["distance_mm"] == pytest.approx(png["plane"]["distance_mm"], abs=0.01)
+
+
 def test_the_seed_decides_and_hardly_matters(analyze):
     one, again, other = (analyze("good", "--seed", seed) for seed in (0, 0, 7))
     assert one == again
@@ -295,7 +317,14 @@ def test_the_simulators_camera_rolled_and_with_noise(width, run):
         (("good-rgb.png", "depth-0.png"), "65535 everywhere"),
         (("good-rgb.png", "depth-2mm.png"), "unit"),
         (("good-rgb.png", "depth-20m.png"), "unit"),
-        (("good-rgb.png", "metres.tiff"), "TIFF"),
+        (("good-rgb.png", "millimetres.tiff"), "unit"),
+        (("good-rgb.png", "metres.tiff", "--depth-scale", "1"), "unit"),
+        (("good-rgb.png", "nothing.tiff"), "no depth at all"),
+        (("good-rgb.png", "floats3.tiff"), "TIFF with floats"),
+        (("good-rgb.png", "doubles.tiff"), "TIFF with floats"),
+        (("good-rgb.png", "bytes.tiff"), "8 bits"),
+        (("good-rgb.png", "half.tiff"), "not a whole picture"),
+        (("metres.tiff", "good-depth.png"), "TIFF"),
         (("good-rgb.png", "text.png"), "not a whole picture"),
         (("good-rgb.png", "missing.png"), "does not exist"),
         (("good-rgb.png", "."), "not a file"),
