@@ -8,7 +8,8 @@ from layflat.data.environment_spec import ClothShape, EnvironmentSpec
 from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
-from layflat.sim.cloth.spec import DEFAULT_CLOTH, ClothSpec, cloth_spec
+from layflat.sim.cloth.registry import cloth_settings, cloth_spec, remember
+from layflat.sim.cloth.spec import DEFAULT_CLOTH, ClothSpec
 from layflat.sim.errors import SimError, look_up
 from layflat.sim.physics.registry import DEFAULT_PHYSICS, PHYSICS
 from layflat.sim.robots.base import Control
@@ -25,6 +26,7 @@ class SimConfig:
     robot: str
     task: str = DEFAULT_TASK
     cloth: str = DEFAULT_CLOTH
+    """A preset or a cloth file; afterwards its name."""
     physics: str = DEFAULT_PHYSICS
     start: str | None = None
     """How an episode begins, by name; None: as usual for the task.
@@ -41,6 +43,8 @@ class SimConfig:
     noise: bool = True
     """Depth noise of the camera."""
     step_s: float = STEP_S
+    own_cloth: ClothSpec | None = None
+    """A cloth that is no preset, which ``cloth`` then names."""
     cloth_spec: ClothSpec = field(init=False)
     task_spec: Task = field(init=False)
     start_spec: Start = field(init=False)
@@ -58,14 +62,16 @@ class SimConfig:
             )
         if not 0.01 <= self.step_s <= 1.0:
             raise SimError(f"step_s is {self.step_s}; it must be between 0.01 and 1")
-        derived = {"start": start.name, "cloth_spec": cloth_spec(self.cloth), "task_spec": task, "start_spec": start}
-        for name, value in derived.items():
+        cloth = cloth_spec(self.cloth) if self.own_cloth is None else remember(self.own_cloth)
+        own = cloth if cloth_settings(cloth) else None
+        derived = {"start": start.name, "task_spec": task, "start_spec": start}
+        for name, value in (derived | {"cloth": cloth.name, "cloth_spec": cloth, "own_cloth": own}).items():
             object.__setattr__(self, name, value)
 
     def environment_spec(self) -> EnvironmentSpec:
         """Return the part of the settings that policies and recorders need."""
         own = {item.name for item in fields(EnvironmentSpec)}
-        names = [item.name for item in fields(self) if item.init and item.name not in own]
+        names = [item.name for item in fields(self) if item.init and item.name not in (*own, "own_cloth")]
         shape = {item.name: getattr(self.cloth_spec, item.name) for item in fields(ClothShape)}
         return EnvironmentSpec(
             robot=self.robot_spec,
@@ -77,7 +83,7 @@ class SimConfig:
             descriptor=self.descriptor,
             step_s=self.step_s,
             cloth_shape=ClothShape(**shape),
-            config={name: getattr(self, name) for name in names},
+            config={name: getattr(self, name) for name in names} | cloth_settings(self.cloth_spec),
         )
 
     @property

@@ -13,6 +13,7 @@ from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io, registry
 from layflat.policy.environment import Environment
 from layflat.sim.camera.replay_scene import ReplayScene
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.config import SimConfig
 from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
@@ -64,7 +65,7 @@ def test_it_is_drawn_and_has_a_gymnasium_environment() -> None:
     assert env.observation_space.contains(seen)
     nodes, holder = env.simulation.ground_truth().nodes, seen["holder_position"]
     env.close()
-    with ReplayScene("twin-pickers", "napkin") as scene:
+    with ReplayScene("twin-pickers", cloth_spec("napkin")) as scene:
         assert scene.render(nodes, holder, 80, 60).std() > 10
     assert robot_spec("twin-pickers").action_names == ("dx", "dy", "dz")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from layflat.app.benchmarks.rows import BenchmarkRow, Samples, speed_row
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.physics.bullet.reference_cloths import (
     SITUATIONS,
     SOLVER_SETTINGS,

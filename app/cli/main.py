@@ -18,6 +18,7 @@ from typing import Annotated
 import typer
 
 from layflat.app.cli.call import call
+from layflat.app.cli.cloth import cloth_cli
 from layflat.app.cli.data import data_cli
 from layflat.app.cli.evaluation import DISTURB_HELP, bench, demo, evaluate, reproduce
 from layflat.app.cli.gamepad import gamepad_cli
@@ -131,6 +132,7 @@ cli.command()(replay)
 cli.add_typer(data_cli)
 cli.add_typer(gamepad_cli)
 cli.add_typer(policy_cli)
+cli.add_typer(cloth_cli)
 expand_home(cli)
 
 

@@ -29,6 +29,7 @@ from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.types import Episode
 from layflat.policy.rollout import replay_actions
+from layflat.sim.cloth.registry import PREFIX, recorded_cloth
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceTrajectory
 from layflat.sim.errors import SimError
@@ -136,12 +137,23 @@ def recorded_config(recorded: Episode) -> SimConfig:
             f"the episode's first {recorded.first_step} steps were cut off, so it cannot be run again from its start;"
             " replay it with --mode state"
         )
-    names = {key: getattr(recorded, key) for key in ("task", "cloth", "physics", "descriptor")}
-    own = {"robot": recorded.robot.name, **names, "step_s": recorded.step_s}
+    names = {key: getattr(recorded, key) for key in ("task", "physics", "descriptor")}
+    try:
+        cloth = recorded_cloth(recorded.cloth, recorded.sim_config)
+    except SimError as error:
+        raise UsageError(str(error)) from None
+    own: dict[str, Any] = {
+        "robot": recorded.robot.name,
+        **names,
+        "step_s": recorded.step_s,
+        "cloth": cloth.name,
+        "own_cloth": cloth,
+    }
     usual = sim_config(**own)
     known = {field.name: type(getattr(usual, field.name)) for field in fields(usual) if field.init}
     settings: dict[str, Any] = dict(recorded.sim_config)
     settings = settings or {"table_friction": recorded.start.get("table_friction", 1.0)}
+    settings = {name: value for name, value in settings.items() if not name.startswith(PREFIX)}
     for name, value in settings.items():
         if known.get(name) is not type(value):
             raise UsageError(f"the episode's simulation has {name} {value!r}, which this version does not know")

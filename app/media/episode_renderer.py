@@ -12,19 +12,22 @@ from numpy.typing import NDArray
 
 from layflat.app.media.frames import Frame, caption, frame_strip, video_frame
 from layflat.app.media.perception_overlay import PerceptionOverlay
-from layflat.app.support import validators
 from layflat.app.support.errors import UsageError
 from layflat.data.types import Episode, Observation
 from layflat.sim.camera.replay_scene import ReplayScene
-from layflat.sim.cloth.spec import CLOTHS, cloth_spec
+from layflat.sim.cloth.registry import recorded_cloth
+from layflat.sim.cloth.spec import ClothSpec
+from layflat.sim.errors import SimError
 
 VIDEO_WIDTH, VIDEO_HEIGHT = 640, 480
 
 
 def check_drawable(episode: Episode) -> None:
     """Raise UsageError for an episode whose cloth is unknown or was not recorded."""
-    validators.one_of("cloth", episode.cloth, CLOTHS)
-    spec = cloth_spec(episode.cloth)
+    try:
+        spec = recorded_cloth(episode.cloth, episode.sim_config)
+    except SimError as error:
+        raise UsageError(str(error)) from error
     if episode.final_ground_truth is None:
         raise UsageError("the episode has no cloth nodes and cannot be drawn; it does not come from a simulator")
     wanted, shape = (spec.rows * spec.columns, 3), episode.final_ground_truth.nodes.shape
@@ -48,7 +51,7 @@ class EpisodeRenderer:
 
     def __init__(self) -> None:
         self._overlay = PerceptionOverlay()
-        self._scenes: dict[tuple[str, str], ReplayScene] = {}
+        self._scenes: dict[tuple[str, ClothSpec], ReplayScene] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> EpisodeRenderer:
@@ -95,7 +98,7 @@ class EpisodeRenderer:
         return replace(seen, rgb=rgb, depth=depth)
 
     def _scene(self, episode: Episode) -> ReplayScene:
-        key = episode.robot.name, episode.cloth
+        key = episode.robot.name, recorded_cloth(episode.cloth, episode.sim_config)
         if key not in self._scenes:
             self._scenes[key] = self._stack.enter_context(ReplayScene(*key))
         return self._scenes[key]

@@ -8,7 +8,6 @@ from typing import Any
 from layflat.app.support.errors import UsageError
 from layflat.app.support.validators import one_of
 from layflat.perception.descriptors.registry import DESCRIPTORS
-from layflat.sim.cloth.spec import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.physics.registry import PHYSICS
@@ -19,7 +18,6 @@ from layflat.sim.tasks import TASKS
 REGISTRIES: Mapping[str, Collection[str]] = {
     "robot": ROBOTS,
     "task": TASKS,
-    "cloth": CLOTHS,
     "physics": PHYSICS,
     "start": STARTS,
     "descriptor": DESCRIPTORS,

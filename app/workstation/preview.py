@@ -8,7 +8,7 @@ import numpy as np
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import robot_type
 from layflat.sim.starts.base import home_corners

@@ -10,7 +10,7 @@ from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.data.atomic_files import write_text
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 

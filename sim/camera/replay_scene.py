@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.registry import make_world
 from layflat.sim.robots.registry import robot_type
@@ -19,9 +19,9 @@ class ReplayScene:
     Files hold the corners alone, and the milliradians by which a yielding hand tilts are not visible in an image.
     """
 
-    def __init__(self, robot: str, cloth: str) -> None:
-        """Make the scene of a robot and a cloth by name; SimError lists the known names."""
-        self.spec = cloth_spec(cloth)
+    def __init__(self, robot: str, cloth: ClothSpec) -> None:
+        """Make the scene of a robot, by name, and a cloth; SimError lists the known robots."""
+        self.spec = cloth
         self._robot = robot_type(robot)
         self._world = make_world(substep_s=1.0 / self.spec.rate_hz)
         body = self._world.add_cloth(self.spec)

@@ -1,4 +1,4 @@
-"""ClothSpec: the size, mesh and material of a cloth, and the presets.
+"""ClothSpec: the size, mesh and material of a cloth.
 
 A cloth is a row-major grid: row 0 is the free edge, the last row is held, column 0 lies at +y. Laid flat, row i lies at
 x = i / (rows - 1) * length, its face up. Each cell has two triangles, with alternating diagonals.
@@ -6,13 +6,12 @@ x = i / (rows - 1) * length, its face up. Each cell has two triangles, with alte
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.errors import SimError, look_up
+from layflat.sim.errors import SimError
 
 HELD_STRETCH = 1.03
 """Distance of the held corners / width of the cloth: a taut hem does not flop to a side."""
@@ -96,28 +95,3 @@ class ClothSpec:
         """Return where a robot holds the corners (2, 3) m when their midpoint is at ``x_m``, 0, ``z_m``."""
         half = HELD_STRETCH * self.width_m / 2
         return np.array([[x_m, half, z_m], [x_m, -half, z_m]])
-
-
-CLOTHS: Mapping[str, ClothSpec] = {
-    spec.name: spec
-    for spec in (
-        ClothSpec(
-            name="towel", length_m=0.35, width_m=0.35, rows=13, columns=13,
-            mass_kg=0.05, elastic_n_m=55.0, damping_n_s_m=0.15, bending_n_m=0.1, rate_hz=200.0,
-        ),
-        ClothSpec(
-            name="napkin", length_m=0.275, width_m=0.215, rows=12, columns=10,
-            mass_kg=0.023, elastic_n_m=30.0, damping_n_s_m=0.083, bending_n_m=0.03, rate_hz=200.0,
-        ),
-        ClothSpec(
-            name="towel-fine", length_m=0.35, width_m=0.35, rows=16, columns=16,
-            mass_kg=0.05, elastic_n_m=55.0, damping_n_s_m=0.13, bending_n_m=0.08, rate_hz=240.0,
-        ),
-    )
-}  # fmt: skip
-"""Cloth 1 and cloth 2 of chapter 3-3-1, and a finer mesh of the first."""
-
-
-def cloth_spec(name: str, **changes: float) -> ClothSpec:
-    """Return a preset, with changes; SimError lists the known names."""
-    return replace(look_up("cloth", name, CLOTHS), **changes)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ import pytest
 from layflat.data.arrays import FloatArray
 from layflat.data.types import Episode, GroundTruth, Observation, Step
 from layflat.policy.features import FeatureLayout, input_set
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.robots.registry import robot_spec
 from layflat.tests.app.program import start_program
 

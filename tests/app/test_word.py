@@ -19,7 +19,7 @@ from layflat.sim.camera.camera import TARGET_M
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.tests.scenes import CLOTHS, Scene, shoot, stand
 
 CONTRACT = {"schema", "word", "word_axial", "coherence", "strength"}

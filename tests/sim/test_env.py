@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth
 from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.cloth.geometry import ClothGeometry
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
 from layflat.sim.registration import MAX_EPISODE_STEPS, register_environments

@@ -16,7 +16,8 @@ from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.web.stage import SHADOW_M
 from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.cloth.spec import ClothSpec, cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
+from layflat.sim.cloth.spec import ClothSpec
 
 SUBDIVISIONS = 2
 LIFT_M = 0.0015

@@ -13,7 +13,7 @@ from layflat.data.session.reader import Session
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.cloth.spec import CLOTHS, cloth_spec
+from layflat.sim.cloth.registry import CLOTHS, cloth_spec
 
 SIZE_PX = (96, 72)
 _KNOWN: dict[tuple[str, str], bytes] = {}

@@ -18,7 +18,7 @@ from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
 from layflat.perception.overlay import draw_cloth_state
 from layflat.sim.camera.camera import default_pinhole
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.mouse_drag import pick_node
 from layflat.sim.robots.registry import robot_type
 

@@ -16,7 +16,7 @@ from layflat.app.cli import main
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io
 from layflat.policy.registry import WRAPPERS
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import robot_spec
 

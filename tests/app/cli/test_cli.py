@@ -29,7 +29,7 @@ from layflat.perception.descriptors.registry import DESCRIPTORS
 from layflat.policy.registry import TRAINABLE_POLICIES, WRAPPERS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import builtin_names
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.starts.registry import STARTS

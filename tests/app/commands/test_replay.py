@@ -16,7 +16,7 @@ from layflat.app.media.video import count_frames
 from layflat.app.support.errors import UsageError
 from layflat.data import SessionRecorder
 from layflat.data.types import DisturbanceRecord, GroundTruth
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS, robot_spec
 

@@ -9,7 +9,7 @@ import pytest
 
 from layflat.app.media import cloth_colors as colors
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 
 # Machado, Oliveira and Fernandes (2009), severity 1, for linear RGB.
 BLINDNESS = {

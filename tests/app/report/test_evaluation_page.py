@@ -22,7 +22,7 @@ from layflat.app.report.page import markdown, table_markdown, write_page
 from layflat.app.report.result_tables import episode_table, failures, group_table
 from layflat.app.support.metrics import episode_metrics
 from layflat.data.types import GroundTruth
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.tests.browser import measured, needs_chromium, screenshot
 
 POLICIES = ("gp-baseline", "gp-word", "gp-baseline+drag-rule")

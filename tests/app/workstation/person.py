@@ -17,7 +17,8 @@ from layflat.app.workstation.teleop.gamepad_state import DEAD_ZONE
 from layflat.app.workstation.window.window import FRAMES_HZ, Window
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth, Observation
 from layflat.policy.scripted.demonstrator import ScriptedDemonstrator
-from layflat.sim.cloth.spec import HELD_STRETCH, cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
+from layflat.sim.cloth.spec import HELD_STRETCH
 from layflat.sim.robots.registry import robot_spec
 from layflat.tests.virtual_pad import VirtualPad
 

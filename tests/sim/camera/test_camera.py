@@ -17,7 +17,7 @@ from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.segmentation import HsvRange, segment
 from layflat.sim.camera.camera import Camera, default_pinhole
 from layflat.sim.camera.renderer import LIGHT, Renderer
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.tests.sim.helpers import cloth_in_world
 

@@ -9,7 +9,8 @@ import pytest
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.spec import ClothSpec, cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.tests.sim.helpers import cloth_in_world
 

@@ -12,7 +12,7 @@ import pytest
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.registry import DESCRIPTORS, make_descriptor
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.tests.sim.helpers import cloth_in_world
 from layflat.tests.sim.wrinkles import Wrinkling, axis_error, settled_wrinkles, wrinkle_truth
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import qmc
 
 from layflat.sim.cloth.geometry import CONTACT_TOLERANCE_M, ClothGeometry
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.tests.sim.helpers import fold_corner, small_cloth
 
 SMALL = small_cloth(0.2, 6, 5, width_m=0.16)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 
 SPEC = cloth_spec("napkin")
 

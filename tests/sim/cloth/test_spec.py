@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.spec import CLOTHS, cloth_spec
+from layflat.sim.cloth.registry import CLOTHS, cloth_spec
 from layflat.sim.errors import SimError
 from layflat.tests.sim.helpers import small_cloth
 

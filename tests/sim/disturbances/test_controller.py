@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.sim.camera.camera import Camera
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, disturbance_spec
 from layflat.sim.physics.base import GRAVITY_M_S2

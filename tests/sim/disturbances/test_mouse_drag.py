@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.mouse_drag import FORCE_WEIGHTS, PICK_RADIUS_M, SPEED_M_S, MouseDrag, free_node, pick_node
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import GRAVITY_M_S2

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.presets import DISTURBANCES, DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.errors import SimError
 from layflat.tests.sim.helpers import simulation

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.physics.base import GRAVITY_M_S2, World
 from layflat.sim.physics.registry import PHYSICS, make_world
 from layflat.sim.robots.hanger import PandaHanger

@@ -9,7 +9,7 @@ import numpy as np
 import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.physics.bullet.world import BulletWorld
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.panda import JOINTS

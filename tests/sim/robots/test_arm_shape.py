@@ -6,7 +6,7 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.errors import SimError
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.panda import CLIP_DROP_M, JOINTS, inverse_kinematics

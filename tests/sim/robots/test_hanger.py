@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.bullet.world import BulletWorld

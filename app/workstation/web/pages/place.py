@@ -20,7 +20,7 @@ from layflat.app.workstation.web.widgets import put, sentence
 from layflat.policy import model_io
 from layflat.policy.registry import RECOMMENDED_WRAPPERS
 from layflat.policy.spec import PolicySpec, builtin_names
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.tasks import DEFAULT_TASK

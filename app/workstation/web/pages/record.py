@@ -16,7 +16,7 @@ from layflat.app.workstation.web.pages.live import LivePage
 from layflat.app.workstation.web.session_facts import session_facts
 from layflat.app.workstation.web.widgets import put, sentence
 from layflat.policy.spec import SCRIPTED
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
 from layflat.sim.robots.registry import ROBOTS, robot_spec

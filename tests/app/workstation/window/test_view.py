@@ -19,7 +19,7 @@ from layflat.app.workstation.window.layout import fitting_scale, layout
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.style import Canvas
 from layflat.app.workstation.window.view3d import Scene, View3d
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.panda import inverse_kinematics
 

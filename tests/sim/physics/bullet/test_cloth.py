@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec, cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
+from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec
 from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
 from layflat.sim.robots.pickers import FreePickers
 from layflat.sim.starts.base import attach

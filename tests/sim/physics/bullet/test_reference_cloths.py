@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.sim.cloth.spec import CLOTHS
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.physics.bullet.reference_cloths import (
     HANG_LENGTHS,
     SOLVER_SETTINGS,

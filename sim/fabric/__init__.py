@@ -1,0 +1,1 @@
+"""Measuring a simulated cloth, and finding the springs that give a fabric."""
