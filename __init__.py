@@ -84,7 +84,7 @@ def make_env(
     task
         ``place``, or ``smooth`` from a crumpled start.
     cloth
-        ``towel``, ``napkin`` or ``towel-fine``.
+        ``towel``, ``napkin``, ``towel-fine``, or a cloth file, ``FILE.toml``.
     physics
         ``bullet``.
     **settings

@@ -56,7 +56,9 @@ def evaluate(
     cloths: Annotated[
         list[str] | None,
         typer.Option(
-            "--cloth", show_default="those of the models", help="Cloth: towel, napkin or towel-fine; repeatable."
+            "--cloth",
+            show_default="those of the models",
+            help="Cloth: towel, napkin, towel-fine or FILE.toml; repeatable.",
         ),
     ] = None,
     robots: Annotated[

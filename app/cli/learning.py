@@ -138,7 +138,8 @@ def place(
         typer.Option(show_default="that of the model", help="Robot of a built-in policy: hanger or pickers."),
     ] = None,
     cloth: Annotated[
-        str | None, typer.Option(show_default="that of the model", help="Cloth: towel, napkin or towel-fine.")
+        str | None,
+        typer.Option(show_default="that of the model", help="Cloth: towel, napkin, towel-fine or FILE.toml."),
     ] = None,
     wrappers: Annotated[
         list[str] | None, typer.Option("--with", metavar="recovery|steady", help="Wrapper of the policy; repeatable.")

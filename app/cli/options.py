@@ -65,7 +65,7 @@ Robot = Annotated[
 Task = Annotated[
     str | None, typer.Option(show_default="place", help="Task: place, or smooth, which begins with a crumpled cloth.")
 ]
-Cloth = Annotated[str | None, typer.Option(show_default="towel", help="Cloth: towel, napkin or towel-fine.")]
+Cloth = Annotated[str | None, typer.Option(show_default="towel", help="Cloth: towel, napkin, towel-fine or FILE.toml.")]
 Descriptor = Annotated[
     str | None,
     typer.Option(

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from layflat.sim.cloth.cloth_file import LIMITS, ClothFile
+from layflat.sim.cloth.cloth_file import ClothFile
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.fabric import quality
-from layflat.sim.fabric.quality import ClothQuality
+from layflat.sim.fabric.quality import ClothDivergedError, ClothQuality
 from layflat.sim.physics.base import GRAVITY_M_S2
 from layflat.sim.physics.registry import DEFAULT_PHYSICS
 
@@ -25,14 +25,16 @@ STIFFNESS = 4.6
 DAMPING = 1.1
 """Damping over the least that is stable, elastic stiffness / rate / 2."""
 RATE_STEP_HZ = 20.0
-LEAST_RATE_HZ = 200.0
+LEAST_RATE_HZ, MOST_RATE_HZ = 200.0, 600.0
 STRETCH_TOLERANCE, BENDING_TOLERANCE = 0.0015, 0.06
 """Error of the stretch, and relative error of the bending length, with which the search ends."""
 BENDING_N_M = (0.005, 60.0)
 """Range in which the stiffness of bending springs is sought."""
+ELASTIC_SHARE = 2.0
 TRIES = 5
 
 Report = Callable[[str], None]
+T = TypeVar("T")
 
 
 def fit_cloth(
@@ -65,7 +67,7 @@ def fit_cloth(
         spec = _fit_stretch(cloth, spec, physics, report)
         spec = _fit_bending(cloth, spec, physics, report)
         spec = _fit_stretch(cloth, spec, physics, report)  # Bending springs carry a part of the weight.
-        measured = quality.measure(spec, physics)
+        spec, measured = _stable(quality.measure, spec, physics, report)
         if measured.fold_diverges is None and measured.penetration_m <= quality.PENETRATION_M:
             return spec, measured
         report(f"at {spec.rate_hz:g} Hz: {'; '.join(measured.problems)}")
@@ -87,13 +89,18 @@ def _first_elastic(cloth: ClothFile, rows: int, columns: int) -> float:
 
 
 def _with_elastic(cloth: ClothFile, rows: int, columns: int, elastic_n_m: float, bending_n_m: float) -> ClothSpec:
-    """Return the cloth with these springs at the lowest rate that is stable; SimError where there is none."""
+    """Return the cloth with these springs at the lowest rate that is stable; SimError where there is none.
+
+    Springs along the threads are at least ELASTIC_SHARE times as stiff as those of bending, which would else carry the
+    cloth: then it stretches less than asked.
+    """
+    elastic_n_m = max(elastic_n_m, ELASTIC_SHARE * bending_n_m)
     node_kg = cloth.mass_kg / (rows * columns)
     needed = max(LEAST_RATE_HZ, float(np.sqrt((elastic_n_m + bending_n_m) / node_kg / STIFFNESS)))
     rate = RATE_STEP_HZ * float(np.ceil(needed / RATE_STEP_HZ - 1e-9))
-    if rate > LIMITS["rate_hz"][1]:
+    if rate > MOST_RATE_HZ:
         raise SimError(
-            f"cloth {cloth.name} would need {rate:.0f} physics steps a second, at most {LIMITS['rate_hz'][1]:.0f} are"
+            f"cloth {cloth.name} would need {rate:.0f} physics steps a second, at most {MOST_RATE_HZ:.0f} are"
             f" made; allow it more than {cloth.hanging_stretch} of hanging_stretch, or check mass and size"
         )
     values: dict[str, Any] = {name: getattr(cloth, name) for name in ("name", "length_m", "width_m", "mass_kg")}
@@ -118,16 +125,32 @@ def _at_rate(spec: ClothSpec, rate_hz: float) -> ClothSpec:
     return replace(spec, rate_hz=rate, damping_n_s_m=_damping(spec.elastic_n_m, rate))
 
 
+def _stable(
+    measure: Callable[[ClothSpec, str], T], spec: ClothSpec, physics: str, report: Report
+) -> tuple[ClothSpec, T]:
+    """Return a measure of the cloth, and the cloth at the first rate at which it does not diverge."""
+    while True:
+        try:
+            return spec, measure(spec, physics)
+        except ClothDivergedError:
+            report(f"at {spec.rate_hz:g} Hz it diverges")
+            if spec.rate_hz >= MOST_RATE_HZ:
+                raise
+            spec = _at_rate(spec, min(1.25 * spec.rate_hz, MOST_RATE_HZ))
+
+
 def _fit_stretch(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report) -> ClothSpec:
     """Scale the springs until the cloth stretches as asked: the stretch is nearly their compliance."""
     wanted = float(cloth.hanging_stretch or 0)
     for _ in range(TRIES):
-        got = quality.hanging_stretch(spec, physics)
+        spec, got = _stable(quality.hanging_stretch, spec, physics, report)
         report(f"{spec.elastic_n_m:g} N/m at {spec.rate_hz:g} Hz: hanging stretch {100 * got:.2f} %")
         if abs(got - wanted) < STRETCH_TOLERANCE:
             break
         elastic = spec.elastic_n_m * float(np.clip(got / wanted, 0.3, 3.0))
         found = _with_elastic(cloth, spec.rows, spec.columns, elastic, spec.bending_n_m)
+        if found.elastic_n_m == spec.elastic_n_m:
+            break
         spec = _at_rate(found, max(found.rate_hz, spec.rate_hz)) if spec.rate_hz > found.rate_hz * 1.2 else found
     return spec
 
@@ -135,11 +158,11 @@ def _fit_stretch(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report
 def _fit_bending(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report) -> ClothSpec:
     """Halve the range of the bending springs' stiffness until the bending length is as asked."""
     wanted = float(cloth.bending_length_m or 0)
-    low, high = np.log(BENDING_N_M[0]), np.log(min(BENDING_N_M[1], 2 * spec.elastic_n_m))
+    low, high, elastic = np.log(BENDING_N_M[0]), np.log(BENDING_N_M[1]), spec.elastic_n_m
     for _ in range(8):
         bending = float(f"{np.exp((low + high) / 2):.3g}")
-        spec = replace(spec, bending_n_m=bending)
-        got = quality.bending_length_m(spec, physics)
+        found = _with_elastic(cloth, spec.rows, spec.columns, elastic, bending)
+        spec, got = _stable(quality.bending_length_m, found, physics, report)
         report(f"bending springs of {bending:g} N/m: bending length {1000 * got:.1f} mm")
         if abs(got / wanted - 1) < BENDING_TOLERANCE:
             break

@@ -31,6 +31,10 @@ FALL_M = 0.03
 FOLD_S = 1.2
 
 
+class ClothDivergedError(SimError):
+    """A cloth that merely hangs or falls diverges."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ClothQuality:
     """Measures of a cloth; ``problems`` says in words which of them fail."""
@@ -62,7 +66,7 @@ class ClothQuality:
 
 
 def measure(spec: ClothSpec, physics: str = DEFAULT_PHYSICS) -> ClothQuality:
-    """Run all tests; SimError where the cloth diverges as it merely hangs."""
+    """Run all tests; ClothDivergedError where the cloth diverges as it merely hangs."""
     penetration, rest = fall(spec, physics)
     return ClothQuality(
         hanging_stretch=hanging_stretch(spec, physics),
@@ -188,7 +192,7 @@ def _run(
     physics: str,
     prepare: Callable[[World, Cloth], Iterator[None]] | None = None,
 ) -> Iterator[FloatArray]:
-    """Yield the nodes of a cloth after every fourth substep; SimError where it diverges."""
+    """Yield the nodes of a cloth after every fourth substep; ClothDivergedError where it diverges."""
     with closing(make_world(physics, substep_s=1 / spec.rate_hz, table_friction=1.0)) as world:
         cloth = world.add_cloth(spec, nodes)
         world.add_air(cloth)
@@ -200,5 +204,5 @@ def _run(
             if step % 4 == 3:
                 reason = _divergence(cloth)
                 if reason is not None:
-                    raise SimError(f"cloth {spec.name} diverges while it hangs or falls: {reason}")
+                    raise ClothDivergedError(f"cloth {spec.name} diverges while it hangs or falls: {reason}")
                 yield cloth.nodes().copy()
