@@ -124,7 +124,7 @@ def _value_faults(line: str, command: Any, words: list[str]) -> list[str]:
     context = command.make_context("layflat", [], resilient_parsing=True)
     options, found = _options(command), []
     for option, value in pairwise(words):
-        if option in CHOOSING and option in options and not (value.isupper() or value.isdigit()):
+        if option in CHOOSING and option in options and not (value.isupper() or value.isdigit() or "." in value):
             named = set(re.split(r"[^\w-]+", " ".join(options[option].get_help_record(context))))
             found += [f"{line}: {option} does not name {word}" for word in value.split("|") if word not in named]
     return found
