@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 
+from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.status import SessionStatus
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.web.viewer import Viewer
 from layflat.app.workstation.web.widgets import facts, put, sentence
+from layflat.data.format import schema
+from layflat.data.session.reader import open_session
 from layflat.sim.disturbances.presets import DISTURBANCES
 
 COMMANDS = {
@@ -19,14 +22,13 @@ COMMANDS = {
     Command.REDO: ("R", None),
     Command.UNDO: ("U", None),
     Command.DISTURB: ("B", "orange"),
-    Command.QUIT: ("Q", "gray"),
 }
 """Key and colour of each command, in the order of the buttons."""
 HEADLINES = {
     "starting": "Starting the simulation",
     "waiting": "Ready",
     "countdown": "Get ready",
-    "still": "Go: time stands until you move",
+    "still": "Go",
     "running": "Running",
     "paused": "Paused",
     "stopped": "Stopped",
@@ -36,7 +38,7 @@ HEADLINES = {
 }
 PHASES = {"disturb": "Disturbed", "repair": "Repairing"}
 LABELS = (Command.KEEP_SUCCESS, Command.KEEP_FAILURE, Command.DISCARD)
-RARE = (Command.REDO, Command.UNDO, Command.DISTURB, Command.QUIT)
+RARE = (Command.REDO, Command.UNDO, Command.DISTURB)
 """Commands whose buttons are below the others, and only there while they have an effect."""
 
 
@@ -64,11 +66,14 @@ class LivePanel:
         named = tuple(name for name in DISTURBANCES if name != "none")
         self._disturb = gui.add_button_group("Disturb", named, visible=False)
         viewer.on_click(self._disturb, self._send_disturbance, control=True)
+        self._ghost = gui.add_checkbox("Ghost of the best end", False, visible=False)
+        viewer.on_change(self._ghost, self._show_ghost)
         self._facts = gui.add_html("")
         self.update()
 
     def close(self) -> None:
-        """Take the keys away."""
+        """Take keys and ghost away."""
+        self._viewer.scene.show_ghost(None)
         for hotkey in self._keys:
             hotkey.remove()
 
@@ -82,6 +87,18 @@ class LivePanel:
     def _send_disturbance(self) -> None:
         if self._disturb.value in DISTURBANCES:
             self._workstation.session.disturb(str(self._disturb.value), self._viewer.name)
+
+    def _show_ghost(self) -> None:
+        """Show how the cloth lies at the end of the best success of the session."""
+        request = self._workstation.session.request
+        nodes = None
+        if self._ghost.value and request is not None and request.session is not None:
+            with open_session(request.session) as session:
+                flat = {name: session.info(name).flat_area_final or 0.0 for name in session.select(outcome="success")}
+                if not flat:
+                    raise LayflatError(f"{request.session.name} has no success yet, whose end could be shown")
+                nodes = session.array(max(flat, key=lambda name: flat[name]), schema.FINAL_STATE).reshape(-1, 3)
+        self._viewer.scene.show_ghost(nodes)
 
     def update(self) -> None:
         """Show the newest status."""
@@ -97,6 +114,7 @@ class LivePanel:
             visible = status.recording if command in LABELS else effect is not None or command not in RARE
             put(button, label=f"{label} ({COMMANDS[command][0]})", disabled=effect is None, visible=visible)
         put(self._disturb, visible=status.can_disturb)
+        put(self._ghost, visible=status.recording)
         put(self._facts, content=facts(numbers(status)))
         self._viewer.monitor.show(frame, self._workstation.series)
 
@@ -114,13 +132,20 @@ def headline(status: SessionStatus) -> str:
 
 
 def _message(status: SessionStatus) -> str:
-    return sentence(status.message.text, status.message.level)
+    """Return the message, unless it stands beside the same words."""
+    text = status.message.text
+    return (
+        ""
+        if text.lower() in (headline(status).lower(), status.question.lower())
+        else sentence(text, status.message.level)
+    )
 
 
 def verdict(status: SessionStatus) -> str:
     """Return the judgement of the take as HTML."""
     found = status.verdict
-    return "" if found is None else sentence(found.words, "success" if found.success else "warning")
+    said = found is not None and (found.words in status.message.text or found.words in status.question)
+    return "" if found is None or said else sentence(found.words, "success" if found.success else "warning")
 
 
 def numbers(status: SessionStatus) -> dict[str, str]:

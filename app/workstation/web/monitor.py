@@ -20,7 +20,7 @@ class Monitor:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._panel = gui.add_panel(visible=False)
-        with self._panel.add_tab("Camera, contact, WORD"):
+        with self._panel.add_tab("Camera"):
             self._picture = gui.add_image(blank(), format="jpeg")
             self._curves = Curves(gui, ("", "beside"))
         self._panel.dock_left()

@@ -7,6 +7,7 @@ import signal
 import sys
 import tempfile
 import threading
+import warnings
 import webbrowser
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -80,6 +81,8 @@ def serve(workstation: Workstation, config: AppConfig) -> Iterator[str]:
     """Serve a workstation, whose rounds the caller runs; yield the address."""
     safe = open_server(config.host, config.port)
     server = safe.server
+    # A viewer may leave while its page is built.
+    warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     start_fork_server()  # It imports for a second or two, while the person looks around.
     try:
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import viser
@@ -23,6 +23,12 @@ div:has(> .lf-tabs) + div button:nth-of-type({number}) {{background: #0f766e !im
 """The library's row of buttons does not show which one is chosen."""
 
 
+BESIDE_M = (0.0, 1.3, 0.0)
+"""Place of the second of two scenes: the tables do not touch."""
+BOTH_M = (0.9, -0.2, 0.5)
+"""Offset of the view that has both in it."""
+
+
 class Shown(Protocol):
     """What a viewer asks of a page."""
 
@@ -34,8 +40,8 @@ class Shown(Protocol):
     def update(self) -> None:
         """Show the newest numbers."""
 
-    def frame(self) -> SimulationFrame | None:
-        """Return what the scene shows."""
+    def frames(self) -> Sequence[SimulationFrame]:
+        """Return what the scene shows: nothing new, one frame, or two side by side."""
 
     def close(self) -> None:
         """Handle that another page is shown."""
@@ -55,7 +61,8 @@ class Viewer:
         self.scene = Scene(client.scene)
         self.guide = Guide(workstation, self.scene, self.name)
         self.monitor = Monitor(client.gui)
-        self._shown: SimulationFrame | None = None
+        self._beside: Scene | None = None
+        self._shown: Sequence[SimulationFrame] = ()
         gui = client.gui
         self._control = gui.add_html("")
         self._take = gui.add_button("Take control", visible=False)
@@ -105,8 +112,8 @@ class Viewer:
         self.workstation.note(f"{self.name} has taken control")
 
     def say(self, text: str, level: Level = "info") -> None:
-        """Show a sentence above the page; an empty one clears it."""
-        put(self._message, content=sentence(text, level))
+        """Show a sentence above the page; an empty one clears it, and leaves its line, so that nothing moves."""
+        put(self._message, content=sentence(text or "\N{NO-BREAK SPACE}", level))
 
     # Pages
 
@@ -126,16 +133,13 @@ class Viewer:
 
     def rebuild(self) -> None:
         """Build the page again, after its files or choices have changed."""
-        page, self._folder, old = (
-            self.page,
-            self.client.gui.add_folder(self.page.name if self.page else ""),
-            self._folder,
-        )
-        if old is not None:
-            old.remove()
-        if page is not None:
-            with self._folder:
-                page.build()
+        page, old = self.page, self._folder
+        if page is None or old is None:
+            return
+        self._folder = self.client.gui.add_folder(page.name)
+        old.remove()
+        with self._folder:
+            page.build()
 
     def close_page(self) -> None:
         """End what only the page shows."""
@@ -145,13 +149,25 @@ class Viewer:
             self._folder.remove()
         self.page = self._folder = None
 
+    def _show(self, frames: Sequence[SimulationFrame]) -> None:
+        self._shown = frames
+        self.scene.show(frames[0])
+        if len(frames) == 2:
+            if self._beside is None:
+                self._beside = Scene(self.client.scene, name="/beside", offset_m=BESIDE_M)
+                look_from(self.client, "Reset", BOTH_M)
+            self._beside.show(frames[1])
+        elif self._beside is not None:
+            self._beside.remove()
+            self._beside = None
+            look_from(self.client, "Reset")
+
     def update(self, *, whole: bool) -> None:
         """Show the newest frame, and, where ``whole``, the newest numbers."""
-        frame = None if self.page is None else self.page.frame()
-        if frame is not None and frame is not self._shown:
-            self._shown = frame
-            self.scene.show(frame)
-        self.guide.update(frame)
+        frames = () if self.page is None else self.page.frames()
+        if frames and [id(frame) for frame in frames] != [id(frame) for frame in self._shown]:
+            self._show(frames)
+        self.guide.update(frames[0] if frames else None)
         if not whole or self.page is None:
             return
         control = self.workstation.session.control

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import Mode
@@ -40,12 +42,12 @@ class LivePage(Page):
         """Return what would be started."""
         return None
 
-    def frame(self) -> SimulationFrame | None:
+    def frames(self) -> Sequence[SimulationFrame]:
         """Return what runs; else what has just ended, or would be started."""
-        session = self.workstation.session
-        if session.alive or (session.frame is not None and not self._touched):
-            return session.frame
-        return self.preview() or session.frame
+        session, preview = self.workstation.session, self.preview()
+        if preview is None or session.alive or (session.frame is not None and not self._touched):
+            return super().frames()
+        return (preview,)
 
     def update(self) -> None:
         """Show the newest status, and the form again when the session has ended."""

@@ -34,9 +34,10 @@ class Page:
     def update(self) -> None:
         """Show the newest numbers."""
 
-    def frame(self) -> SimulationFrame | None:
+    def frames(self) -> Sequence[SimulationFrame]:
         """Return what the scene shows: what runs, unless the page has something of its own."""
-        return self.workstation.session.frame
+        frame = self.workstation.session.frame
+        return () if frame is None else (frame,)
 
     def close(self) -> None:
         """Handle that another page is shown."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.playback import Playback, episode_facts, open_playback
@@ -134,7 +135,7 @@ class ReplayPage(Page):
         if not self._playbacks:
             return
         self._job.update()
-        self.viewer.monitor.show(self.frame(), *(playback.series for playback in self._playbacks))
+        self.viewer.monitor.show(self._playbacks[0].frame(self._at), *(playback.series for playback in self._playbacks))
         if not self._playing:
             return
         now = time.monotonic()
@@ -148,13 +149,9 @@ class ReplayPage(Page):
             self._playing = bool(self._loop.value)
             self._at = 0 if self._playing else self._at
 
-    def frame(self) -> SimulationFrame | None:
-        """Return the step that is shown."""
-        return self._playbacks[0].frame(self._at) if self._playbacks else None
-
-    def frames(self) -> list[SimulationFrame]:
+    def frames(self) -> Sequence[SimulationFrame]:
         """Return the step of each episode."""
-        return [playback.frame(self._at) for playback in self._playbacks]
+        return tuple(playback.frame(self._at) for playback in self._playbacks)
 
     def _check(self) -> None:
         """Run the recorded actions again, as `layflat replay --mode action` does."""
