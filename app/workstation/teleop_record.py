@@ -69,15 +69,17 @@ def print_event(event: SessionEvent) -> None:
 
 def record_in_terminal(config: RecordConfig, model: TrainedModel | None) -> None:
     """Record without a window; KeyboardInterrupt after Ctrl-C or SIGTERM, with everything saved by then."""
-    request, display, client = session_request(config, model), TerminalDisplay(sys.stderr), SessionClient()
+    request, client = session_request(config, model), SessionClient()
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_on_signals())
         robot = request.sim_config.robot_spec
         teleoperator = make_terminal_teleoperator(config.source, robot, mapping=config.mapping)
         stack.callback(teleoperator.close)
+        display = TerminalDisplay(sys.stderr, teleoperator.help())
         stack.callback(client.end)
         client.start(request)
-        print_instructions(teleoperator, display.print_line)
+        if not display.live:
+            print_instructions(teleoperator, display.print_line)
         run_recording(client, teleoperator, display, stopped=stopped)
         client.check()
         display.print_message(client.status.message)

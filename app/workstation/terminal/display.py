@@ -1,4 +1,4 @@
-"""Recording without a window: a status line, and keys or a gamepad; works over SSH."""
+"""Recording without a window: the cloth in characters, and keys or a gamepad; works over SSH."""
 
 from __future__ import annotations
 
@@ -7,54 +7,85 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TextIO
 
 from layflat.app.workstation.session.client import SessionClient
+from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.status import Message, SessionStatus
 from layflat.app.workstation.teleop.contact_rumble import ContactRumble
-from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
-from layflat.app.workstation.teleop.teleoperator import Teleoperator
+from layflat.app.workstation.teleop.teleop_input import TeleopInput
+from layflat.app.workstation.teleop.teleoperator import Button, Teleoperator
+from layflat.app.workstation.terminal.panel import panel
 
 POLL_S = 0.01
 """Time between two polls of the teleoperator."""
 SHOW_S = 0.1
-FULL_WIDTH = 80
-"""Columns of a terminal that does not know its own, such as a serial line."""
+FULL_SIZE = (80, 24)
+"""Columns and rows of a terminal that does not know its own, such as a serial line."""
 
 
 class TerminalDisplay:
-    """A status line that is redrawn on a terminal, and lines that stay; without a terminal, only new messages."""
+    """Lines that are redrawn at the foot of a terminal, and lines that stay; without one, only new messages."""
 
-    def __init__(self, stream: TextIO, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, stream: TextIO, buttons: Sequence[Button] = (), *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """``buttons`` are those of the device."""
         self._stream = stream
+        self._buttons = buttons
         self._clock = clock
-        self._live = stream.isatty() and os.environ.get("TERM") != "dumb"
+        self.live = stream.isatty() and os.environ.get("TERM") != "dumb"
+        self._plain = not _can_write(stream, "⣿▼─█")
         self._shown_s = -math.inf
         self._message = ""
-        self._drawn = False
+        self._height = 0
+        """Number of lines that are drawn at the foot."""
+        self._lines: list[str] = []
+        self._size = (0, 0)
+        self._kept: deque[str] = deque(maxlen=200)
+        """Newest lines that stay."""
 
-    def print_line(self, text: str) -> None:
+    def print_line(self, text: str, stream: TextIO | None = None) -> None:
         """Print a line that stays."""
         self.clear()
-        print(text, file=self._stream, flush=True)
+        if stream is None or stream.isatty():
+            self._kept.append(text)
+        print(text, file=stream or self._stream, flush=True)
 
-    def show(self, status: SessionStatus, teleop: TeleopInput) -> None:
-        """Redraw the status line."""
+    def show(self, status: SessionStatus, teleop: TeleopInput, frame: SimulationFrame | None = None) -> None:
+        """Redraw the lines at the foot."""
         self.print_message(status.message)
         now = self._clock()
-        if self._live and now - self._shown_s >= SHOW_S and select.select([], [self._stream], [], 0)[1]:
+        if self.live and now - self._shown_s >= SHOW_S and select.select([], [self._stream], [], 0)[1]:
             self._shown_s = now
-            self._stream.write(f"\r{status_line(status, teleop)[: self._columns() - 1]}\x1b[K")
+            self._follow_size()
+            columns, rows = self._size
+            lines = panel(status, teleop, self._buttons, frame, columns=columns, rows=rows, plain=self._plain)
+            if self._height and lines == self._lines:
+                return
+            up = f"\x1b[{self._height - 1}A" if self._height > 1 else ""
+            text = "\n".join(f"\r{line}\x1b[K" for line in lines)
+            self._stream.write(f"{up}{text}\x1b[J")
             self._stream.flush()
-            self._drawn = True
+            self._lines, self._height = lines, len(lines)
 
-    def _columns(self) -> int:
-        """Return the terminal's width now; COLUMNS may be that of another moment, and stdout may be a file."""
+    def _columns_rows(self) -> tuple[int, int]:
+        """Return the terminal's size now; COLUMNS may be that of another moment, and stdout may be a file."""
         with suppress(OSError):
-            return os.get_terminal_size(self._stream.fileno()).columns or FULL_WIDTH
-        return FULL_WIDTH
+            columns, rows = os.get_terminal_size(self._stream.fileno())
+            return columns or FULL_SIZE[0], rows or FULL_SIZE[1]
+        return FULL_SIZE
+
+    def _follow_size(self) -> None:
+        """After a change of size, which may have moved every line, clear the screen and print the newest again."""
+        before, self._size = self._size, self._columns_rows()
+        if self._height and self._size != before:
+            newest = list(self._kept)[-max(self._size[1] - 1, 1) :]
+            self._stream.write("\x1b[H\x1b[2J" + "".join(f"{line}\n" for line in newest))
+            self._height = 0
 
     def print_message(self, message: Message) -> None:
         """Print a message where it is new."""
@@ -65,28 +96,25 @@ class TerminalDisplay:
 
     def print_result(self, line: str) -> None:
         """Print a line for scripts on stdout."""
-        self.clear()
-        print(line, flush=True, file=sys.stdout)
+        self.print_line(line, sys.stdout)
 
     def clear(self) -> None:
-        """Remove the status line, for a line here or on stdout."""
-        if self._drawn:
-            self._stream.write("\r\x1b[K")
+        """Remove the lines at the foot, for a line here or on stdout."""
+        self._follow_size()
+        if self._height:
+            up = f"\x1b[{self._height - 1}A" if self._height > 1 else ""
+            self._stream.write(f"{up}\r\x1b[J")
             self._stream.flush()
-            self._drawn = False
+            self._height = 0
 
 
-def status_line(status: SessionStatus, teleop: TeleopInput) -> str:
-    """Return state, numbers and available commands on one line."""
-    texts = {
-        "waiting": f"seed {status.seed} " + ("hangs" if status.ready else "is being hung"),
-        "countdown": f"starts in {status.countdown_s:.0f}" if status.ready else "hanging the cloth",
-        "still": "move to continue" if status.steps else "move to start",
-        "running": "RECORDING",
-    }
-    numbers = f"{status.steps} steps  contact {100 * status.contact:.0f} %  speed {100 * teleop.speed:.0f} %"
-    available = ", ".join(command.value for command in Command if status.effect(command))
-    return f"[{texts.get(status.state, status.state)}]  {numbers}  {available}"
+def _can_write(stream: TextIO, text: str) -> bool:
+    """Return whether a stream's encoding has these characters."""
+    try:
+        text.encode(getattr(stream, "encoding", None) or "ascii")
+    except (UnicodeError, LookupError):
+        return False
+    return True
 
 
 def print_instructions(teleoperator: Teleoperator, print_line: Callable[[str], None]) -> None:
@@ -115,7 +143,7 @@ def run_recording(
         for event in client.poll():
             display.print_result(event.text)
         rumble.update(client.status.contact, client.status.steps)
-        display.show(client.status, teleop)
+        display.show(client.status, teleop, client.frame)
         # A device that was away for one poll only must be noticed, too.
         sleep(POLL_S if teleop.connected else 10 * POLL_S)
     for event in client.end():

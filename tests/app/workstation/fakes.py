@@ -261,6 +261,7 @@ class FakeClient:
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
         self.status = recording.status
+        self.frame = None
         self._n_events = 0
 
     @property

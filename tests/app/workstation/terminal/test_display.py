@@ -26,8 +26,8 @@ from layflat.app.workstation.terminal.display import (
     TerminalDisplay,
     print_instructions,
     run_recording,
-    status_line,
 )
+from layflat.app.workstation.terminal.panel import status_line
 from layflat.tests.app.workstation.fakes import FakeClient, FakeTeleoperator, Recording
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
 
@@ -156,12 +156,12 @@ def test_contact_rumbles_once_each_time_it_begins(teleoperator):
 def test_the_status_line_has_state_numbers_and_available_commands(record, teleoperator):
     one = record()
     one.session.update()
-    line = status_line(one.status, teleoperator.poll())
+    line = status_line(one.status, teleoperator.poll(), key_map.key_help(HANGER))
     assert "seed 0 hangs" in line
     assert "start" in line
     assert "keep" not in line
     one.begin(n_steps=7)
-    line = status_line(one.status, teleoperator.poll())
+    line = status_line(one.status, teleoperator.poll(), key_map.key_help(HANGER))
     for word in ("RECORDING", "7 steps", "contact 7 %", "keep as success", "discard", "pause"):
         assert word in line
 

@@ -76,7 +76,7 @@ def test_an_episode_is_kept_another_discarded_and_the_terminal_restored(terminal
     one.type("y")
     one.until("keep as success?")
     one.type("y")
-    kept = one.until("s.h5").splitlines()[-1].split("\x1b[K")[-1]
+    kept = one.until("s.h5").splitlines()[-1].split("\x1b[J")[-1]
     assert kept.startswith("kept demo_0 success ")
     one.begin()
     one.type("x")
