@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 
 X_M, Z_M = (-0.2, 0.75), (0.0, 0.52)
 """What is seen of the plane of motion."""

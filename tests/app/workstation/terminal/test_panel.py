@@ -20,7 +20,7 @@ from layflat.app.workstation.terminal import display as display_module
 from layflat.app.workstation.terminal.display import TerminalDisplay
 from layflat.app.workstation.terminal.panel import panel, status_line
 from layflat.app.workstation.terminal.side_view import side_view
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from layflat.tests.factories import PICKERS, ROBOT_SPECS
 
 HANGING = initial_frame("pickers", "towel")
