@@ -62,16 +62,18 @@ def fit_cloth(
     if cloth.hanging_stretch is None or cloth.bending_length_m is None:
         raise SimError(f"cloth {cloth.name} needs hanging_stretch and bending_length_m to be fitted")
     rows, columns = grid(cloth.length_m, cloth.width_m)
-    spec = _with_elastic(cloth, rows, columns, _first_elastic(cloth, rows, columns), BENDING_N_M[0])
+    least_hz = LEAST_RATE_HZ
     for _ in range(TRIES):
-        spec = _fit_stretch(cloth, spec, physics, report)
-        spec = _fit_bending(cloth, spec, physics, report)
-        spec = _fit_stretch(cloth, spec, physics, report)  # Bending springs carry a part of the weight.
+        spec = _with_springs(cloth, rows, columns, _first_elastic(cloth, rows, columns), BENDING_N_M[0], least_hz)
+        spec = _fit_stretch(cloth, spec, physics, report, least_hz)
+        spec = _fit_bending(cloth, spec, physics, report, least_hz)
+        # Bending springs carry a part of the weight.
+        spec = _fit_stretch(cloth, spec, physics, report, least_hz)
         spec, measured = _stable(quality.measure, spec, physics, report)
         if measured.fold_diverges is None and measured.penetration_m <= quality.PENETRATION_M:
             return spec, measured
         report(f"at {spec.rate_hz:g} Hz: {'; '.join(measured.problems)}")
-        spec = _at_rate(spec, 1.25 * spec.rate_hz)
+        least_hz = min(1.25 * spec.rate_hz, MOST_RATE_HZ)
     raise SimError(f"cloth {cloth.name} cannot be simulated stably: {'; '.join(measured.problems)}")
 
 
@@ -88,7 +90,9 @@ def _first_elastic(cloth: ClothFile, rows: int, columns: int) -> float:
     return weight * rows * (rows - 1) / 2 / (float(cloth.hanging_stretch or 0) * cloth.length_m)
 
 
-def _with_elastic(cloth: ClothFile, rows: int, columns: int, elastic_n_m: float, bending_n_m: float) -> ClothSpec:
+def _with_springs(
+    cloth: ClothFile, rows: int, columns: int, elastic_n_m: float, bending_n_m: float, least_hz: float
+) -> ClothSpec:
     """Return the cloth with these springs at the lowest rate that is stable; SimError where there is none.
 
     Springs along the threads are at least ELASTIC_SHARE times as stiff as those of bending, which would else carry the
@@ -96,7 +100,7 @@ def _with_elastic(cloth: ClothFile, rows: int, columns: int, elastic_n_m: float,
     """
     elastic_n_m = max(elastic_n_m, ELASTIC_SHARE * bending_n_m)
     node_kg = cloth.mass_kg / (rows * columns)
-    needed = max(LEAST_RATE_HZ, float(np.sqrt((elastic_n_m + bending_n_m) / node_kg / STIFFNESS)))
+    needed = max(least_hz, float(np.sqrt((elastic_n_m + bending_n_m) / node_kg / STIFFNESS)))
     rate = RATE_STEP_HZ * float(np.ceil(needed / RATE_STEP_HZ - 1e-9))
     if rate > MOST_RATE_HZ:
         raise SimError(
@@ -139,7 +143,7 @@ def _stable(
             spec = _at_rate(spec, min(1.25 * spec.rate_hz, MOST_RATE_HZ))
 
 
-def _fit_stretch(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report) -> ClothSpec:
+def _fit_stretch(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report, least_hz: float) -> ClothSpec:
     """Scale the springs until the cloth stretches as asked: the stretch is nearly their compliance."""
     wanted = float(cloth.hanging_stretch or 0)
     for _ in range(TRIES):
@@ -148,20 +152,20 @@ def _fit_stretch(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report
         if abs(got - wanted) < STRETCH_TOLERANCE:
             break
         elastic = spec.elastic_n_m * float(np.clip(got / wanted, 0.3, 3.0))
-        found = _with_elastic(cloth, spec.rows, spec.columns, elastic, spec.bending_n_m)
+        found = _with_springs(cloth, spec.rows, spec.columns, elastic, spec.bending_n_m, least_hz)
         if found.elastic_n_m == spec.elastic_n_m:
             break
-        spec = _at_rate(found, max(found.rate_hz, spec.rate_hz)) if spec.rate_hz > found.rate_hz * 1.2 else found
+        spec = found
     return spec
 
 
-def _fit_bending(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report) -> ClothSpec:
+def _fit_bending(cloth: ClothFile, spec: ClothSpec, physics: str, report: Report, least_hz: float) -> ClothSpec:
     """Halve the range of the bending springs' stiffness until the bending length is as asked."""
     wanted = float(cloth.bending_length_m or 0)
     low, high, elastic = np.log(BENDING_N_M[0]), np.log(BENDING_N_M[1]), spec.elastic_n_m
     for _ in range(8):
         bending = float(f"{np.exp((low + high) / 2):.3g}")
-        found = _with_elastic(cloth, spec.rows, spec.columns, elastic, bending)
+        found = _with_springs(cloth, spec.rows, spec.columns, elastic, bending, least_hz)
         spec, got = _stable(quality.bending_length_m, found, physics, report)
         report(f"bending springs of {bending:g} N/m: bending length {1000 * got:.1f} mm")
         if abs(got / wanted - 1) < BENDING_TOLERANCE:
