@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from dataclasses import dataclass, field
+import time
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -11,10 +13,9 @@ from typing import Any
 from layflat.app.support.child_python import fork_server_context
 from layflat.app.support.errors import USAGE_ERROR, LayflatError, UsageError
 from layflat.app.workers.process import describe_exit_status
-from layflat.app.workstation.session.control_token import ControlToken
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.request import SessionRequest
-from layflat.app.workstation.session.server import Channels, main, receive, send
+from layflat.app.workstation.session.server import Channels, Failure, main
 from layflat.app.workstation.session.status import SessionEvent, SessionStatus
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
 from layflat.data.robot import RobotSpec
@@ -31,11 +32,33 @@ def start_fork_server() -> Any:
 
 
 @dataclass
+class ControlToken:
+    """Token of the viewer who is in control of a session; may be used from several threads."""
+
+    holder: str = ""
+    """Name of the viewer; empty: the first one who acts gets it."""
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def take(self, viewer: str, *, force: bool = False) -> bool:
+        """Give control to a viewer; return False where another one has it, unless ``force``."""
+        with self._lock:
+            if force or self.holder in ("", viewer):
+                self.holder = viewer
+            return self.holder == viewer
+
+    def release(self, viewer: str) -> None:
+        """Give control back, where this viewer has it, such as when it is gone."""
+        with self._lock:
+            if self.holder == viewer:
+                self.holder = ""
+
+
+@dataclass
 class SessionClient:
     """At most one session at a time, in a process of its own; may be used from several threads.
 
-    Several viewers may show one client; of those only the one in `control` changes anything. The name of a viewer is
-    free; a program with one viewer leaves it out.
+    Several viewers may show one client; of those only the one in `control` changes anything, and methods return False
+    to the others. The name of a viewer is free; a program with one viewer leaves it out.
     """
 
     status: SessionStatus = field(default_factory=SessionStatus)
@@ -88,27 +111,29 @@ class SessionClient:
             theirs.close()
 
     def send_command(self, command: Command, viewer: str = "") -> bool:
-        """Send a command; return False where another viewer is in control."""
-        return self._send(viewer, "command", name=command.name)
+        """Send a command."""
+        return self._send(viewer, "command", command)
 
     def undo(self, viewer: str = "") -> bool:
-        """Bring the discarded take back; return False where another viewer is in control."""
+        """Bring the discarded take back."""
         return self.send_command(Command.UNDO, viewer)
 
     def disturb(self, name: str, viewer: str = "") -> bool:
-        """Start a named disturbance; return False where another viewer is in control."""
-        return self._send(viewer, "disturb", name=name)
+        """Start a named disturbance."""
+        return self._send(viewer, "disturb", name)
 
     def answer(self, yes: bool, viewer: str = "") -> bool:
-        """Answer the question of the status; return False where another viewer is in control."""
-        return self._send(viewer, "answer", yes=yes)
+        """Answer the question of the status."""
+        return self._send(viewer, "answer", yes)
 
     def send_input(self, teleop: TeleopInput, drag: DragTarget | None = None, viewer: str = "") -> float:
         """Replace the newest input; return its stamp, or 0 where another viewer is in control."""
         with self._lock:
             if self._channels is None or not self.control.take(viewer):
                 return 0.0
-            return self._channels.inputs.write(teleop, drag)
+            stamped = replace(teleop, commands=(), stamp_s=time.monotonic())
+            self._channels.inputs.write((stamped, drag))
+            return stamped.stamp_s
 
     def poll(self) -> list[SessionEvent]:
         """Update `status` and `frame`, and notice where the session has ended; return what must be shown once."""
@@ -137,15 +162,13 @@ class SessionClient:
             self._send_now("end")
             self._closing = True
             events: list[SessionEvent] = []
-            # Its events are read while it ends: a full pipe would block it.
-            for _ in range(int(END_S / 0.05)):
+            end_s = time.monotonic() + END_S
+            while process.is_alive():
+                # Its events are read while it ends: a full pipe would block it.
                 events += self._update(connection)
                 process.join(0.05)
-                if not process.is_alive():
-                    break
-            else:
-                process.kill()
-                process.join()
+                if time.monotonic() > end_s:
+                    process.kill()
             events += self._update(connection)
             self._release(process, connection)
             return events
@@ -155,41 +178,36 @@ class SessionClient:
         if self.problem:
             raise (UsageError if self._wrong_call else LayflatError)(self.problem)
 
-    def _send(self, viewer: str, request: str, **values: Any) -> bool:
+    def _send(self, viewer: str, *request: Any) -> bool:
         with self._lock:
             if not self.control.take(viewer):
                 return False
-            self._send_now(request, **values)
+            self._send_now(*request)
             return True
 
-    def _send_now(self, request: str, **values: Any) -> None:
-        if self._connection is not None:
-            try:
-                send(self._connection, {"request": request, **values})
-            except OSError:
-                return  # It has ended; `poll` will report it.
+    def _send_now(self, *request: Any) -> None:
+        with contextlib.suppress(OSError):  # It has ended; `poll` will report it.
+            if self._connection is not None:
+                self._connection.send(request)
 
     def _update(self, connection: Connection) -> list[SessionEvent]:
         """Read the channels, and return the events that have come."""
         events: list[SessionEvent] = []
-        try:
+        with contextlib.suppress(EOFError, OSError):
             while connection.poll():
-                message = receive(connection)
-                kind = message.pop("event")
-                if kind == "shown":
-                    events.append(SessionEvent(**message))
-                elif kind == "failed":
-                    self.problem, self._wrong_call = message["problem"], message["status"] == USAGE_ERROR
-                self._closing = self._closing or kind in ("failed", "ended")
-        except (EOFError, OSError):
-            pass
+                event = connection.recv()
+                if isinstance(event, SessionEvent):
+                    events.append(event)
+                    continue
+                self._closing = True
+                if isinstance(event, Failure):
+                    self.problem, self._wrong_call = event.problem, event.exit_status == USAGE_ERROR
         if self._channels is not None:
-            frame = self._channels.frames.read(self._read[0])
+            frame, status = self._channels.frames.read(self._read[0]), self._channels.status.read(self._read[1])
             if frame is not None:
                 self._read[0], self.frame = frame
-            status = self._channels.status.read(self._read[1])
             if status is not None:
-                self._read[1], self.status = status[0], SessionStatus.from_json(status[1])
+                self._read[1], self.status = status
         return events
 
     def _release(self, process: BaseProcess, connection: Connection) -> None:

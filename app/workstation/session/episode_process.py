@@ -17,7 +17,8 @@ import numpy as np
 
 from layflat.app.workers.process import configure_child, describe_exit_status
 from layflat.app.workstation.session.episode import EpisodeLost, EpisodeStatus
-from layflat.app.workstation.session.frame_channel import FrameChannel
+from layflat.app.workstation.session.frame_channel import SimulationFrame, frame_of
+from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.verdict import judge
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
@@ -49,7 +50,7 @@ class EpisodeConfig:
     seed: int
     journal: JournalHandle | None
     """Journal, where the episode is recorded."""
-    frames: FrameChannel | None = None
+    frames: LatestValue[SimulationFrame] | None = None
 
 
 class EpisodeProcess:
@@ -267,7 +268,7 @@ class EpisodeWorker:
         """Publish the newest frame."""
         if self._config.frames is not None:
             stamp_s = self._teleop.stamp_s if self._run.steps else 0.0
-            self._config.frames.publish(self._sim, self._run, input_s=stamp_s, work_s=self._work_s)
+            self._config.frames.write(frame_of(self._sim, self._run, input_s=stamp_s, work_s=self._work_s))
 
     def save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
         """Save the episode, durable on return; None where it has no steps."""

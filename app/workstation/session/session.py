@@ -244,7 +244,7 @@ class Session:
             self._take.state = state
 
     def _paced(self, speed: float) -> RateLimiter:
-        return RateLimiter(self._request.sim_config.step_s, speed, clock=self._clock, sleep=lambda _: None)
+        return RateLimiter(self._request.sim_config.step_s, speed, clock=self._clock)
 
     def _prepare(self, seed: int, *, starts: bool = True) -> None:
         """Start the next episode; its cloth is hung while the person decides."""
@@ -320,7 +320,7 @@ class Session:
 
     def status(self) -> SessionStatus:
         """Return the state, as it is shown."""
-        take, step_s, timing = self._take, self._request.sim_config.step_s, self._limiter.timing()
+        take = self._take
         shown = replace(
             self._request.first_status(),
             state=self.state,
@@ -330,8 +330,8 @@ class Session:
             n_episodes=self._ledger.n_episodes,
             pace_s=self._ledger.pace_s,
             verdict=self._verdict if self.state in ("waiting", "countdown", "over") else None,
-            timing=timing.describe(),
-            real_time_factor=timing.real_time_factor(step_s),
+            timing=self._limiter.describe(),
+            real_time_factor=self._limiter.real_time_factor,
         )
         if take is not None:
             shown = take.show_in(shown, dragging=self._drag is not None)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.data.types import Outcome, Phase, StoppedBy
@@ -157,23 +157,3 @@ class SessionStatus:
     def unsaved(self) -> bool:
         """Whether leaving now would end a take that has steps."""
         return self.recording and self.steps > 0 and self.state in ("still", "running", "paused", "stopped", "asking")
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> SessionStatus:
-        """Return the status of JSON values."""
-        known = {item.name for item in fields(cls)}
-        found = {name: value for name, value in values.items() if name in known}
-        verdict = found.get("verdict")
-        return cls(
-            **found
-            | {
-                "message": Message(**found.get("message", {})),
-                "verdict": None if verdict is None else Verdict(**verdict),
-                "disturbances": tuple(found.get("disturbances", ())),
-                "discarded": None if found.get("discarded") is None else tuple(found["discarded"]),
-            }
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from layflat.app.workstation.session.episode import EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.session.request import COUNTDOWN_S, SessionRequest
 from layflat.app.workstation.session.session import Session
 from layflat.app.workstation.session.status import SessionEvent, SessionStatus, Verdict
@@ -310,3 +312,15 @@ class FakeTeleoperator:
         return (Button("stick", "moves"),)
 
     def close(self) -> None: ...
+
+
+WIDE = 20_000
+"""Numbers of a value that takes longer to copy than a process may run at a time."""
+
+
+def write_for(value: LatestValue, seconds: float) -> None:
+    """Write values one after another, each of one number; for a process of its own."""
+    number, end = 0, time.monotonic() + seconds
+    while time.monotonic() < end:
+        number += 1
+        value.write(np.full(WIDE, number))

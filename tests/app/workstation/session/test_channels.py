@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 from layflat.app.workstation.playback import Playback
-from layflat.app.workstation.session.frame_channel import FrameChannel
-from layflat.app.workstation.session.input_channel import InputChannel
+from layflat.app.workstation.session.frame_channel import FRAME_BYTES
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data.types import DragTarget
-from layflat.tests.app.workstation.fake_activity import WIDE, write_for
+from layflat.tests.app.workstation.fakes import WIDE, write_for
 from layflat.tests.factories import ROBOT_SPECS
 
 CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def test_no_value_is_half_of_one_and_half_of_another():
-    value = LatestValue(CONTEXT, WIDE)
+    value = LatestValue(CONTEXT, 10 * WIDE)
     writer = CONTEXT.Process(target=write_for, args=(value, 1.5))
     writer.start()
     n_read, newest = 0, 0
@@ -32,7 +31,7 @@ def test_no_value_is_half_of_one_and_half_of_another():
             continue
         number, one = found
         assert number > newest
-        assert (one["filling"] == one["number"]).all()
+        assert (one == number).all()
         newest, n_read = number, n_read + 1
     writer.join()
     assert writer.exitcode == 0
@@ -40,13 +39,15 @@ def test_no_value_is_half_of_one_and_half_of_another():
 
 
 def test_only_a_newer_value_is_read():
-    value = LatestValue(CONTEXT, np.dtype([("a", "f8")]))
+    value = LatestValue(CONTEXT, 1000)
     assert value.read() is None
-    value.write(a=1.0)
-    value.write(a=2.0)
-    number, one = value.read()
-    assert (number, float(one["a"])) == (2, 2.0)
-    assert value.read(number) is None
+    for one in ("one", "a longer one", "two"):
+        value.write(one)
+    assert value.read() == (3, "two")
+    assert value.read(3) is None
+    with pytest.raises(ValueError, match="at most 1000"):
+        value.write("x" * 1001)
+    assert value.read() == (3, "two")
 
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS, ids=str)
@@ -57,24 +58,19 @@ def test_an_input_is_read_as_written(robot, guided):
         motion=rng.uniform(-1, 1, robot.size), speed=0.25, connected=False, device="Pad é", problem="disconnected",
         hand=rng.normal(size=robot.hand_shape) if guided else None,
     )  # fmt: skip
-    channel = InputChannel(CONTEXT)
-    assert channel.read() is None
-    before = time.monotonic()
-    stamp = channel.write(teleop, DragTarget(node=7, target_m=[0.1, 0.2, 0.3]))
-    sample = channel.read()
-    assert before <= stamp == sample.stamp_s == sample.teleop.stamp_s <= time.monotonic()
-    for name in ("motion", "speed", "connected", "device", "problem", "hand"):
-        np.testing.assert_array_equal(getattr(sample.teleop, name), getattr(teleop, name))
-    assert sample.drag.node == 7
-    np.testing.assert_array_equal(sample.drag.target_m, [0.1, 0.2, 0.3])
-    channel.write(teleop)
-    assert channel.read().drag is None
+    channel = LatestValue(CONTEXT, 16_000)
+    channel.write((teleop, DragTarget(node=7, target_m=[0.1, 0.2, 0.3])))
+    _, (found, drag) = channel.read()
+    for item in fields(teleop):
+        np.testing.assert_array_equal(getattr(found, item.name), getattr(teleop, item.name))
+    assert drag.node == 7
+    np.testing.assert_array_equal(drag.target_m, [0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS, ids=str)
 def test_a_frame_is_read_as_written(robot, lying, make_episode):
     frame = Playback("s.h5 demo_0", lying(make_episode(robot=robot.name, disturbed=False))).frame(3)
-    channel = FrameChannel(CONTEXT)
+    channel = LatestValue(CONTEXT, FRAME_BYTES)
     channel.write(frame)
     _, found = channel.read()
     for item in fields(frame):

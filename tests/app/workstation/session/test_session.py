@@ -15,7 +15,7 @@ from layflat.app.workstation.session.episode import EpisodeLost
 from layflat.app.workstation.session.request import COUNTDOWN_S
 from layflat.app.workstation.session.session import NOTE_S
 from layflat.app.workstation.session.session_queries import n_episodes, recorded_seeds
-from layflat.app.workstation.session.status import YOU, Message, SessionStatus
+from layflat.app.workstation.session.status import YOU, Message
 from layflat.app.workstation.session.take import MAX_STEPS, SETTLE_STEPS
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.data.environment_spec import StepLimits
@@ -585,14 +585,6 @@ def test_what_has_happened_is_said_for_a_moment(record):
 def test_a_note_of_the_request_is_the_first_message(record):
     note = Message(text="no gamepad is plugged in; the keyboard is used instead", level="warning")
     assert record(note=note).status.message == note
-
-
-@pytest.mark.parametrize("policy", [False, True])
-def test_a_status_survives_its_json(record, policy):
-    one = record(policy=policy)
-    one.begin(n_steps=2)
-    one.give(Command.DISCARD)
-    assert SessionStatus.from_json(one.status.to_json()) == one.status
 
 
 ACTS = [*Command, "move", "rest", "wait", "pull", "disconnect", "yes", "no", "push", "hold", "stop", "die"]
