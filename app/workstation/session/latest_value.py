@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import pickle
 from multiprocessing.context import BaseContext
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -31,7 +31,7 @@ class LatestValue(Generic[T]):
 
     def write(self, value: T) -> None:
         """Replace the value."""
-        content = pickle.dumps(value)
+        content = ForkingPickler.dumps(value)
         if len(content) > self._max_bytes:
             raise ValueError(f"a value has {len(content)} bytes; at most {self._max_bytes} fit")
         header, slots = self._views()
@@ -56,5 +56,5 @@ class LatestValue(Generic[T]):
             at = number % 2 * self._max_bytes
             content = bytes(slots[at : at + int(header["sizes"][0, number % 2])])
             if int(header["begun"][0]) <= number + 1:
-                return number, pickle.loads(content)
+                return number, ForkingPickler.loads(content)
         return None

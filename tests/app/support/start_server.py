@@ -1,4 +1,4 @@
-"""Starts the server of activities or of work items, and prints the folder of a process that is forked from it."""
+"""Starts the server of sessions or of work items, and prints the folder of a process that is forked from it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from layflat.app.support.child_python import fork_server_context
 from layflat.app.support.errors import LayflatError
 from layflat.app.workers.fork_server import ForkServer
 from layflat.app.workers.work_item import WorkItem
-from layflat.app.workstation.session.activity_client import PRELOAD
+from layflat.app.workstation.session.client import PRELOAD
 from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.config import SimConfig
 
@@ -25,7 +25,7 @@ def refuse(item: WorkItem, on_start: Any) -> Any:
 
 
 def main(server: str) -> None:
-    if server == "activity":
+    if server == "session":
         process = fork_server_context(PRELOAD).Process(target=print_folder)
         process.start()
         process.join()

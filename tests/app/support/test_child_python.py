@@ -106,7 +106,7 @@ def test_recording_by_hand_imports_nothing_of_the_users(hostile):
     assert not hostile.imported()
 
 
-@pytest.mark.parametrize("server", ["activity", "fork_server"])
+@pytest.mark.parametrize("server", ["session", "fork_server"])
 def test_servers_import_nothing_of_the_users_and_stay_in_the_folder(hostile, server):
     done = hostile.run(server, text=SERVER)
     assert (done.returncode, done.stdout) == (0, f"{hostile.here}\n"), done.stderr
@@ -138,7 +138,7 @@ def test_a_folder_for_temporary_files_with_a_path_of_any_length(hostile, tmp_pat
         long /= "x" * min(length - len(str(long)) - 1, 200)
     long.mkdir(parents=True)
     hostile.env["TMPDIR"] = str(long)
-    done = hostile.run("activity", text=SERVER)
+    done = hostile.run("session", text=SERVER)
     assert (done.returncode, done.stdout) == (0, f"{hostile.here}\n"), done.stderr
 
 
