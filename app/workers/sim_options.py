@@ -29,8 +29,17 @@ def sim_config(**settings: Any) -> SimConfig:
     """Return the simulation with these settings; UsageError where a name is unknown or they do not go together."""
     for kind, value in settings.items():
         if kind in REGISTRIES and value is not None:
-            one_of(kind, value, REGISTRIES[kind])
+            _check_name(kind, value)
     try:
         return SimConfig(**settings)
     except SimError as error:
         raise UsageError(str(error)) from None
+
+
+def _check_name(kind: str, name: str) -> None:
+    """Raise UsageError for an unknown name; one that belongs to another setting is said to."""
+    try:
+        one_of(kind, name, REGISTRIES[kind])
+    except UsageError as error:
+        other = next((other for other, names in REGISTRIES.items() if name in names), None)
+        raise UsageError(f"{error}; {name} is a {other}: --{other} {name}" if other else str(error)) from None

@@ -143,7 +143,7 @@ class _Repair:
         if not superblock.is_marked(head):
             return False
         with suppress(FileMarkedError):
-            check_state(real)
+            check_state(self.source)
         shutil.copyfile(real, aside)
         with aside.open("r+b") as file:
             file.write(superblock.without_mark(head))

@@ -105,12 +105,14 @@ def test_a_marked_file_and_episodes_that_are_not_yet_in_it(path, tmp_path):
 
 
 @pytest.mark.parametrize("environment", [{}, {"HDF5_USE_FILE_LOCKING": "FALSE"}])
-def test_a_file_that_is_open_elsewhere(path, environment):
+def test_a_file_that_is_open_elsewhere(path, environment, monkeypatch):
+    monkeypatch.chdir(path.parent)
+    path = Path(path.name)
     before = path.read_bytes()
     with held_open(path, **environment) as pid:
         held = path.read_bytes()
         for use in (open_session, validate, repair):
-            with pytest.raises(FileBusyError, match=rf"open for writing in another program \(.*, process {pid}\)"):
+            with pytest.raises(FileBusyError, match=rf"^{path} is open for writing in another program \(.*, process {pid}\)"):
                 use(path)
         assert path.read_bytes() == held
     assert path.read_bytes() == before
