@@ -112,7 +112,9 @@ def test_a_file_that_is_open_elsewhere(path, environment, monkeypatch):
     with held_open(path, **environment) as pid:
         held = path.read_bytes()
         for use in (open_session, validate, repair):
-            with pytest.raises(FileBusyError, match=rf"^{path} is open for writing in another program \(.*, process {pid}\)"):
+            with pytest.raises(
+                FileBusyError, match=rf"^{path} is open for writing in another program \(.*, process {pid}\)"
+            ):
                 use(path)
         assert path.read_bytes() == held
     assert path.read_bytes() == before

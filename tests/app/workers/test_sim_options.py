@@ -11,7 +11,10 @@ from layflat.app.workers.sim_options import sim_config
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"task": "hanger"}, "task 'hanger' is unknown; known ones are place, smooth; hanger is a robot: --robot hanger"),
+        (
+            {"task": "hanger"},
+            "task 'hanger' is unknown; known ones are place, smooth; hanger is a robot: --robot hanger",
+        ),
         ({"robot": "crumpled"}, r"robot 'crumpled' is unknown; .*; crumpled is a start: --start crumpled"),
         ({"robot": "arm"}, r"robot 'arm' is unknown; known ones are [^;]*"),
     ],
