@@ -21,7 +21,7 @@ from rich.table import Column
 PLAIN_INTERVAL_S, PLAIN_SHARE = 5.0, 0.01
 REDRAW_S, WAIT_S = 0.1, 0.3
 """Shortest time between two pictures of the bar, and longest one while a future is waited for."""
-EXPECTED_SHARE = 0.03
+EXPECTED_SHARE = 0.02
 """Share of the expected time that the expectation counts for beside the measured speed."""
 SKIPPED_SHARE = 0.02
 """A phase that took less than this share of its expected time had nothing to do, and says nothing about the speed."""
