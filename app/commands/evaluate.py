@@ -31,8 +31,8 @@ from layflat.sim.tasks import DEFAULT_TASK
 
 EPISODE_S = 12.0
 CASE_S = 6.0
-REPORT_S = 15.0
-"""Core-seconds of a placement, of what follows in each case, and of the page, for the first estimate of the time."""
+REPORT_S, FILMS_S = 4.0, 12.0
+"""Core-seconds of a placement, of what follows in each case, of the page and of its films, for the first estimate of the time."""
 ENGINES = ("local", "ray")
 WIDTH = 200
 """Columns of a table in a file: a cut word is of no use there."""
@@ -81,7 +81,8 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         say(taught_text(taught["policy"], taught["seeds"]))
     engine = engine_of(config.engine, workers, config.address)
     seconds = len(plan.seeds) * len(plan.cloths) * len(plan.entries) * (EPISODE_S + CASE_S * len(plan.cases))
-    with folder_lock(config.out), Progress({"episodes": seconds / workers, "report": REPORT_S}) as progress:
+    report_s = REPORT_S if config.videos is False else REPORT_S + FILMS_S
+    with folder_lock(config.out), Progress({"episodes": seconds / workers, "report": report_s}) as progress:
         progress.phase("episodes", items=plan.n_episodes)
         results = run_evaluation(plan, config.out, engine=engine, force=force, progress=progress, locked=True)
         progress.phase("report")
