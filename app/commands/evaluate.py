@@ -32,7 +32,7 @@ from layflat.sim.tasks import DEFAULT_TASK
 EPISODE_S = 12.0
 CASE_S = 6.0
 REPORT_S, FILMS_S = 4.0, 12.0
-"""Core-seconds of a placement, of what follows in each case, of the page and of its films, for the first estimate of the time."""
+"""Core-seconds of a placement, of what follows in each case, of the page, and of its films, for the first estimate."""
 ENGINES = ("local", "ray")
 WIDTH = 200
 """Columns of a table in a file: a cut word is of no use there."""
