@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from itertools import pairwise
 
 import pytest
 
@@ -20,7 +21,7 @@ OUTSIDE = """() => {
   const width = document.documentElement.clientWidth, found = [];
   for (const e of document.querySelectorAll('body *')) {
     const box = e.getBoundingClientRect();
-    if (box.width && !e.closest('svg') && (box.right > width + 1 || box.left < -1)) found.push(e.outerHTML.slice(0, 80));
+    if (box.width && !e.closest('svg') && (box.right > width + 1 || box.left < -1)) found.push(e.outerHTML);
     const card = e.closest('.card');
     if (['VIDEO', 'IMG', 'TABLE'].includes(e.tagName) && card && box.right > card.getBoundingClientRect().right)
       found.push('out of its card: ' + e.outerHTML.slice(0, 80));
@@ -76,7 +77,7 @@ def test_text_and_axes_have_enough_contrast(browser, page, scheme, width):
 def test_links_of_the_head_are_apart_and_wrap(browser, page):
     view = shown(browser, page, viewport={"width": 390, "height": 800})
     boxes = view.evaluate("[...document.querySelectorAll('nav a')].map(e => e.getBoundingClientRect().toJSON())")
-    for a, b in zip(boxes, boxes[1:], strict=False):
+    for a, b in pairwise(boxes):
         assert b["left"] - a["right"] >= 12 or b["top"] >= a["bottom"]
     assert len({box["top"] for box in boxes}) > 1
 
