@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from layflat.app.support import validators
@@ -12,9 +13,9 @@ from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
-from layflat.app.workstation.session.status import SessionEvent
+from layflat.app.workstation.session.status import Message, SessionEvent
 from layflat.app.workstation.stop_signals import stop_on_signals
-from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator
+from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator, usable_source
 from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording
 from layflat.app.workstation.window.launch import NoWindowError, has_display, run_window
 from layflat.policy import model_io
@@ -73,7 +74,10 @@ def record_in_terminal(config: RecordConfig, model: TrainedModel | None) -> None
     with ExitStack() as stack:
         stopped = stack.enter_context(stop_on_signals())
         robot = request.sim_config.robot_spec
-        teleoperator = make_terminal_teleoperator(config.source, robot, mapping=config.mapping)
+        if sys.stdin and sys.stdin.isatty():  # Without a terminal there are no keys to fall back to.
+            source, note = usable_source(config.source, robot, mapping=config.mapping)
+            request = replace(request, source=source, note=Message(text=note, level="warning"))
+        teleoperator = make_terminal_teleoperator(request.source, robot, mapping=config.mapping)
         stack.callback(teleoperator.close)
         display = TerminalDisplay(sys.stderr, teleoperator.help())
         stack.callback(client.end)

@@ -114,10 +114,6 @@ class SessionClient:
         """Send a command."""
         return self._send(viewer, "command", command)
 
-    def undo(self, viewer: str = "") -> bool:
-        """Bring the discarded take back."""
-        return self.send_command(Command.UNDO, viewer)
-
     def disturb(self, name: str, viewer: str = "") -> bool:
         """Start a named disturbance."""
         return self._send(viewer, "disturb", name)

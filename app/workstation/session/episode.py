@@ -1,10 +1,10 @@
-"""EpisodeHandle: the protocol between a session and the episode that it runs, wherever that is."""
+"""EpisodeHandle: what a session asks of the episode that it runs, wherever that is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.status import Verdict
@@ -37,47 +37,61 @@ class EpisodeStatus:
     """Most steps of the policy in each phase."""
 
 
-class EpisodeHandle(Protocol):
+class EpisodeHandle:
     """One episode, which runs elsewhere: no call waits for it, and what is asked for is done in this order."""
 
     seed: int
-    status: EpisodeStatus | None
+    status: EpisodeStatus | None = None
     """Newest state; None while the cloth is being hung."""
-    ended: bool
+    ended: bool = False
     """Whether `save` is done."""
-    saved: SavedEpisode | None
+    saved: SavedEpisode | None = None
     """What `save` has saved; None where the episode had no steps."""
 
     @property
     def busy(self) -> bool:
         """Whether something that was asked for is not done yet."""
+        raise NotImplementedError
+
+    def ask(self, name: str, *details: Any) -> None:
+        """Ask for something by its name."""
+        raise NotImplementedError
 
     def poll(self) -> bool:
         """Take what has come; return whether a step is done. EpisodeLost where the simulation has died."""
-
-    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> None:
-        """Begin a step."""
-
-    def disturb(self, name: str, repeat: int) -> None:
-        """Start a named disturbance with the next step; ``repeat`` is the number of those before it."""
-
-    def release_control(self) -> None:
-        """Return control to the policy with the next step."""
-
-    def proceed(self) -> None:
-        """Have the policy continue after a disturbance."""
-
-    def show(self) -> None:
-        """Publish the newest frame again."""
-
-    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> None:
-        """End the episode and save it."""
+        raise NotImplementedError
 
     def recover(self) -> SavedEpisode | None:
         """Save the steps of an episode that was lost, as far as they are known; None where there are none."""
+        raise NotImplementedError
 
     def discard(self) -> None:
         """End the episode and delete its steps; may be called twice."""
+        raise NotImplementedError
+
+    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> None:
+        """Begin a step."""
+        self.ask("step", phase, teleop, drag)
+
+    def disturb(self, name: str, repeat: int) -> None:
+        """Start a named disturbance with the next step; ``repeat`` is the number of those before it."""
+        self.ask("disturb", name, repeat)
+
+    def release_control(self) -> None:
+        """Return control to the policy with the next step, unless the person still moves."""
+        self.ask("release_control")
+
+    def proceed(self) -> None:
+        """Have the policy continue after a disturbance."""
+        self.ask("proceed")
+
+    def show(self) -> None:
+        """Publish the newest frame again."""
+        self.ask("show")
+
+    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> None:
+        """End the episode and save it."""
+        self.ask("save", outcome, stopped_by)
 
 
 class EpisodeLost(LayflatError):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from layflat.app.workers.process import configure_child, describe_exit_status
-from layflat.app.workstation.session.episode import EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeLost, EpisodeStatus
 from layflat.app.workstation.session.frame_channel import SimulationFrame, frame_of
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.session.request import SessionRequest
@@ -53,12 +53,12 @@ class EpisodeConfig:
     frames: LatestValue[SimulationFrame] | None = None
 
 
-class EpisodeProcess:
-    """The session's end of an episode, an `EpisodeHandle`."""
+class EpisodeProcess(EpisodeHandle):
+    """The session's end of an episode."""
 
     def __init__(self, config: EpisodeConfig, recorder: SessionRecorder | None, context: BaseContext) -> None:
         """Return at once; the cloth is hung meanwhile."""
-        self.seed, self.status, self.saved, self.ended = config.seed, None, None, False
+        self.seed = config.seed
         self._journal, self._recorder = config.journal, recorder
         self._asked: list[str] = ["hang"]
         """What is not done yet."""
@@ -69,10 +69,6 @@ class EpisodeProcess:
         )
         self._process.start()
         theirs.close()
-
-    connection: Connection
-    status: EpisodeStatus | None
-    saved: SavedEpisode | None
 
     @property
     def pid(self) -> int:
@@ -105,30 +101,6 @@ class EpisodeProcess:
             raise EpisodeLost(f"the simulation of seed {self.seed} has not answered for {ANSWER_S:.0f} s")
         return stepped
 
-    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> None:
-        """Begin a step."""
-        self._ask("step", phase, teleop, drag)
-
-    def disturb(self, name: str, repeat: int) -> None:
-        """Start a named disturbance with the next step."""
-        self._ask("disturb", name, repeat)
-
-    def release_control(self) -> None:
-        """Return control to the policy with the next step."""
-        self._ask("release_control")
-
-    def proceed(self) -> None:
-        """Have the policy continue after a disturbance."""
-        self._ask("proceed")
-
-    def show(self) -> None:
-        """Publish the newest frame again."""
-        self._ask("show")
-
-    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> None:
-        """End the episode and save it."""
-        self._ask("save", outcome, stopped_by)
-
     def recover(self) -> SavedEpisode | None:
         """Save the steps that the journal has."""
         self.kill()
@@ -150,12 +122,13 @@ class EpisodeProcess:
             self._process.join()
             self.connection.close()
 
-    def _ask(self, *request: Any) -> None:
+    def ask(self, name: str, *details: Any) -> None:
+        """Ask for something by its name."""
         if not self._asked:
             self._answered_s = time.monotonic()
-        self._asked.append(request[0])
+        self._asked.append(name)
         with contextlib.suppress(OSError):  # `poll` reports a process that has ended.
-            self.connection.send(request)
+            self.connection.send((name, *details))
 
     def _finish(self, saved: SavedEpisode | None) -> None:
         self.kill()

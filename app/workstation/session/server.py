@@ -29,7 +29,7 @@ from layflat.data.types import DragTarget
 
 STATUS_S = 0.03
 """Time between two looks at the status: a frame of a viewer."""
-STALE_S = 1.0
+STALE_S = 2.0
 """Age of an input from which on it moves nothing: its viewer hangs, or is stopped."""
 SAVE_S = 18.0
 """Time for a process to make everything durable when it ends."""

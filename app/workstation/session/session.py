@@ -7,27 +7,17 @@ It knows no device, no window and no simulator: inputs come by `handle_input` an
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 from layflat.app.support.session_lines import copy_note
-from layflat.app.workstation.session.effects import OUTCOMES, describe, effects, nothing_to, summary
+from layflat.app.workstation.session.effects import OUTCOMES, Notes, effects, nothing_to, summary
 from layflat.app.workstation.session.episode import EpisodeLost, HandleFactory
 from layflat.app.workstation.session.ledger import Ledger
 from layflat.app.workstation.session.rate_limiter import RateLimiter
 from layflat.app.workstation.session.request import SessionRequest
-from layflat.app.workstation.session.status import (
-    LEVELS,
-    Level,
-    Message,
-    SessionEvent,
-    SessionStatus,
-    State,
-    Verdict,
-)
+from layflat.app.workstation.session.status import LEVELS, Level, Message, SessionEvent, SessionStatus, State, Verdict
 from layflat.app.workstation.session.take import Take
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.data.session.saved_episode import SavedEpisode
@@ -35,17 +25,8 @@ from layflat.data.types import DragTarget, Outcome, StoppedBy
 
 IDLE_S = 0.005
 """Time between two looks at the input while time stands."""
-NOTE_S = 3.0
-"""Time for which it is said what has just happened, unless that stays true."""
 ENDED_BY_PERSON: StoppedBy = "converged"
 """Reason of an episode that the person ended by their label."""
-
-
-class _Note(NamedTuple):
-    message: Message
-    until_s: float
-    state: State
-    seed: int
 
 
 class Session:
@@ -65,14 +46,8 @@ class Session:
     ) -> None:
         """Start with the cloth of the first seed being hung.
 
-        Parameters
-        ----------
-        seed, used_seeds
-            Seeds go up from ``seed``, without ``used_seeds``.
-        n_episodes, recovered
-            Number of episodes in the file, and those of them that an interrupted session had left running.
-        emit
-            Called with what must be shown once, such as a kept take once it is durable.
+        Seeds go up from ``seed``, without ``used_seeds``. The file has ``n_episodes``, of which an interrupted session
+        had left ``recovered`` running. ``emit`` is called with what must be shown once.
         """
         self._request, self._make_episode, self._clock = request, make_episode, clock
         self._used_seeds, self._seed, self._over = frozenset(used_seeds), seed, False
@@ -85,7 +60,7 @@ class Session:
         """State in which the device was disconnected."""
         self._verdict: Verdict | None = None
         """Judgement of the last take."""
-        self._note: _Note | None = None
+        self._notes = Notes(clock)
         self._countdown_end_s = 0.0
         self._take: Take | None = None
         self._limiter = self._paced(request.speed)
@@ -111,7 +86,7 @@ class Session:
             before, self._lost_in = self._lost_in, None
             if self.state == "paused" and before != "paused":
                 self._continue(before)
-            self._note = None
+            self._notes.clear()
             self._say(f"{teleop.device or 'the device'} is connected again; {self.status().message.text}")
 
     def handle_command(self, command: Command) -> None:
@@ -314,9 +289,7 @@ class Session:
     # What is shown
 
     def _say(self, text: str, level: Level = "info", *, stays: bool = False) -> None:
-        """Say what has happened, until the state changes; ``stays``: not only for a moment."""
-        until_s = math.inf if stays else self._clock() + NOTE_S
-        self._note = _Note(Message(text=text, level=level), until_s, self.state, self._seed) if text else None
+        self._notes.say(Message(text=text, level=level), self.state, self._seed, stays=stays)
 
     def status(self) -> SessionStatus:
         """Return the state, as it is shown."""
@@ -339,7 +312,4 @@ class Session:
             shown = replace(shown, countdown_s=left_s)
             if self._held is not None and not take.status.n_steps:
                 shown = replace(shown, discarded=(self._held.seed, self._held.status.n_steps))
-        note, message = self._note, describe(shown)
-        if note is not None and (note.state, note.seed) == (shown.state, shown.seed) and self._clock() < note.until_s:
-            message = note.message
-        return replace(shown, message=message, effects=effects(shown))
+        return replace(shown, message=self._notes.message(shown), effects=effects(shown))

@@ -143,17 +143,8 @@ class SessionStatus:
         return self.effects.get(command.name)
 
     @property
-    def n_kept(self) -> int:
-        """Number of takes that were kept as success or failure."""
-        return self.counts["success"] + self.counts["failure"]
-
-    @property
     def progress(self) -> str:
         """Target and pace: "12 of 20, 41 s each"."""
+        n_kept = self.counts["success"] + self.counts["failure"]
         of = "" if self.target is None else f" of {self.target}"
-        return f"{self.n_kept}{of}" + ("" if self.pace_s is None else f", {self.pace_s:.0f} s each")
-
-    @property
-    def unsaved(self) -> bool:
-        """Whether leaving now would end a take that has steps."""
-        return self.recording and self.steps > 0 and self.state in ("still", "running", "paused", "stopped", "asking")
+        return f"{n_kept}{of}" + ("" if self.pace_s is None else f", {self.pace_s:.0f} s each")

@@ -17,12 +17,7 @@ TURNED = -0.3
 def judge(contact: float, flat_area: float, success: bool, nodes: FloatArray | None) -> Verdict:
     """Judge a cloth; ``nodes`` are (rows, columns, 3) m, the free edge first and the left side last, or None."""
     kind = "flat" if success else "not flat" if nodes is None else describe_cloth(nodes)
-    return Verdict(
-        contact=contact,
-        flat_area=flat_area,
-        success=success,
-        words=f"{100 * contact:.0f} %, {kind}",
-    )
+    return Verdict(contact=contact, flat_area=flat_area, success=success, words=f"{100 * contact:.0f} %, {kind}")
 
 
 def describe_cloth(nodes: FloatArray) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from layflat.app.workstation.session.episode import EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeLost, EpisodeStatus
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.session.request import COUNTDOWN_S, SessionRequest
 from layflat.app.workstation.session.session import Session
@@ -49,7 +49,7 @@ def episode_of_zeros(n_steps: int, seed: int, stopped_by: StoppedBy, outcome: Ou
     )  # fmt: skip
 
 
-class FakeEpisode:
+class FakeEpisode(EpisodeHandle):
     """EpisodeHandle that counts steps, each done ``work_s`` after it began, and saves an episode of that length."""
 
     def __init__(self, seed: int, recorder: SessionRecorder | None, clock: Callable[[], float]) -> None:

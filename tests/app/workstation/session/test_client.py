@@ -83,7 +83,7 @@ def test_a_take_is_judged_discarded_brought_back_and_kept(person, tmp_path):
     assert client.status.question.endswith("in the air: keep as success?")
     person.give(Command.DISCARD)
     person.until(lambda: client.status.discarded and client.status.ready and not np.allclose(client.frame.nodes, shown))
-    assert client.undo()
+    person.give(Command.UNDO)
     person.until(lambda: client.status.state == "paused" and client.frame.step >= 10)
     person.give(Command.KEEP_FAILURE)
     person.until(lambda: not client.alive)
