@@ -161,6 +161,7 @@ class Viewer:
             self._beside.remove()
             self._beside = None
             look_from(self.client, "Reset")
+        self.client.flush()  # viser would wait for more to send: up to two frames of the screen.
 
     def update(self, *, whole: bool) -> None:
         """Show the newest frame, and, where ``whole``, the newest numbers."""

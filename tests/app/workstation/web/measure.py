@@ -1,9 +1,10 @@
 """The browser's numbers in docs/explanation/results/speed.md.
 
-``python -m layflat.tests.app.workstation.web.measure [SEEDS]`` places the towel with the scripted policy, shown to none,
-one and three viewers in turns, since what else the machine does changes from minute to minute. A viewer is a websocket
-client in a process of its own that reads all; with playwright there is a headless Chromium, too. Each frame is marked:
-with a text that the client finds in what arrives, and with a color that is read back from the page's pixels.
+``python -m layflat.tests.app.workstation.web.measure [SEEDS [HZ]]`` simulates placements, and shows their frames on the
+page Place to none, one and three viewers in turns, since what else the machine does changes from minute to minute. A
+viewer is a websocket client in a process of its own that reads all; with playwright there is a headless Chromium, too.
+Each frame is marked: with a text that the client finds in what arrives, and with a color that is read back from the
+page's pixels. PICTURE names a file for the browser's last picture.
 """
 
 from __future__ import annotations
@@ -14,26 +15,33 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from layflat.app.workstation.session.request import SessionRequest
+from layflat.app.workstation.session.frame_channel import FrameChannel, SimulationFrame
 from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.pages.registry import PAGES
 from layflat.app.workstation.web.server import AppConfig, serve
 from layflat.app.workstation.web.viewer import Viewer
 from layflat.app.workstation.web.workstation import Workstation
 from layflat.policy.spec import SCRIPTED, PolicySpec
+from layflat.policy.runner import EpisodeRunner
 from layflat.sim.config import SimConfig
+from layflat.sim.simulation import ClothSimulation
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+VIEWPORT: Any = {"width": 900, "height": 500}
+"""Small, since pictures are drawn without a GPU here."""
 MARKS = ((255, 0, 0), (0, 255, 0), (0, 0, 255))
-FIRST, LAST = 5, 65
-"""Steps that count: the towel hangs, is laid, and lies."""
+STEPS = 66
 KEEP_PIXELS = """HTMLCanvasElement.prototype.getContext = (make => function (kind, options) {
   return make.call(this, kind, kind.startsWith("webgl") ? {...options, preserveDrawingBuffer: true} : options);
 })(HTMLCanvasElement.prototype.getContext)"""
@@ -92,7 +100,9 @@ def watch(address: str) -> None:
 
     seen, total, began = [], 0, time.monotonic()
     with connect(
-        address.replace("http", "ws"), subprotocols=[f"viser-v{viser.__version__}"], max_size=None  # type: ignore[list-item]
+        address.replace("http", "ws"),
+        subprotocols=[f"viser-v{viser.__version__}"],
+        max_size=None,  # type: ignore[list-item]
     ) as socket:
         pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (1.0, 1.0, 1.0), "look_at": (0.0, 0.0, 0.0)}
         size = {"image_height": 600, "image_width": 900, "fov": 0.7, "near": 0.01, "far": 100.0}
@@ -119,108 +129,116 @@ def watch_in_chromium(address: str) -> None:
 
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
-        page = browser.new_page(viewport={"width": 1000, "height": 640})
+        page = browser.new_page(viewport=VIEWPORT)
         page.add_init_script(KEEP_PIXELS)
         page.goto(address)
         page.wait_for_selector("canvas")
         page.evaluate(READ_MARKS)
         sys.stdin.read()
+        if "PICTURE" in os.environ:
+            page.screenshot(path=os.environ["PICTURE"])
         print(json.dumps({"marks": page.evaluate("window.marks")}))
         browser.close()
 
 
-def place(seed: int, kinds: list[str], *, speed: float = 1.0) -> dict[str, Any]:
-    """Measure one placement with these viewers: "watch" or "watch_in_chromium"."""
+def simulate(seed: int) -> tuple[list[SimulationFrame], list[float]]:
+    """Return the frames of a scripted placement with the camera on, and the CPU s of each step."""
+    sim = ClothSimulation(SimConfig(robot="hanger"))
+    channel, costs, frames = FrameChannel(get_context()), [], []
+    try:
+        sim.reset(seed)
+        run = EpisodeRunner(sim, PolicySpec(builtin=SCRIPTED).make(sim), seed=seed, keep_images=False)
+        for _ in range(STEPS):
+            began = time.process_time()
+            run.step("place")
+            costs.append(time.process_time() - began)
+            channel.publish(sim, run)
+            found = channel.read()
+            assert found is not None
+            frames.append(found[1])
+    finally:
+        sim.close()
+    return frames, costs
+
+
+def show(frames: list[SimulationFrame], kinds: list[str], hz: float) -> dict[str, Any]:
+    """Show frames at a rate to these viewers, "watch" or "watch_in_chromium", on the page Place."""
     folder = Path(tempfile.mkdtemp())
-    workstation = Workstation(Folder(folder), lambda shared, client: MarkedViewer(shared, client, PAGES))
+    workstation = Workstation(Folder(folder), folder, lambda shared, client: MarkedViewer(shared, client, PAGES))
     with serve(workstation, AppConfig(folder=folder, port=0, open_browser=False)) as address:
         command = [sys.executable, "-m", "layflat.tests.app.workstation.web.measure"]
         watchers = [
             subprocess.Popen([*command, kind, address], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
             for kind in kinds
         ]
-        limit = time.monotonic() + 60.0
-        while len(workstation.viewers) < len(kinds) and time.monotonic() < limit:
-            workstation.round()
-        until = time.monotonic() + (8.0 if "watch_in_chromium" in kinds else 1.0)
-        while time.monotonic() < until:
-            workstation.round()
-        config = SimConfig(robot="hanger")
-        workstation.start(SessionRequest(sim_config=config, policy=PolicySpec(builtin=SCRIPTED), seed=seed, speed=speed))
+        rounds(workstation, 60.0, lambda: len(workstation.viewers) == len(kinds))
         for viewer in workstation.viewers.values():
             viewer.open("Place")
-        frames, cpu = _run(workstation)
-        # The browser says what it saw while the server still runs.
+        rounds(workstation, 10.0 if "watch_in_chromium" in kinds else 2.0)
+        cpu, began, published = time.process_time(), time.monotonic(), []
+        for k, frame in enumerate(frames):
+            published.append(time.monotonic())
+            # As if it had just come from the episode's process.
+            workstation.session.frame = replace(frame, published_s=published[-1])
+            rounds(workstation, began + (k + 1) / hz - time.monotonic())
+        cpu = (time.process_time() - cpu) / len(frames)
         said = []
-        for watcher in [one for one, kind in zip(watchers, kinds, strict=True) if kind == "watch_in_chromium"]:
+        for watcher, kind in zip(watchers, kinds, strict=True):
             assert watcher.stdin is not None
-            watcher.stdin.close()
-            while watcher.poll() is None:
-                workstation.round()
-            assert watcher.stdout is not None
-            said.append(json.loads(watcher.stdout.read()))
+            if kind == "watch_in_chromium":  # It tells what it saw while the server still runs.
+                watcher.stdin.close()
+                rounds(workstation, 60.0, lambda watcher=watcher: watcher.poll() is not None)  # type: ignore[misc]
     for watcher in watchers:
-        if watcher.poll() is None:
-            assert watcher.stdout is not None
-            said.append(json.loads(watcher.stdout.read()))
-            watcher.wait()
-    return {"frames": frames, "cpu": cpu, "said": said}
+        assert watcher.stdout is not None
+        said.append(json.loads(watcher.stdout.read()))
+        watcher.wait()
+    return {"published": dict(zip([frame.step for frame in frames], published, strict=True)), "cpu": cpu, "said": said}
 
 
-def _run(workstation: Workstation) -> tuple[list[Any], float]:
-    """Do rounds until LAST; return step, published time and work of each frame, and the server's CPU s for a step."""
-    frames: list[Any] = []
-    cpu = 0.0
-    limit = time.monotonic() + 90.0
-    while (not frames or frames[-1][0] < LAST) and time.monotonic() < limit:
+def rounds(workstation: Workstation, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+    limit = time.monotonic() + seconds
+    while time.monotonic() < limit and not until():
         workstation.round()
-        frame = workstation.session.frame
-        if frame is not None and frame.step >= FIRST and (not frames or frame.step != frames[-1][0]):
-            cpu = cpu or time.process_time()
-            frames.append((frame.step, frame.published_s, frame.work_s))
-    return frames, (time.process_time() - cpu) / max(frames[-1][0] - frames[0][0], 1)
 
 
-def pixel_delays(result: dict[str, Any]) -> list[float]:
-    """Return the ms from the publishing of each frame to its color on the page."""
+def pixel_delays(result: dict[str, Any], hz: float) -> list[float]:
+    """Return the ms from the publishing of each frame to its color on the page; the colors repeat after three."""
     offset = 1000 * (time.time() - time.monotonic())
-    published = {step: 1000 * at_s + offset for step, at_s, _ in result["frames"]}
     delays = []
-    for said in result["said"]:
-        for mark, at_ms in said.get("marks", []):
-            past = [at_ms - at for step, at in published.items() if step % 3 == mark and 0 <= at_ms - at < 280]
-            delays += past[-1:]
+    for mark, at_ms in (mark for said in result["said"] for mark in said.get("marks", [])):
+        ages = [at_ms - 1000 * at - offset for step, at in result["published"].items() if step % 3 == mark]
+        delays += [age for age in ages if 0 <= age < 3000 / hz]
     return delays
 
 
-def main(seeds: int) -> None:
-    has_browser = CHROMIUM.exists()
-    with suppress(ImportError):
-        import playwright  # noqa: F401
-    has_browser = has_browser and "playwright" in sys.modules
-    cases = {"no viewer": [], "one viewer": ["watch"], "three viewers": ["watch"] * 3}
-    if has_browser:
+def main(seeds: float, hz: float) -> None:
+    cases: dict[str, list[str]] = {"no viewer": [], "one viewer": ["watch"], "three viewers": ["watch"] * 3}
+    if CHROMIUM.exists() and find_spec("playwright"):
         cases["Chromium"] = ["watch_in_chromium"]
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in cases}
-    for seed in range(seeds):
+    steps: list[float] = []
+    for seed in range(int(seeds)):
+        frames, costs = simulate(seed)
+        steps += costs
         for name, kinds in cases.items():
-            found[name].append(place(seed, kinds))
-    print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores")
+            found[name].append(show(frames, kinds, hz))
+    step_ms = 1000 * float(np.median(steps))
+    print(f"load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores, {hz:g} frames a second")
+    print(f"a step costs {quantiles(1000 * np.array(steps), 'ms CPU')}")
     for name, results in found.items():
-        step_ms = [1000 * frame[2] for result in results for frame in result["frames"]]
         cpu = [1000 * result["cpu"] for result in results]
-        print(f"{name}: a step works {quantiles(step_ms, 'ms')}; the server {quantiles(cpu, 'ms CPU a step')}")
-        shares = [100 * result["cpu"] / np.median([frame[2] for frame in result["frames"]]) for result in results]
-        print(f"  {quantiles(shares, '% of a step')}")
-        seen = [said["seen"] for result in results for said in result["said"] if "seen" in said]
+        print(
+            f"{name}: the server {quantiles(cpu, 'ms CPU a frame')}: {100 * np.median(cpu) / step_ms:.1f} % of a step"
+        )
+        seen = [said["seen"] for result in results for said in result["said"] if said.get("seen")]
         if seen:
-            delays = [delay for one in seen for step, delay, _, _ in one if FIRST <= step <= LAST]
-            rates = [(one[-1][2] - one[0][2]) / max(one[-1][3] - one[0][3], 1e-9) / 1e6 for one in seen]
-            print(f"  at the client after {quantiles(delays, 'ms')}; {quantiles(rates, 'MB/s a viewer')}")
-        pixels = [delay for result in results for delay in pixel_delays(result)]
+            rates = [(one[-1][2] - one[0][2]) / (len(one) - 1) / 1e3 for one in seen]
+            delays = [delay for one in seen for _, delay, _, _ in one]
+            print(f"  at the client after {quantiles(delays, 'ms')}; {quantiles(rates, 'kB a frame')}")
+        pixels = [delay for result in results for delay in pixel_delays(result, hz)]
         if pixels:
-            share = len(pixels) / sum(len(result["frames"]) for result in results)
-            print(f"  on the page after {quantiles(pixels, 'ms')}, {100 * share:.0f} % of the frames seen")
+            share = len(pixels) / sum(len(result["published"]) for result in results)
+            print(f"  on the page after {quantiles(pixels, 'ms')}; {100 * share:.0f} % of the frames")
 
 
 if __name__ == "__main__":
@@ -229,4 +247,4 @@ if __name__ == "__main__":
     elif sys.argv[1:2] == ["watch_in_chromium"]:
         watch_in_chromium(sys.argv[2])
     else:
-        main(int(sys.argv[1]) if len(sys.argv) > 1 else 2)
+        main(*[float(text) for text in (sys.argv[1:] + ["2", "10"][len(sys.argv) - 1 :])])
