@@ -64,7 +64,8 @@ def add_table(scene: SceneApi, parent: str) -> None:
     x, y = TABLE_CENTRE_M
     scene.add_box(f"{parent}/table", TABLE, TABLE_SIZE_M, position=(x, y, TOP_M - thick / 2), cast_shadow=False)
     # Lines, since a grid's shader works on each pixel of the table, which takes long without a GPU.
-    low, high = np.array([x, y]) - [wide / 2, deep / 2], np.array([x, y]) + [wide / 2, deep / 2]
+    half = np.array((wide, deep)) / 2
+    low, high = np.subtract((x, y), half), np.add((x, y), half)
     for every, width in ((1, 0.8), (5, 1.8)):
         lines = []
         for axis in (0, 1):

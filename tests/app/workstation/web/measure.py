@@ -31,8 +31,8 @@ from layflat.app.workstation.web.pages.registry import PAGES
 from layflat.app.workstation.web.server import AppConfig, serve
 from layflat.app.workstation.web.viewer import Viewer
 from layflat.app.workstation.web.workstation import Workstation
-from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.policy.runner import EpisodeRunner
+from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.config import SimConfig
 from layflat.sim.simulation import ClothSimulation
 
@@ -92,11 +92,10 @@ class MarkedViewer(Viewer):
 def watch(address: str) -> None:
     """Receive everything until the server ends, then print when which frame came."""
     import msgspec
+    import viser
     import zstandard
     from viser import _messages
     from websockets.sync.client import connect
-
-    import viser
 
     seen, total, began = [], 0, time.monotonic()
     with connect(

@@ -13,14 +13,14 @@ import pytest
 
 pytest.importorskip("viser")
 
-from layflat.app.media import cloth_colors as colors  # noqa: E402
-from layflat.app.workstation.preview import initial_frame  # noqa: E402
-from layflat.app.workstation.session.frame_channel import SimulationFrame  # noqa: E402
-from layflat.app.workstation.web.scene import LOWEST_TARGET_M, Scene, landing  # noqa: E402
-from layflat.app.workstation.web.security import SafeServer, open_server  # noqa: E402
-from layflat.app.workstation.web.stage import VIEWS, add_stage  # noqa: E402
-from layflat.data.types import DragTarget  # noqa: E402
-from layflat.sim.cloth.registry import cloth_spec  # noqa: E402
+from layflat.app.media import cloth_colors as colors
+from layflat.app.workstation.preview import initial_frame
+from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.web.scene import LOWEST_TARGET_M, Scene, landing
+from layflat.app.workstation.web.security import SafeServer, open_server
+from layflat.app.workstation.web.stage import VIEWS, add_stage
+from layflat.data.types import DragTarget
+from layflat.sim.cloth.registry import cloth_spec
 
 FRAME_BYTES = 30_000
 """Most that a frame may send: at 20 frames a second, 0.6 MB/s."""
@@ -140,7 +140,7 @@ def test_a_drag_pulls_the_node_where_it_began(served: SafeServer, offset_m: tupl
     scene.let_drag(lambda client, drag: heard.append((client, drag)))
     scene.show(frame)
     grab = frame.nodes[40] + offset_m
-    for one in (event("start", grab + 0.004, grab), event("update", grab, grab + [0.1, 0.0, -9.0]),
+    for one in (event("start", grab + 0.004, grab), event("update", grab, np.add(grab, (0.1, 0.0, -9.0))),
                 event("update", grab, grab, client_id=4), event("end", grab, grab)):  # fmt: skip
         asyncio.run(scene._dragged(one))
     pulls = [drag for _, drag in heard[:-1]]
@@ -173,7 +173,7 @@ def test_arrows_guide_each_point_along_its_axes(
     scene.show(frame)
     arrows = [node(served, f"/bench/robot/guide {k + 1}") for k in range(len(free))]
     assert [tuple(one.active_axes) for one in arrows] == free
-    arrows[0].position = np.array(arrows[0].position) + [0.05, 0.0, 0.0]
+    arrows[0].position = np.add(arrows[0].position, (0.05, 0.0, 0.0))
     for phase in ("update", "end"):
         for callback in arrows[0]._impl_aux.update_cb:
             asyncio.run(callback(SimpleNamespace(phase=phase, client_id=1)))
@@ -181,7 +181,7 @@ def test_arrows_guide_each_point_along_its_axes(
     assert end is None
     assert np.shape(moved) == ((3,) if robot == "hanger" else (2, 3))
     at = frame.holder if robot == "hanger" else frame.corners[0]
-    np.testing.assert_allclose(np.reshape(moved, (-1, 3))[0], at + [0.05, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(np.reshape(moved, (-1, 3))[0], np.add(at, (0.05, 0.0, 0.0)), atol=1e-6)
     scene.let_guide(None)
     assert served.server.scene.get_handle_by_name("/bench/robot/guide 1") is None
 
