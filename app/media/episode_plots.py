@@ -17,7 +17,7 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import OUTCOMES, Episode, Outcome, actions_of
 
 OUTCOME_COLORS: Mapping[Outcome, str] = {"success": SERIES[1], "failure": SERIES[0], "partial": SERIES[2]}
-AXIS_COLORS: Mapping[str, str] = {"x": SERIES[1], "y": SERIES[2], "z": SERIES[0]}
+AXIS_COLORS: Mapping[str, str] = {"x": SERIES[3], "y": SERIES[5], "z": SERIES[4]}
 LINE_STYLES = ("-", "--")
 """Of the first and the second picker."""
 INTERVENTION_COLOR = "#f2c14e"
