@@ -19,8 +19,9 @@ from layflat.data.atomic_files import write_text
 BASE_DPI = 96.0
 STEP = 0.25
 MAX_SCALE = 4.0
-FRAME_PX = 40
-"""Height of a title bar at scale 1, which a first window leaves free."""
+FRAME_PX, EDGE_PX = 44, 8
+"""Height of a title bar at scale 1, and width of a window's edges, which a window leaves free."""
+UNSEEN = ("dummy", "offscreen")
 
 
 def display_scale() -> float:
@@ -30,7 +31,7 @@ def display_scale() -> float:
 
 
 def _desktop_dpi() -> float:
-    """Return what the X resource Xft.dpi says, in which desktops keep their scale; 0 where there is none."""
+    """Return Xft.dpi, in which desktops keep their scale, or the X server's dpi; 0 where they say nothing of it."""
     if not os.environ.get("DISPLAY") or pygame.display.get_driver() != "x11":
         return 0.0
     with suppress(OSError, AttributeError, ValueError):
@@ -39,8 +40,11 @@ def _desktop_dpi() -> float:
         display = ctypes.c_void_p(x11.XOpenDisplay(None))
         if display:
             found = x11.XGetDefault(display, b"Xft", b"dpi")
+            width_mm = x11.XDisplayWidthMM(display, 0)
+            dpi = 25.4 * x11.XDisplayWidth(display, 0) / width_mm if width_mm else 0.0
             x11.XCloseDisplay(display)
-            return float(found or 0.0)
+            # Servers that do not know their display say 96.
+            return float(found) if found else dpi if round(dpi) != BASE_DPI else 0.0
     return 0.0
 
 
@@ -95,6 +99,7 @@ def first_size(memory: WindowMemory, scale: float) -> tuple[int, int]:
     wide, high = (memory.width, memory.height) if memory.width and memory.height else SIZE
     if not (memory.width and memory.height):
         wide, high = round(wide * scale), round(high * scale)
-    desktop = pygame.display.get_desktop_sizes()[0] if pygame.display.get_driver() != "dummy" else (wide, high)
-    spare = round(FRAME_PX * scale) if pygame.display.get_driver() != "dummy" else 0
-    return min(wide, desktop[0]), min(high, max(desktop[1] - spare, 200))
+    if pygame.display.get_driver() in UNSEEN:
+        return wide, high
+    desktop = pygame.display.get_desktop_sizes()[0]
+    return min(wide, desktop[0] - EDGE_PX), min(high, desktop[1] - round(FRAME_PX * scale))
