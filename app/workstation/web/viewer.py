@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
+import numpy as np
 import viser
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame
@@ -12,7 +13,7 @@ from layflat.app.workstation.session.status import Level
 from layflat.app.workstation.web.guide import Guide
 from layflat.app.workstation.web.monitor import Monitor
 from layflat.app.workstation.web.scene import Scene
-from layflat.app.workstation.web.stage import VIEWS, look_from
+from layflat.app.workstation.web.stage import CENTRE, VIEWS, look_from
 from layflat.app.workstation.web.widgets import put, sentence
 from layflat.app.workstation.web.workstation import Workstation
 
@@ -25,8 +26,8 @@ div:has(> .lf-tabs) + div button:nth-of-type({number}) {{background: #0f766e !im
 
 BESIDE_M = (0.0, 1.3, 0.0)
 """Place of the second of two scenes: the tables do not touch."""
-BOTH_M = (0.9, -0.2, 0.5)
-"""Offset of the view that has both in it."""
+FARTHER = 1.9
+"""Factor on the camera's distance that brings both into view."""
 
 
 class Shown(Protocol):
@@ -155,7 +156,10 @@ class Viewer:
         if len(frames) == 2:
             if self._beside is None:
                 self._beside = Scene(self.client.scene, name="/beside", offset_m=BESIDE_M)
-                look_from(self.client, "Reset", BOTH_M)
+                middle = np.add(CENTRE, BESIDE_M) - np.array(BESIDE_M) / 2
+                with self.client.atomic():
+                    self.client.camera.position = middle + FARTHER * np.subtract(VIEWS["Reset"], CENTRE)
+                    self.client.camera.look_at = middle
             self._beside.show(frames[1])
         elif self._beside is not None:
             self._beside.remove()

@@ -103,7 +103,9 @@ class Curves:
                 scales={"x": viser.uplot.Scale(time=False), "y": viser.uplot.Scale(range=(low, high))},
                 axes=(viser.uplot.Axis(size=26), viser.uplot.Axis(size=40)),
                 height=CURVE_PX,
-                legend=viser.uplot.Legend(show=True),
+                title=label,
+                padding=(6, 16, 0, 0),
+                legend=viser.uplot.Legend(show=False),
             )
 
         self._contact = plot("contact (%)", colors, 0.0, 100.0, points=False)
