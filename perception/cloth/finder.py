@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from layflat.perception.arrays import BoolArray, FloatArray, RgbArray, bounding_window, dilate, erode
+from layflat.perception.arrays import WHOLE, BoolArray, FloatArray, RgbArray, Window, bounding_window, dilate, erode
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.camera.table_plane import fit_table_plane
 from layflat.perception.cloth.pieces import Piece, find_pieces
@@ -21,12 +21,14 @@ MAX_SHARPENED_PX = 120_000
 """Cloths in larger windows have the outline of the reduced image: there a pixel is a small share of them."""
 LIT_SHARE = 0.4
 """Where less of the piece looks like the table in a shadow, or in strong light, that part is left to GrabCut."""
-MAX_PATCH_M2, PATCH_COLOR, PATCH_HEIGHT_M = 0.02, 8.0, 0.0025
+MAX_PATCH_M2, PATCH_COLOR, PATCH_HEIGHT_M = 0.05, 8.0, 0.0025
 """Smaller pieces whose colour (8-bit Lab) and height change by less at their outline are parts of something else."""
 FLAP_SHARE = 0.3
 """A smaller piece that touches the cloth, parted by a step of height, may be a flap of it."""
 REST_SHARE = 0.8
 """Without that part, this much of the piece must be left in one; else it is the pattern of the cloth."""
+PART_SHARE, PART_COLOR = 0.05, 15.0
+"""Parts of a cloth beyond an arm that lies across it: least share of its area, largest difference of colour (Lab)."""
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -140,9 +142,11 @@ def _refine(scene: TableScene, piece: Piece, others: list[Piece]) -> BoolArray:
         if (other.mask & piece.mask).any():
             continue
         flap = other.area_m2 < FLAP_SHARE * piece.area_m2 and (dilate(other.mask[window], 3) & whole).any()
-        if not flap:
+        if _parted(scene, piece.mask, other.mask):
+            labels[other.mask[window] & ~scene.shade[window]] = cv2.GC_PR_FGD
+        elif not flap:
             labels[other.mask[window] & ~whole] = cv2.GC_BGD
-    labels[scene.things[window]] = cv2.GC_BGD
+    labels[erode(scene.things[window], 2)] = cv2.GC_BGD
     labels[mask] = cv2.GC_PR_FGD
     core = cv2.erode(mask.astype(np.uint8), _SQUARE, iterations=max(1, round(0.1 * side))) > 0
     labels[core] = cv2.GC_FGD
@@ -156,8 +160,27 @@ def _refine(scene: TableScene, piece: Piece, others: list[Piece]) -> BoolArray:
     picture = np.ascontiguousarray(scene.lab[window])
     cv2.grabCut(picture, labels, (0, 0, 1, 1), *models, ITERATIONS, cv2.GC_INIT_WITH_MASK)
     refined = np.zeros(piece.mask.shape, dtype=np.bool_)
-    refined[window] = fill_holes(_largest((labels & 1) > 0))
+    found = fill_holes((labels & 1) > 0)
+    main = _largest(found)
+    count, parts, stats, _ = cv2.connectedComponentsWithStats((found & ~main).astype(np.uint8), connectivity=8)
+    for part in range(1, count):
+        large = stats[part, cv2.CC_STAT_AREA] > PART_SHARE * np.count_nonzero(main)
+        if large and _parted(scene, main, parts == part, window):
+            main = main | (parts == part)
+    refined[window] = main
     return refined
+
+
+def _parted(scene: TableScene, main: BoolArray, other: BoolArray, window: Window = WHOLE) -> bool:
+    """Return whether a thing that lies across the cloth parts it from another piece: both touch it and look alike."""
+    thing = dilate(scene.things[window], 3)
+    if not (thing & main).any() or not (thing & other).any():
+        return False
+    lab, clear = scene.lab[window], ~scene.shade[window]
+    if not (main & clear).any() or not (other & clear).any():
+        return False
+    colors = [np.median(lab[mask & clear], axis=0) for mask in (main, other)]
+    return bool(np.abs(colors[0] - colors[1]).max() < PART_COLOR)
 
 
 def _sharpen(rgb: RgbArray, mask: BoolArray, factor: int) -> BoolArray:

@@ -24,8 +24,9 @@ NEAR_M = 0.03
 BESIDE = (0.15, 0.6)
 """What touches a thing with more of its outline, and does not reach this far from it (in units of its side), is the
 thing's side or shadow."""
-LIT_SHARE, SOFT_EDGE = 0.6, 0.3
-"""Least share of a shadow that looks like the table in one; its edge within 3 pixels, as a share of its contrast."""
+LIT_SHARE, SOFT_EDGE, MIN_CONTRAST = 0.6, 0.5, 8.0
+"""Least share of a shadow that looks like the table in one; its edge within 3 pixels, as a share of its contrast; least
+difference in lightness (8-bit Lab) from what is around it."""
 GAP_PX = 7
 """Stripes and checks of the table's colour up to this width are closed."""
 
@@ -52,12 +53,13 @@ class Piece:
 
 def find_pieces(scene: TableScene) -> list[Piece]:
     """Return the pieces, largest first. Where none is like a cloth, shadows and thin bridges are taken off."""
-    not_table = (scene.raised | _without_specks(scene.strange)) & (scene.height > -0.75 * scene.raised_m)
+    not_table = (scene.raised | _without_specks(scene.strange) | scene.odd) & (scene.height > -0.75 * scene.raised_m)
     loose = _open(not_table & ~scene.things & ~scene.cut, 3, cv2.MORPH_RECT)
     pieces = _split(scene, loose, GAP_PX)
-    if not any(piece.cloth_like for piece in pieces):
-        lit = _open(loose & ~scene.shade & ~dilate(scene.things, 3), 9, cv2.MORPH_ELLIPSE)
-        pieces += [piece for piece in _split(scene, lit, 3) if piece.cloth_like]
+    for shadow in (scene.cast, scene.shade):
+        if not any(piece.cloth_like for piece in pieces):
+            lit = _open(loose & ~shadow & ~dilate(scene.things, 3), 9, cv2.MORPH_ELLIPSE)
+            pieces += [piece for piece in _split(scene, lit, 3) if piece.cloth_like]
     return sorted(pieces, key=lambda piece: -piece.area_m2)
 
 
@@ -100,8 +102,11 @@ def _doubt(scene: TableScene, mask: BoolArray, area: float, height: float) -> st
     if height > MAX_HEIGHT_M:
         return f"it is {1000 * height:.0f} mm high"
     around = cv2.dilate(scene.height, np.ones((5, 5), np.uint8))
-    if np.mean(around[outline] < LOW_M) < MIN_LOW_SHARE:
-        return f"its edge does not lie on the table, it is {1000 * float(np.median(around[outline])):.0f} mm above it"
+    edge = outline_of(mask & ~scene.cast)
+    if not edge.any():
+        return "it is the shadow of something tall"
+    if np.mean(around[edge] < LOW_M) < MIN_LOW_SHARE:
+        return f"its edge does not lie on the table, it is {1000 * float(np.median(around[edge])):.0f} mm above it"
     high = mask & (scene.height > HIGH_M)
     rim = outline_of(high)
     steep = float(np.mean(scene.steepness[rim] > STEEP_M)) if rim.any() else 0.0
@@ -120,20 +125,25 @@ def _has_soft_edge(scene: TableScene, mask: BoolArray, outline: BoolArray, heigh
     if height > scene.raised_m or max(np.mean(scene.shade[mask]), np.mean(scene.glare[mask])) < LIT_SHARE:
         return False
     ring = dilate(mask, 6) & ~dilate(mask, 3)
-    contrast = abs(float(np.median(light[mask])) - float(np.median(light[ring]))) if ring.any() else 0.0
-    edge = cv2.morphologyEx(cv2.medianBlur(light, 3), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    if not ring.any():
+        return False
+    around = float(np.median(light[ring]))
+    off = np.abs(light.astype(np.float32) - around)
+    if np.mean(scene.strange[mask]) < 0.5 and np.median(off[mask]) - np.median(off[ring]) < MIN_CONTRAST:
+        return True
+    contrast = abs(float(np.median(light[mask])) - around)
+    smooth = cv2.GaussianBlur(light, (5, 5), 0)
+    edge = cv2.dilate(
+        cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)), np.ones((5, 5), np.uint8)
+    )
     return bool(np.median(edge[outline]) < SOFT_EDGE * contrast)
 
 
 def _belongs_to_thing(scene: TableScene, mask: BoolArray, outline: BoolArray, height: float) -> bool:
     """Return whether a piece is the side or the shadow of a thing."""
-    if not scene.things.any():
-        tall = dilate(scene.height > NEAR_M, 4)
-    else:
+    if scene.things.any():
         beside = float(np.mean(dilate(scene.things, 3)[outline]))
         gap = cv2.distanceTransform((~scene.things).astype(np.uint8), cv2.DIST_L2, 3)[mask]
         if beside > BESIDE[0] and np.percentile(gap, 95) < BESIDE[1] * math.sqrt(len(gap)):
             return True
-        tall = dilate(scene.height > NEAR_M, 4) | dilate(scene.things, 3)
-    touches = float(np.mean(tall[outline])) > 0.06
-    return touches and height < scene.raised_m and float(np.mean(scene.shade[mask])) > 0.6
+    return height < scene.raised_m and float(np.mean(scene.cast[mask])) > 0.5

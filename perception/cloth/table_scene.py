@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from layflat.perception.arrays import BoolArray, Float32Array, Float64Array, FloatArray, RgbArray, dilate
+from layflat.perception.arrays import BoolArray, Float32Array, FloatArray, RgbArray, dilate
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.camera.pinhole import PinholeCamera
+from layflat.perception.cloth.table_colors import cast_shadows, compare_colors
 
 WORK_WIDTH = 320
 RAISED_M = (0.004, 0.02)
@@ -24,19 +25,11 @@ STEEP_RIM = 0.75
 FLAT_THING_M, FLAT_STEP_M, FACE_M = 0.014, 0.012, 0.0015
 """A level face (median distance from a plane below FACE_M) this high that falls off this steeply is a thing."""
 FACE_SLOPE = 0.25
+SHADOWING_M = 0.03
+"""What is higher throws a shadow of its own."""
 SMALL_THING_PX = 12
 MIN_SHARE = 0.002
 """Smallest piece of interest, share of the image."""
-RIM_SHARE = 0.03
-"""Width of the image's rim that shows the table's colours, share of its side."""
-SHADE = (0.35, 0.93)
-"""Brightness, as a share of the table's, of the table in a shadow ..."""
-SHADE_CHROMA = 6.0
-"""... whose chroma differs by less than this (8-bit Lab)."""
-GLARE = 1.05
-"""Brightness, as a share of the table's, from which strong light may wash its colour out."""
-_BINS = np.array([10.0, 5.0, 5.0], dtype=np.float32)
-"""Side of a cell of the colour histogram (8-bit Lab)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,8 +45,12 @@ class TableScene:
     """Height from which a surface is not the table's."""
     strange: BoolArray
     """Pixels whose colour the table does not have."""
+    odd: BoolArray
+    """Pixels in whose neighbourhood the colour is not the table's, without its outline."""
     shade: BoolArray
     """Low pixels that may be the table in a shadow."""
+    cast: BoolArray
+    """Shade on one side of tall things: their shadows."""
     glare: BoolArray
     """Low pixels that may be the table in strong light."""
     cut: BoolArray
@@ -103,16 +100,20 @@ def look_at_table(rgb: RgbArray, depth: Float32Array, camera: PinholeCamera) -> 
     scatter = 1.4826 * float(np.median(np.abs(smooth[level]))) if level.any() else 0.0
     raised_m = float(np.clip(4 * scatter, *RAISED_M))
     lab = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), np.uint8)
-    strange, shade, glare = _compare_colors(lab, (smooth < raised_m) & (smooth > -1.5 * raised_m))
+    low = smooth < raised_m
+    colors = compare_colors(rgb, lab, low & (smooth > -1.5 * raised_m))
+    shade = colors.shade & low
     metres_per_px = np.where(depth > 0, depth, camera.position[2]).astype(np.float32) / np.float32(camera.fx)
     return TableScene(
         lab=lab,
         height=smooth,
         metres_per_px=metres_per_px,
         raised_m=raised_m,
-        strange=strange,
-        shade=shade & (smooth < raised_m),
-        glare=glare & (smooth < raised_m),
+        strange=colors.strange,
+        odd=colors.odd,
+        shade=shade,
+        cast=cast_shadows(smooth > SHADOWING_M, shade & (colors.strange | colors.odd)),
+        glare=colors.glare & low,
         cut=cut,
         steepness=steepness,
         things=_find_things(smooth, steepness, float(np.median(metres_per_px))),
@@ -181,58 +182,3 @@ def _find_things(height: Float32Array, steepness: Float32Array, px_m: float) -> 
             elif is_level_face(height, part, least_px=0.3 * stats[label, cv2.CC_STAT_AREA], px_m=px_m):
                 things |= part
     return dilate(things, 2)
-
-
-def _compare_colors(lab: NDArray[np.uint8], ground: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Return the pixels whose colour the table does not have, and those that look like it in a shadow or strong light.
-
-    The table's colours are those of its rim in the picture, since a cloth that can be seen whole does not reach there;
-    the fall of the light across the picture is taken out first.
-    """
-    from scipy.ndimage import gaussian_filter  # slow to import
-
-    rows, columns = (np.linspace(-1, 1, size, dtype=np.float32) for size in ground.shape)
-    x, y = np.broadcast_to(columns, ground.shape), np.broadcast_to(rows[:, None], ground.shape)
-    rim = ground & (np.minimum(1 - np.abs(x), 1 - np.abs(y)) < 2 * RIM_SHARE)
-    if np.count_nonzero(rim) < 200:
-        rim = ground
-    if np.count_nonzero(rim) < 200:
-        nothing = np.zeros(ground.shape, np.bool_)
-        return nothing, nothing, nothing
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    light = np.log(lab[..., 0].astype(np.float32) + 10)
-    trend = basis @ _fit_light(basis[ground], light[ground], np.where(rim[ground], 1.0, 0.15))
-    even = np.exp(np.clip(light - trend + float(np.median(trend[rim])), 0, 5.57)) - 10
-    cells = (np.dstack([even.clip(0, 255), lab[..., 1:]]) / _BINS).astype(np.intp)
-    sides = []
-    for side in (x < -1 + 2 * RIM_SHARE, x > 1 - 2 * RIM_SHARE, y < -1 + 2 * RIM_SHARE, y > 1 - 2 * RIM_SHARE):
-        counts = np.zeros((26, 52, 52), dtype=np.float32)
-        np.add.at(counts, tuple(cells[rim & side].T), 1)
-        sides.append(gaussian_filter(counts, (1.2, 0.9, 0.9)))
-    usual = np.sum(sides, axis=0) - np.max(sides, axis=0)  # a cloth that is cut shows on one side
-    likely = (usual if np.count_nonzero(usual > 0.01) else np.sum(sides, axis=0))[tuple(np.moveaxis(cells, -1, 0))]
-    least = 2e-6 * np.count_nonzero(rim)
-    seen = likely[rim & (likely > least)]
-    limit = max(0.5 * float(np.quantile(seen, 0.01)), least) if len(seen) else least
-    share = even / max(float(np.median(even[rim])), 1.0)
-    shade, glare = (share > SHADE[0]) & (share < SHADE[1]), share > GLARE
-    for channel in (1, 2):
-        tint = float(np.median(lab[..., channel][rim])) - 128
-        off = lab[..., channel] - np.float32(128)
-        shade &= np.abs(off - tint * share) < SHADE_CHROMA
-        glare &= np.abs(off - np.clip(off, min(0.0, tint), max(0.0, tint))) < SHADE_CHROMA
-    return likely < limit, shade, glare
-
-
-def _fit_light(basis: Float32Array, light: Float32Array, weight: Float64Array) -> Float64Array:
-    """Return the coefficients of the light's fall, (6,): iterated least squares that leave out other colours."""
-    some = slice(None, None, max(1, len(light) // 6000))
-    basis, light, weight = basis[some], light[some], weight[some]
-    now = weight
-    for _ in range(6):
-        root = np.sqrt(now)
-        fit = np.linalg.lstsq(basis * root[:, None], light * root, rcond=None)[0]
-        off = light - basis @ fit
-        scatter = 1.4826 * float(np.median(np.abs(off[weight >= 0.5]))) + 0.01
-        now = weight / (1 + (off / (2 * scatter)) ** 2) ** 2
-    return np.asarray(fit, np.float64)
