@@ -303,6 +303,8 @@ class TestUndo:
         assert not first.gone
         assert one.status.discarded == (5, 109)
         assert one.status.effect(Command.UNDO) == "bring back seed 5 with its 109 steps"
+        # Pressed twice, it does no more than once.
+        assert (one.status.effect(Command.DISCARD) is None) == (one.state == "waiting")
         assert (one.lines, one.status.counts["discarded"]) == ([], 1)
         one.give(Command.UNDO)
         assert (one.state, one.n_steps, one.status.seed) == ("paused", 109, 5)

@@ -99,6 +99,19 @@ def test_an_episode_is_kept_another_discarded_and_the_terminal_restored(terminal
     assert first[1] < 0 == first[0]
 
 
+def test_without_a_gamepad_the_keyboard_records(terminal, tmp_path):
+    path = tmp_path / "s.h5"
+    one = terminal("record", path, "--source", "gamepad", "--robot", "pickers", "--cloth", "napkin")
+    one.until("no gamepad is plugged in; the keyboard is used instead")
+    one.begin()
+    one.type("n")
+    one.until("kept demo_0 failure")
+    one.type("q")
+    assert one.end() == 0
+    with open_session(path) as session:
+        assert session.info("demo_0").source == "keyboard"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_keeps_saved_episodes_and_a_running_one_as_partial(terminal, tmp_path, number):
     path = tmp_path / "s.h5"
