@@ -18,7 +18,7 @@ help:
 	@echo "make docs    the documentation's site, into build/docs/index.html; broken links and examples fail"
 	@echo "make word-study  the tables and plots of WORD's accuracy, into runs/word-study"
 	@echo "make reproduce   the thesis's experiments, into runs/reproduction; over an hour, resumes where it stopped"
-	@echo "make screenshots  the documentation's pictures of the workstation, from the real window"
+	@echo "make screenshots  the documentation's pictures of the live window, from the real one"
 	@echo "make clean   removes the virtual environment and caches; runs/ stays"
 
 demo: $(VENV)/.installed
@@ -35,7 +35,7 @@ docs: $(VENV)/.installed-docs
 	@echo "open build/docs/index.html"
 
 screenshots: $(VENV)/.installed-dev
-	$(BIN)/python -m layflat.tests.app.workstation.screenshots docs/images runs/screenshots
+	$(BIN)/python -m layflat.tests.app.workstation.screenshots docs/images
 
 word-study: $(VENV)/.installed
 	$(BIN)/python -m layflat.app.benchmarks.word_study --out runs/word-study

@@ -56,7 +56,7 @@ def headline(status: SessionStatus) -> tuple[str, str, style.Color]:
     """Return sign, words and colour of the state."""
     verdict = status.verdict
     if status.state == "asking":
-        return "?", status.question, style.WORD
+        return "?", "Keep it?", style.WORD
     if status.state == "waiting":
         return ("○", "Ready", style.TEXT) if status.ready else ("○", "Hanging the cloth", style.QUIET)
     if status.state == "running":
@@ -105,7 +105,7 @@ def banner(status: SessionStatus, start_key: str) -> tuple[str, str]:
     if state == "countdown":
         return (str(max(1, round(0.5 + status.countdown_s - 1e-6))), "") if status.ready else ("", "")
     if state == "asking":
-        return "?", status.question
+        return "Keep it?", status.question
     if state == "paused":
         return "Paused", message.removeprefix("paused: ").removeprefix("paused")
     return ("Go", "starts when you move") if state == "still" else ("", "")

@@ -57,7 +57,7 @@ class Scene:
 
 def axis_heads() -> list[tuple[str, Rgb, FloatArray]]:
     """Return the name, the colour and the place, (3,) m, of the head of each axis arrow."""
-    heads = AXIS_PLACE_M + 1.3 * AXIS_M * np.eye(3)
+    heads = AXIS_PLACE_M + 1.6 * AXIS_M * np.eye(3)
     return list(zip(colors.AXIS_NAMES, colors.AXES, heads, strict=True))
 
 
