@@ -27,6 +27,7 @@ State = Literal["ok", "note", "problem"]
 REQUIRED = {
     "pybullet": "layflat.sim.physics.bullet",  # pybullet itself prints when it is imported first
     "gymnasium": "gymnasium",
+    "viser": "viser",
     "numpy": "numpy",
     "scipy": "scipy",
     "scikit-learn": "sklearn",
