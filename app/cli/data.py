@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from layflat.app.cli.data_edit import edit_cli
 from layflat.app.cli.options import DataFile, Debug, Episode, Force, Json, Seed, count, episode_number, list_commands
 from layflat.app.support import validators
 
@@ -256,3 +257,6 @@ def plot(
     from layflat.app.commands.dataset import plot as run
 
     run(path, out, episode=episode, force=force)
+
+
+data_cli.add_typer(edit_cli)

@@ -15,11 +15,12 @@ from layflat.app.support import validators
 from layflat.app.support.console import console
 from layflat.app.support.errors import UsageError, say
 from layflat.app.support.metrics import write_json
-from layflat.app.support.session_lines import copies_text
+from layflat.app.support.session_lines import copies_text, names_text
 from layflat.data import validate as find_violations
 from layflat.data.format import schema
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.session.reader import Session, open_session
+from layflat.data.tools.episode_index import FLAGS, episode_index, flag_counts
 from layflat.data.tools.stats import ColumnStats, session_stats
 from layflat.data.types import OUTCOMES, DisturbanceRecord
 
@@ -43,6 +44,7 @@ def info(path: Path, *, json: Path | None, force: bool) -> None:
         validators.writable_file(json, force=force, suffix=".json")
     with open_session(path) as session:
         print_page(session, session.infos(), console(highlight=False))
+        print_edits(session)
         if copies := session.copies():
             print(f"{copies_text(copies)}; `layflat data merge {path} --out NEW.h5` keeps one of each")
         if json is not None:
@@ -125,6 +127,18 @@ def print_page(session: Session, infos: Mapping[str, DemoInfo], out: Console) ->
     out.print(episode_table(infos, session.disturbances))
 
 
+def print_edits(session: Session) -> None:
+    """Print what edits have changed, and which episodes a person should look at."""
+    if session.edits:
+        dropped = f", {len(session.dropped)} dropped: {', '.join(session.dropped)}" if session.dropped else ""
+        print(f"edits: {len(session.edits)} episodes{dropped}; `layflat data edit {session.path} log` lists them")
+    for flag, names in flag_counts(episode_index(session)).items():
+        print(f"{flag}: {names_text(names)}; {FLAGS[flag]}")
+    for name, info in session.infos().items():
+        if info.note:
+            print(f"note on {name}: {info.note}")
+
+
 def episode_table(
     infos: Mapping[str, DemoInfo], disturbances: Callable[[str], Sequence[DisturbanceRecord]] = lambda name: ()
 ) -> Table:
@@ -161,7 +175,9 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
         records = session.disturbances(name) if info.disturbance != "none" else ()
         row = {key: value for key, value in vars(info).items() if key not in ("n_steps", "action_axes")}
         times = [{key: getattr(record, key) for key in ("name", "first_step", "last_step")} for record in records]
-        return {"name": name, "steps": info.n_steps, **row, "disturbances": times}
+        return {"name": name, "steps": info.n_steps, **row, "flags": flags[name], "disturbances": times}
+
+    flags = {row.name: row.flags for row in episode_index(session)}
 
     return {
         "file": str(session.path),
@@ -171,6 +187,7 @@ def info_report(session: Session, infos: Mapping[str, DemoInfo]) -> dict[str, An
         "outcomes": Counter(row.outcome for row in infos.values()),
         "sources": Counter(row.source for row in infos.values()),
         "copies": session.copies(),
+        "dropped": list(session.dropped),
         "episodes": [episode(name, row) for name, row in infos.items()],
     }
 

@@ -15,7 +15,7 @@ from layflat.app.media.episode_renderer import EpisodeRenderer, check_drawable
 from layflat.app.media.video import write_episode_video
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
-from layflat.app.support.errors import LayflatError, UsageError
+from layflat.app.support.errors import LayflatError, UsageError, say
 from layflat.app.support.formatting import percent, ratio
 from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.phases import phase_spans
@@ -76,14 +76,21 @@ class Divergence:
 def replay(config: ReplayConfig, *, force: bool) -> None:
     """Replay an episode of a session; print a table, write files where asked for."""
     validators.one_of("mode", config.mode, MODES)
+    name = schema.demo_name(config.episode)
     with open_session(config.path) as session:
-        recorded = session.episode(schema.demo_name(config.episode), images=False)
+        recorded = session.episode(name, images=False)
+        trimmed = name in session.edits and session.edits[name].bounds is not None
+    if trimmed and config.mode == "action":
+        # Only from the recorded start is the cloth where the actions found it.
+        with open_session(config.path, edits=False) as session:
+            recorded = session.episode(name, images=False)
+        say(f"{name} is trimmed; its actions are replayed as recorded")
     for file, suffix in ((config.video, ".webm"), (config.json, ".json")):
         if file is not None:
             validators.writable_file(file, suffix=suffix, force=force)
     if config.video is not None:
         check_drawable(recorded)
-    about = {"file": str(config.path), "episode": schema.demo_name(config.episode), "mode": config.mode}
+    about = {"file": str(config.path), "episode": name, "mode": config.mode}
     if config.mode == "state":
         shown, report = recorded, state_report(recorded)
         print_state(recorded)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from layflat.data.session.saved_episode import SavedEpisode
@@ -15,6 +15,11 @@ def pairs_text(pairs: Mapping[str, str], word: str) -> str:
     """Return episodes with those that they belong to: "demo_5 of demo_0, demo_6 of demo_1 and 3 more"."""
     named = ", ".join(f"{name} {word} {first}" for name, first in list(pairs.items())[:NAMED_MAX])
     return named + (f" and {len(pairs) - NAMED_MAX} more" if len(pairs) > NAMED_MAX else "")
+
+
+def names_text(names: Sequence[str]) -> str:
+    """Return the first names and how many more there are: "demo_0, demo_1 and 3 more"."""
+    return ", ".join(names[:NAMED_MAX]) + (f" and {len(names) - NAMED_MAX} more" if len(names) > NAMED_MAX else "")
 
 
 def copies_text(copies: Mapping[str, str]) -> str:

@@ -29,6 +29,7 @@ from layflat.data.format.opening import demo_names, errors_name, open_file
 from layflat.data.format.structure_checks import check_hard_links
 from layflat.data.robot import RobotSpec
 from layflat.data.sandbox import CallError, call_in_sandbox
+from layflat.data.session.edit_log import log_path
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.tools.operations import filter_session, new_session, with_copies
@@ -88,6 +89,7 @@ def export_robomimic(
                 copied.add(name, without_idle_end(session.episode(name), stop), info.uid)
         copied.finish()
         write_masks(file, {key: members for key, members in split.items() if members})
+    log_path(target).unlink(missing_ok=True)  # It edited what was replaced.
     return split
 
 

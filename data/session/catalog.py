@@ -13,8 +13,9 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, robot_of
 from layflat.data.format.content import CONTENT_KEYS, content_of_group
+from layflat.data.format.measures import Measures, measures_of
 from layflat.data.format.opening import FileGone, check_session, demo_names, errors_name, open_file
-from layflat.data.format.structure_checks import check_demo, check_hard_link
+from layflat.data.format.structure_checks import check_demo, check_hard_link, stored_attributes
 from layflat.data.robot import RobotSpec
 from layflat.data.session.index import IndexRow, read_index, row_of
 from layflat.data.session.parts import part_files
@@ -78,6 +79,18 @@ class Catalog:
             with errors_name(demo.file):
                 demo.row = replace(demo.row, content=content_of_group(self.group(name, CONTENT_KEYS)))
         return str(demo.row.content)
+
+    def measures(self, name: str) -> Measures:
+        """Return the measures of a recorded episode; its arrays are read only where no index has them."""
+        demo = self.entry(name)
+        found = demo.row.measures
+        if found is None:
+            with errors_name(demo.file):
+                group = self.group(name, (schema.ACTIONS, schema.FINAL_STATE))
+                arrays = {key: group[key][()] for key in (schema.ACTIONS, schema.FINAL_STATE) if key in group}
+                found = measures_of(stored_attributes(group), arrays)
+            demo.row = replace(demo.row, measures=found)
+        return found
 
     def close(self) -> None:
         """Close all files."""

@@ -140,7 +140,10 @@ class EditLog:
             for name in [names[edit.uid]] if edit.uid in names else by_content.get(edit.content, ()):
                 found[name] = found.get(name, UNEDITED).after(edit)
         for name, edits in found.items():
-            if edits.bounds == (0, catalog.entry(name).row.info.n_steps):
+            n_steps = catalog.entry(name).row.info.n_steps
+            if edits.bounds is not None and edits.bounds[1] > n_steps:
+                raise EditLogError(f"{self.path} keeps steps {edits.bounds} of {name}, which has {n_steps}; remove it")
+            if edits.bounds == (0, n_steps):
                 found[name] = replace(edits, bounds=None)
         return {name: edits for name, edits in found.items() if edits != UNEDITED}
 
@@ -167,20 +170,42 @@ def read_log(session: Path) -> EditLog:
         return EditLog(path=path)
     except OSError as error:
         raise EditLogError(f"{path} cannot be read: {os_reason(error)}") from error
+    log, damage = _parsed(path, content)
+    if damage is not None:
+        raise damage
+    return log
+
+
+def intact_part(session: Path) -> tuple[bytes, EditLogError | None]:
+    """Return the bytes of a session's edit log up to its first damaged line, and what is wrong with that."""
+    path = log_path(session)
+    if not path.exists():
+        return b"", None
+    content = path.read_bytes()
+    log, error = _parsed(path, content)
+    return content[: log.size], error
+
+
+def _parsed(path: Path, content: bytes) -> tuple[EditLog, EditLogError | None]:
     *lines, rest = content.split(b"\n")
     torn = bool(rest)
     if not torn and lines and b"\0" in lines[-1]:
         # A power cut may leave a file longer, with zeros where the last line was to be.
         torn = bool(lines.pop())
-    if not lines:
-        raise _foreign(path)
-    check = _check_header(path, lines[0])
     edits: list[Edit] = []
-    for number, line in enumerate(lines[1:], start=1):
-        values, check = _checked_line(path, line, check, number + 1)
-        edits.append(_edit_of(path, values, number))
-    size = sum(len(line) + 1 for line in lines)
-    return EditLog(path=path, edits=tuple(edits), torn=_torn_text(path) if torn else "", size=size, check=check)
+    size, check, error = 0, "", None
+    try:
+        if not lines:
+            raise _foreign(path)
+        check = _check_header(path, lines[0])
+        size = len(lines[0]) + 1
+        for number, line in enumerate(lines[1:], start=1):
+            values, following = _checked_line(path, line, check, number + 1)
+            edits.append(_edit_of(path, values, number))
+            size, check = size + len(line) + 1, following
+    except EditLogError as damage:
+        error = damage
+    return EditLog(path=path, edits=tuple(edits), torn=_torn_text(path) if torn else "", size=size, check=check), error
 
 
 def header() -> tuple[bytes, str]:

@@ -19,6 +19,7 @@ from layflat.data.format import schema
 from layflat.data.format.attributes import set_attributes
 from layflat.data.format.demo_info import DemoInfo, info_from_row
 from layflat.data.format.encode import PACKING
+from layflat.data.format.measures import Measures
 from layflat.data.format.structure_checks import check_claim, check_demo, check_stored_here, stored_digest
 
 CHUNK_BYTES = 1 << 16
@@ -33,6 +34,8 @@ class IndexRow:
     """Checksum of the demo's attributes."""
     content: str | None = None
     """Digest of `layflat.data.format.content`; None where it was not computed."""
+    measures: Measures | None = None
+    """None where they were not computed."""
 
 
 def row_of(group: h5py.Group, *, file_bytes: int) -> IndexRow:
@@ -55,7 +58,14 @@ def read_index(file: h5py.File, names: Sequence[str], *, file_bytes: int) -> dic
 def append_index(file: h5py.File, rows: Mapping[str, IndexRow]) -> None:
     """Add rows to the index of a file that is open for writing; create it where there is none."""
     lines = (
-        {"name": name, "digest": row.digest, "content": row.content, **vars(row.info)} for name, row in rows.items()
+        {
+            "name": name,
+            "digest": row.digest,
+            "content": row.content,
+            "measures": row.measures and row.measures.to_json(),
+            **vars(row.info),
+        }
+        for name, row in rows.items()
     )
     text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode("ascii")
     if schema.INDEX not in file:
@@ -78,7 +88,10 @@ def append_index(file: h5py.File, rows: Mapping[str, IndexRow]) -> None:
 def _row_of_line(line: Mapping[str, object]) -> IndexRow:
     content = line.get("content")
     return IndexRow(
-        info=info_from_row(line), digest=str(line["digest"]), content=content if isinstance(content, str) else None
+        info=info_from_row(line),
+        digest=str(line["digest"]),
+        content=content if isinstance(content, str) else None,
+        measures=Measures.from_json(line.get("measures")),
     )
 
 

@@ -24,6 +24,7 @@ from layflat.data.format.content import CONTENT_KEYS, STEP_KEYS, content_digest,
 from layflat.data.format.decode import disturbances_of, read_demo
 from layflat.data.format.demo_info import DemoInfo, info_of
 from layflat.data.format.encode import arrays_of
+from layflat.data.format.measures import Measures, measures_of
 from layflat.data.format.opening import errors_name
 from layflat.data.format.rows import concatenated, demo_rows, read_rows
 from layflat.data.format.structure_checks import camera_of, stored_attributes
@@ -164,6 +165,14 @@ class Session(Sequence[Episode]):
     def contents(self, names: Sequence[str] | None = None) -> dict[str, str]:
         """Return the digest of each episode's content; episodes with the same digest are copies of one another."""
         return {name: self._content(name) for name in (self.names if names is None else names)}
+
+    def measures(self, name: str) -> Measures:
+        """Return the numbers that the flags of `layflat.data.tools.episode_index` depend on."""
+        self._entry(name)
+        if self._edits(name).bounds is None:
+            return self.catalog.measures(name)
+        keys = (schema.ACTIONS, schema.FINAL_STATE)[: 1 + (self.info(name).flat_area_final is not None)]
+        return measures_of(self.attributes(name), {key: self.array(name, key) for key in keys})
 
     def copies(self, names: Sequence[str] | None = None) -> dict[str, str]:
         """Return the episodes whose content an earlier one of ``names`` has, each with the name of the first."""

@@ -27,6 +27,7 @@ from layflat.data.format.encode import shared_attributes
 from layflat.data.format.opening import FileBusyError
 from layflat.data.robot import RobotSpec
 from layflat.data.session.assembly import assemble, is_worthwhile
+from layflat.data.session.edit_log import log_path
 from layflat.data.session.journal import JournalHandle
 from layflat.data.session.journal_reader import read_journal
 from layflat.data.session.parts import is_orphaned, journal_path, journals, part_files, parts_folder
@@ -220,6 +221,9 @@ class SessionRecorder:
             for stale in self._parts.glob(f"*{PART_SUFFIX}"):
                 stale.unlink()
             fsync_folder(self._real.parent)
+        log = log_path(self._real)
+        if not self._real.exists() and not part_files(self._real) and log.exists():
+            raise DataError(f"{self.path} is new, but {log.name} edits an earlier session of that name; move it away")
         if part_files(self._real) or self._real.exists():
             with open_session(self.path, edits=False) as session:
                 for key, value in session.shared.items():

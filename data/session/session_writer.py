@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from layflat.data.errors import DataError, WriteError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute, digest, user_attributes
-from layflat.data.format.content import content_digest, content_of_group
+from layflat.data.format.content import CONTENT_KEYS, content_digest
 from layflat.data.format.demo_info import DemoInfo, info_of
 from layflat.data.format.encode import (
     LIBVER,
@@ -26,6 +26,7 @@ from layflat.data.format.encode import (
 )
 from layflat.data.format.h5_writing import written_file
 from layflat.data.format.masks import OWN_MASKS, masks_of, read_masks, write_masks
+from layflat.data.format.measures import measures_of
 from layflat.data.format.opening import open_file
 from layflat.data.format.structure_checks import stored_attributes, stored_digest
 from layflat.data.session.index import IndexRow, append_index
@@ -68,7 +69,7 @@ class SessionFile:
         for key, value in user_attributes(group).items():
             copied.attrs[key] = value
         self._describe(attributes)
-        self._added[name] = IndexRow(info=info, digest=digest(attributes), content=content_of_group(group))
+        self._added[name] = _row(info, attributes, {key: group[key][()] for key in CONTENT_KEYS if key in group})
 
     def add(self, name: str, episode: Episode, uid: str, *, save_images: bool = True) -> None:
         """Add an episode."""
@@ -90,7 +91,7 @@ class SessionFile:
         self._describe(attributes)
         images = any(f"{schema.OBS}/{key}" in arrays for key in (schema.RGB, schema.DEPTH))
         info = info_of(attributes, images=images)
-        self._added[name] = IndexRow(info=info, digest=digest(attributes), content=content_digest(arrays))
+        self._added[name] = _row(info, attributes, arrays)
 
     def finish(self) -> None:
         """Write totals, masks and index; call once, after the last demo."""
@@ -122,6 +123,15 @@ class SessionFile:
     def _describe(self, attributes: Mapping[str, Attribute]) -> None:
         if schema.SCHEMA_NAME not in self._data.attrs:
             write_session_attributes(self._data, attributes, total=0)
+
+
+def _row(info: DemoInfo, attributes: Mapping[str, Attribute], arrays: Mapping[str, NDArray[Any]]) -> IndexRow:
+    return IndexRow(
+        info=info,
+        digest=digest(attributes),
+        content=content_digest(arrays),
+        measures=measures_of(attributes, arrays),
+    )
 
 
 def serialize(name: str, episode: Episode, uid: str, *, save_images: bool) -> bytes:

@@ -18,6 +18,7 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.demo_info import DemoInfo
 from layflat.data.session.catalog import differences
+from layflat.data.session.edit_log import log_path
 from layflat.data.session.parts import part_files, parts_folder
 from layflat.data.session.reader import Session, open_session
 from layflat.data.session.session_writer import SessionFile, check_writable, write_errors, written_session
@@ -185,14 +186,17 @@ def new_session(target: str | Path, *, force: bool) -> Iterator[SessionFile]:
     with write_errors(path):
         real = path.resolve()
         check_writable(path, real)
-        if real.exists() and not force:
-            raise DataError(f"{path} exists; give another name, or force to replace it")
+        log = log_path(real)
+        for there in (path, log):
+            if there.exists() and not force:
+                raise DataError(f"{there} exists; give another name, or force to replace it")
         with WriterLock(parts_folder(real), path):
             if part_files(real):
                 raise DataError(f"{path} has episodes that are not yet in it; repair it first")
             aside = parts_folder(real) / f"session.h5{PART_SUFFIX}"
             with atomic_path(real, aside), written_session(aside) as file:
                 yield file
+            log.unlink(missing_ok=True)  # It edited what was replaced.
 
 
 def _copy_named(session: Session, names: Sequence[str], file: SessionFile) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import h5py
 
-from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path
+from layflat.data.atomic_files import PART_SUFFIX, WriterLock, atomic_path, write_bytes
 from layflat.data.errors import DataError
 from layflat.data.format import schema, superblock
 from layflat.data.format.attributes import Attribute
@@ -30,6 +31,7 @@ from layflat.data.format.opening import (
 )
 from layflat.data.format.structure_checks import Violation, check_demo, check_hard_link
 from layflat.data.session.catalog import differences
+from layflat.data.session.edit_log import intact_part, log_path
 from layflat.data.session.journal_reader import read_journal
 from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
 from layflat.data.session.reader import open_session
@@ -123,6 +125,7 @@ class _Repair:
                 shutil.copy2(real, original)
         if in_place:
             self._tidy(real, folder)
+        self._take_edits(in_place=in_place)
         intact = tuple(name for name in self.names.values() if name not in recovered)
         return RepairReport(
             target=self.aim, intact=intact, recovered=recovered, lost=tuple(self.lost), original=original
@@ -136,6 +139,19 @@ class _Repair:
                 leftover.rename(_free(real.with_name(f"{real.name}{DAMAGED_SUFFIX}-{leftover.name}")))
             else:
                 leftover.unlink(missing_ok=True)
+
+    def _take_edits(self, *, in_place: bool) -> None:
+        """Keep the edits before a damaged line; the damaged log stays as another file."""
+        log, aim = log_path(self.source), log_path(self.aim)
+        content, error = intact_part(self.source)
+        if error is not None:
+            self.lost.append(Violation(path=log.name, message=str(error)))
+            if in_place:
+                os.replace(log, _free(log.with_name(log.name + DAMAGED_SUFFIX)))
+        if content and (error is not None or not in_place):
+            write_bytes(aim, content)
+        elif not content:
+            aim.unlink(missing_ok=True)
 
     def _unmark(self, real: Path, aside: Path) -> bool:
         """Copy a file without its mark; return False, with no copy, where it has none or more is wrong."""

@@ -20,6 +20,7 @@ from layflat.data.format.opening import DAMAGE, check_session, check_state, erro
 from layflat.data.format.structure_checks import Violation, Violations, check_hard_link, inspect_demo, inspect_links
 from layflat.data.format.value_checks import inspect_contents
 from layflat.data.sandbox import CallError, call_in_sandbox
+from layflat.data.session.edit_log import log_path, read_log
 from layflat.data.session.index import read_index
 from layflat.data.session.parts import is_orphaned, journals, part_files, parts_folder
 
@@ -59,6 +60,8 @@ def violations(path: Path) -> tuple[Violation, ...]:
         of_part = Violations()
         _inspect_file(part, of_part)
         found += [Violation(path=f"{part.name}:{v.path}", message=v.message) for v in of_part]
+    with found.at(log_path(path).name):
+        read_log(path)
     for journal in journals(parts_folder(path.resolve())):
         if is_orphaned(journal):
             found.append(Violation(path=journal.name, message="a recording was interrupted here; repair recovers it"))

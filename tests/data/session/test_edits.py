@@ -12,7 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from layflat.data import DataError, SessionEditor, filter_session, merge, open_session, read_log, repair, trim, validate
+from layflat.data import (
+    DataError,
+    SessionEditor,
+    SessionRecorder,
+    filter_session,
+    merge,
+    open_session,
+    read_log,
+    repair,
+    trim,
+    validate,
+)
 from layflat.data.format import schema
 from layflat.data.session.edit_log import header, line_of, log_path, new_edit
 from tests.factories import differences, make_episode, without_ground_truth, write_session
@@ -348,3 +359,52 @@ def read_without_writing(path, editor):
     except DataError as error:
         return 0 if "edits.jsonl cannot be written: Permission denied" in str(error) else 2
     return 3
+
+
+def test_repair_keeps_the_edits_before_a_damaged_line(path, editor, tmp_path):
+    editor.drop("demo_0")
+    editor.drop("demo_1")
+    log = log_path(path)
+    log.write_bytes(log.read_bytes().replace(b'"drop","episode":"demo_1"', b'"drop","episode":"demo_2"'))
+    assert [violation.path for violation in validate(path)] == ["s.h5.edits.jsonl"]
+    report = repair(path, tmp_path / "r.h5")
+    with open_session(tmp_path / "r.h5") as session:
+        assert session.names == ("demo_1", "demo_2", "demo_3")
+    report = repair(path)
+    assert [(loss.path, "damaged in line 3" in loss.message) for loss in report.lost] == [("s.h5.edits.jsonl", True)]
+    assert (tmp_path / "s.h5.edits.jsonl.damaged").exists()
+    with open_session(path) as session:
+        assert session.names == ("demo_1", "demo_2", "demo_3")
+    assert validate(path) == ()
+
+
+def test_a_replaced_or_new_session_has_none_of_the_old_edits(path, editor, tmp_path):
+    editor.trim("demo_0", 0, 3)
+    editor.drop("demo_1")
+    with open_session(path) as session:
+        before = session.infos()
+    filter_session(path, path, force=True)
+    assert not log_path(path).exists()
+    with open_session(path) as session:
+        assert session.infos() == before
+    editor.drop("demo_0")
+    path.unlink()
+    with pytest.raises(DataError, match=r"s\.h5 is new, but s\.h5\.edits\.jsonl edits an earlier session"):
+        write_session(path, [make_episode()])
+    with pytest.raises(DataError, match=r"s\.h5\.edits\.jsonl exists"):
+        filter_session(write_session(tmp_path / "o.h5", [make_episode()]), path)
+
+
+def test_recording_continues_beside_edits(path, editor):
+    """Names and identities of dropped episodes stay taken, and an edit does not wait for the recording."""
+    editor.drop("demo_3")
+    first = make_episode(n_steps=5, seed=7)
+    with SessionRecorder(path, robot=first.robot, cloth=first.cloth) as recorder:
+        assert recorder.save(first).name == "demo_4"
+        editor.relabel("demo_4", "failure")
+        with open_session(path) as session:
+            assert session.info("demo_4").outcome == "failure"
+        recorder.save(make_episode(n_steps=5, seed=8))
+    with open_session(path) as session:
+        assert session.names == ("demo_0", "demo_1", "demo_2", "demo_4", "demo_5")
+        assert session.info("demo_4").outcome == "failure"

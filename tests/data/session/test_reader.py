@@ -141,7 +141,7 @@ def test_a_wrong_index_is_noticed_when_the_episode_is_read(path):
     with open_session(path) as session:
         assert session.info("demo_3").seed == 8
         assert session["demo_2"].seed == 2
-        for use in (session.episode, session.group, lambda name: session.arrays(["action_m"], [name])):
+        for use in (session.episode, session.attributes, lambda name: session.arrays(["action_m"], [name])):
             with pytest.raises(DataError, match="demo_3 does not agree with the file's index"):
                 use("demo_3")
     assert [violation.path for violation in validate(path)] == ["/index"]

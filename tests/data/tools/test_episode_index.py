@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 from layflat.data import CameraModel, open_session
-from layflat.data.tools.episode_index import (
-    FLAGS,
-    episode_index,
-    flag_counts,
-    idle_steps,
-    jerk,
-    outside_share,
-    turned_share,
-)
+from layflat.data.format.measures import idle_steps, jerk, outside_share, turned_share
+from layflat.data.tools.episode_index import FLAGS, episode_index, flag_counts
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth
 from tests.factories import make_episode, without_ground_truth, write_session
 
