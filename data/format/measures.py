@@ -81,7 +81,7 @@ def idle_steps(actions: FloatArray) -> tuple[int, int]:
 def turned_share(nodes: FloatArray) -> float:
     """Return the share of the cloth's area that lies turned over; ``nodes`` (rows, columns, 3) m, free edge first."""
     a, b, c, d = nodes[:-1, :-1], nodes[1:, :-1], nodes[:-1, 1:], nodes[1:, 1:]
-    normals = np.concatenate([np.cross(b - a, c - a), np.cross(c - d, b - d)]).reshape(-1, 3)
+    normals = np.concatenate([np.cross(c - a, b - a), np.cross(b - d, c - d)]).reshape(-1, 3)
     heights = np.concatenate([a + b + c, d + b + c])[..., 2].ravel() / 3
     areas = np.linalg.norm(normals, axis=1)
     turned = (normals[:, 2] < TURNED_NORMAL * areas) & (heights < LAID_M)

@@ -21,7 +21,7 @@ CAMERA = CameraModel(
 
 def laid(shift_m=0.0, folded_rows=0):
     """Return a flat cloth of 0.3 m, face up, with its first rows folded over the next ones."""
-    x, y = np.meshgrid(np.linspace(0.05, 0.35, SHAPE[0]) + shift_m, np.linspace(-0.15, 0.15, SHAPE[1]), indexing="ij")
+    x, y = np.meshgrid(np.linspace(0.05, 0.35, SHAPE[0]) + shift_m, np.linspace(0.15, -0.15, SHAPE[1]), indexing="ij")
     nodes = np.stack([x, y, np.full(SHAPE, 0.002)], axis=-1)
     for row in range(folded_rows):
         nodes[row] = nodes[2 * folded_rows - row]
