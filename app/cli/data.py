@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from layflat.app.cli.data_edit import edit_cli
 from layflat.app.cli.options import DataFile, Debug, Episode, Force, Json, Seed, count, episode_number, list_commands
 from layflat.app.support import validators
 
 FormatName = Literal["robomimic", "lerobot", "csv", "minari", "rrd"]
+EditAction = Literal["relabel", "trim", "drop", "restore", "note", "undo", "log"]
 OutcomeName = Literal["success", "failure", "partial"]
 
 
@@ -259,4 +259,24 @@ def plot(
     run(path, out, episode=episode, force=force)
 
 
-data_cli.add_typer(edit_cli)
+@data_cli.command()
+def edit(
+    path: DataFile,
+    action: Annotated[EditAction, typer.Argument(help="Edit, or log.")] = "log",
+    values: Annotated[
+        list[str] | None, typer.Argument(metavar="[VALUE]...", show_default=False, help="Episode and values.")
+    ] = None,
+    json: Json = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Relabel, trim, drop, restore or annotate episodes, or undo that.
+
+    relabel demo_K success|failure|partial; trim demo_K FROM TO (keeps the steps FROM to TO - 1, as recorded); drop and
+    restore demo_K...; note demo_K TEXT; undo [N] (the newest edit, or edit N; undoing an undo does it again); log.
+
+    Edits are kept in FILE.h5.edits.jsonl and apply to all that reads the session; the recording stays as it is.
+    """
+    from layflat.app.commands.dataset_edit import edit as run
+
+    run(path, action, values or [], json=json, force=force)

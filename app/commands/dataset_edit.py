@@ -9,72 +9,91 @@ from typing import Any
 
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
-from layflat.app.support.errors import say
+from layflat.app.support.errors import UsageError, say
 from layflat.app.support.metrics import write_json
 from layflat.data.format import schema
 from layflat.data.session.edit_log import EditLog, read_log
 from layflat.data.session.editor import SessionEditor
 from layflat.data.session.reader import open_session
 
+FORMS = {
+    "relabel": ("demo_K success|failure|partial", 2, 2),
+    "trim": ("demo_K FROM TO", 3, 3),
+    "drop": ("demo_K...", 1, None),
+    "restore": ("demo_K...", 1, None),
+    "note": ("demo_K TEXT", 2, None),
+    "undo": ("[N]", 0, 1),
+    "log": ("no values", 0, 0),
+}
+"""Values of each action, and how many there are at least and at most."""
 
-def relabel(path: Path, episode: str, outcome: str) -> None:
-    """Label an episode."""
-    name = episode_name(episode)
+
+def edit(path: Path, action: str, values: Sequence[str], *, json: Path | None, force: bool) -> None:
+    """Edit a session, or print its edits; ``json`` gets all edits afterwards."""
+    form, least, most = FORMS[action]
+    if len(values) < least or (most is not None and len(values) > most):
+        raise UsageError(f"{action} takes {form}, got {' '.join(map(repr, values)) or 'none'}")
+    if json is not None:
+        validators.writable_file(json, force=force, suffix=".json")
+    if action in ("drop", "restore"):
+        _take(path, action, values)
+    elif action == "undo":
+        _undo(path, _integer("the number of an edit", values[0]) if values else None)
+    elif action != "log":
+        _change(path, action, episode_name(values[0]), values[1:])
+    found = read_log(path)
+    if json is not None:
+        write_json(json, {"file": str(path), "edits": log_rows(found)})
+    if action == "log":
+        _print_log(path, found)
+
+
+def _change(path: Path, action: str, name: str, values: Sequence[str]) -> None:
+    """Relabel, trim or annotate an episode."""
     with open_session(path) as session:
         before = session.info(name).outcome
-    edit = SessionEditor(path).relabel(name, outcome)
-    print(f"edit {edit.number}: {name} is {outcome}, was {before} {path}")
-
-
-def trim(path: Path, episode: str, start: int, stop: int) -> None:
-    """Cut an episode to some of its steps."""
-    name = episode_name(episode)
+    editor = SessionEditor(path)
+    if action == "relabel":
+        done = editor.relabel(name, values[0])
+    elif action == "trim":
+        done = editor.trim(name, *(_integer("a step", value) for value in values))
+    else:
+        done = editor.note(name, " ".join(values))
     with open_session(path) as session:
-        before = session.info(name).outcome
-    edit = SessionEditor(path).trim(name, start, stop)
-    with open_session(path) as session:
-        after, of = session.info(name).outcome, session.catalog.entry(name).row.info.n_steps
-    print(f"edit {edit.number}: {name} has {stop - start} of {of} steps, {after} {path}")
-    if after != before:
+        info, recorded = session.info(name), session.catalog.entry(name).row.info
+    text = {
+        "relabel": f"is {info.outcome}, was {before}",
+        "trim": f"has {info.n_steps} of {recorded.n_steps} steps, {info.outcome}",
+        "note": f"has the note {info.note!r}" if info.note else "has no note",
+    }
+    print(f"edit {done.number}: {name} {text[action]} {path}")
+    if action == "trim" and info.outcome != before:
         say(f"{name} was {before} and lost its end; `layflat data edit {path} relabel {name} {before}` labels it again")
 
 
-def drop(path: Path, episodes: Sequence[str]) -> None:
-    """Leave episodes out."""
-    _each(path, "drop", episodes, "dropped")
+def _take(path: Path, action: str, episodes: Sequence[str]) -> None:
+    """Drop or restore episodes."""
+    editor = SessionEditor(path)
+    for name in dict.fromkeys(map(episode_name, episodes)):
+        done = editor.drop(name) if action == "drop" else editor.restore(name)
+        with open_session(path) as session:
+            print(f"edit {done.number}: {action} {name}, {len(session)} episodes {path}")
 
 
-def restore(path: Path, episodes: Sequence[str]) -> None:
-    """Take dropped episodes in again."""
-    _each(path, "restore", episodes, "restored")
-
-
-def note(path: Path, episode: str, text: str) -> None:
-    """Write a note on an episode."""
-    name = episode_name(episode)
-    with open_session(path) as session:
-        session.info(name)
-    edit = SessionEditor(path).note(name, text)
-    print(f"edit {edit.number}: {name} has {'the note ' + repr(text) if text else 'no note'} {path}")
-
-
-def undo(path: Path, number: int | None) -> None:
+def _undo(path: Path, number: int | None) -> None:
     """Take back an edit."""
     editor = SessionEditor(path)
-    edit = editor.undo(number)
-    print(f"edit {edit.number}: undid edit {edit.value}, {editor.log().edits[int(str(edit.value)) - 1].text} {path}")
+    done = editor.undo(number)
+    undone = next(edit for edit in editor.log().edits if edit.number == done.value)
+    print(f"edit {done.number}: undid edit {undone.number}, {undone.text} {path}")
 
 
-def log(path: Path, *, json: Path | None, force: bool) -> None:
-    """Print the edits of a session."""
-    if json is not None:
-        validators.writable_file(json, force=force, suffix=".json")
+def _print_log(path: Path, found: EditLog) -> None:
+    """Print a table of the edits."""
     with open_session(path, edits=False):
-        found = read_log(path)
+        pass
     if found.torn:
         say(found.torn)
-    if json is not None:
-        write_json(json, {"file": str(path), "edits": log_rows(found)})
     if not found.edits:
         print(f"no edits {path}")
         return
@@ -96,10 +115,8 @@ def episode_name(text: str) -> str:
     return schema.demo_name(validators.episode_number(int(text))) if text.isascii() and text.isdigit() else text
 
 
-def _each(path: Path, action: str, episodes: Sequence[str], done: str) -> None:
-    editor = SessionEditor(path)
-    for name in dict.fromkeys(map(episode_name, episodes)):
-        edit = getattr(editor, action)(name)
-        with open_session(path) as session:
-            left = len(session)
-        print(f"edit {edit.number}: {done} {name}, {left} episodes {path}")
+def _integer(what: str, text: str) -> int:
+    """Return a whole number of at least 0; UsageError otherwise."""
+    if not text.isascii() or not text.isdigit():
+        raise UsageError(f"{what} must be an integer >= 0, got {text}")
+    return int(text)
