@@ -13,7 +13,7 @@ CONTENTS = {
     "": "tutorial",
     "How-to guides": """
         how-to/index how-to/record how-to/workstation how-to/train how-to/place how-to/evaluate how-to/suites
-        how-to/cluster how-to/sessions how-to/export how-to/camera how-to/own-policy how-to/own-cloth
+        how-to/cluster how-to/sessions how-to/mend how-to/export how-to/camera how-to/own-policy how-to/own-cloth
         how-to/python""",
     "Reference": """
         reference/index reference/cli reference/python reference/api/index reference/names reference/observations

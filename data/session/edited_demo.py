@@ -15,6 +15,7 @@ from layflat.data.errors import DataError
 from layflat.data.format import schema
 from layflat.data.format.attributes import Attribute
 from layflat.data.format.decode import disturbances_of
+from layflat.data.format.demo_info import DemoInfo
 from layflat.data.format.encode import disturbances_json
 from layflat.data.format.rows import read_rows
 from layflat.data.session.edit_log import EpisodeEdits
@@ -66,6 +67,12 @@ def edited_episode(episode: Episode, edits: EpisodeEdits) -> Episode:
     if edits.bounds is not None:
         episode = trimmed(episode, *edits.bounds)
     return episode if edits.outcome is None else replace(episode, outcome=edits.outcome)
+
+
+def edited_info(info: DemoInfo, edits: EpisodeEdits) -> DemoInfo:
+    """Return the info of an episode, trimmed already, with its label and note."""
+    outcome = info.outcome if edits.outcome is None else edits.outcome
+    return replace(info, outcome=outcome, note=info.note if edits.note is None else edits.note)
 
 
 def edited_attributes(

@@ -31,12 +31,22 @@ from layflat.data.format.structure_checks import camera_of, stored_attributes
 from layflat.data.robot import RobotSpec
 from layflat.data.session.catalog import Catalog, CatalogEntry
 from layflat.data.session.edit_log import UNEDITED, Edit, EditLog, EpisodeEdits, log_path, read_log
-from layflat.data.session.edited_demo import TRIM_KEYS, cut_rows, edited_attributes, edited_episode, edited_rows
+from layflat.data.session.edited_demo import (
+    TRIM_KEYS,
+    cut_rows,
+    edited_attributes,
+    edited_episode,
+    edited_info,
+    edited_rows,
+    trimmed_uid,
+)
 from layflat.data.session.episode_view import EpisodeView
 from layflat.data.session.session_writer import SessionFile
 from layflat.data.types import DisturbanceRecord, Episode, Outcome
 
 _LOG = logging.getLogger("layflat")
+_TRIMMED: dict[str, DemoInfo] = {}
+"""Infos of trimmed episodes by their uid, as far as this process has read them: each needs its arrays."""
 
 
 def open_session(path: str | Path, *, edits: bool = True) -> Session:
@@ -91,7 +101,6 @@ class Session(Sequence[Episode]):
         """All episodes as they were recorded, in their places in files."""
         self.edits: dict[str, EpisodeEdits] = log.by_episode(self.catalog)
         """Edits of the episodes that have any, dropped ones included, by name."""
-        self._edited_infos: dict[str, DemoInfo] = {}
         self.robot: RobotSpec = self.catalog.robot
         self.shared = self.catalog.shared
         """Attributes that all episodes share, by key of the schema."""
@@ -121,12 +130,14 @@ class Session(Sequence[Episode]):
 
     def info(self, name: str) -> DemoInfo:
         """Return everything about an episode that needs no array."""
-        recorded = self._entry(name).row.info
-        if name not in self.edits:
-            return recorded
-        if name not in self._edited_infos:
-            self._edited_infos[name] = info_of(self.attributes(name), images=recorded.images)
-        return self._edited_infos[name]
+        info, edits = self._entry(name).row.info, self._edits(name)
+        if edits.bounds is not None:
+            uid = trimmed_uid(info.uid, *edits.bounds)
+            if uid not in _TRIMMED:
+                attributes = self._attributes(name, EpisodeEdits(bounds=edits.bounds))
+                _TRIMMED[uid] = info_of(attributes, images=info.images)
+            info = _TRIMMED[uid]
+        return edited_info(info, edits)
 
     def infos(self) -> dict[str, DemoInfo]:
         """Return the info of every episode by name; no array is read.
@@ -149,7 +160,10 @@ class Session(Sequence[Episode]):
 
     def attributes(self, name: str) -> dict[str, Attribute]:
         """Return the attributes of an episode by key of the schema; its arrays are not read."""
-        entry, edits = self._entry(name), self._edits(name)
+        return self._attributes(name, self._edits(name))
+
+    def _attributes(self, name: str, edits: EpisodeEdits) -> dict[str, Attribute]:
+        entry = self._entry(name)
         with errors_name(entry.file):
             group = self.catalog.group(name, () if entry.checked else (schema.PHASE,))
             attributes = stored_attributes(group)
@@ -291,7 +305,6 @@ class Session(Sequence[Episode]):
             raise DataError(f"steps {start} to {stop} cannot be kept; the episode has steps 0 to {n_steps}")
         before = 0 if edits.bounds is None else edits.bounds[0]
         self.edits[name] = replace(edits, bounds=(before + start, before + stop))
-        self._edited_infos.pop(name, None)
 
     def check(self, name: str, keys: Sequence[str]) -> None:
         """Check several data sets of an episode at once, which is faster than one by one as they are read."""
