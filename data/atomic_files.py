@@ -195,11 +195,14 @@ class WriterLock:
         self._path = folder / name
         self._descriptor: int | None = None
         for attempt in itertools.count():
-            folder.mkdir(exist_ok=True)
             try:
+                folder.mkdir(exist_ok=True)
                 descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            except FileNotFoundError:
-                continue  # The last writer removed the folder between the two lines.
+            except (FileNotFoundError, FileExistsError):
+                # The last writer removed the folder between two looks at it.
+                if attempt > RENAMED_MAX:
+                    raise
+                continue
             self._lock(descriptor, subject)
             # Some network drives number their files differently each time.
             if self._still_named(descriptor) or attempt > RENAMED_MAX:

@@ -4,7 +4,18 @@ import json
 
 import pytest
 
+from layflat.app.cli import main
 from tests.factories import make_episode, write_session
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*arguments):
+        with pytest.raises(SystemExit) as stop:
+            main.main([str(word) for word in arguments])
+        return int(stop.value.code or 0), *capsys.readouterr()
+
+    return call
 
 
 @pytest.fixture
