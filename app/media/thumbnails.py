@@ -16,7 +16,8 @@ from layflat.data.camera import CameraModel
 from layflat.data.format import schema
 from layflat.data.format.structure_checks import camera_of, mesh_shape_of
 from layflat.data.session.reader import Session
-from layflat.sim.cloth.spec import CLOTHS, DEFAULT_CLOTH, cloth_spec
+from layflat.sim.cloth.registry import CLOTHS, cloth_spec
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
 
 WIDTH = 160
 """Width of a thumbnail, px; it is 4:3."""

@@ -9,7 +9,7 @@ import pytest
 from layflat.app.media.cloth_colors import REVERSE, TABLE
 from layflat.app.media.thumbnails import thumbnail
 from layflat.data import GroundTruth, open_session
-from layflat.sim.cloth.spec import cloth_spec
+from layflat.sim.cloth.registry import cloth_spec
 from tests.factories import make_episode, without_ground_truth, write_session
 
 SPEC = cloth_spec("napkin")
