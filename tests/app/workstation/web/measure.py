@@ -19,13 +19,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from layflat.app.workstation.session.frame_channel import FrameChannel, SimulationFrame
+from layflat.app.workstation.session.frame_channel import SimulationFrame, frame_of
 from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.pages.registry import PAGES
 from layflat.app.workstation.web.server import AppConfig, serve
@@ -143,7 +142,7 @@ def watch_in_chromium(address: str) -> None:
 def simulate(seed: int) -> tuple[list[SimulationFrame], list[float]]:
     """Return the frames of a scripted placement with the camera on, and the CPU s of each step."""
     sim = ClothSimulation(SimConfig(robot="hanger"))
-    channel, costs, frames = FrameChannel(get_context()), [], []
+    costs, frames = [], []
     try:
         sim.reset(seed)
         run = EpisodeRunner(sim, PolicySpec(builtin=SCRIPTED).make(sim), seed=seed, keep_images=False)
@@ -151,10 +150,7 @@ def simulate(seed: int) -> tuple[list[SimulationFrame], list[float]]:
             began = time.process_time()
             run.step("place")
             costs.append(time.process_time() - began)
-            channel.publish(sim, run)
-            found = channel.read()
-            assert found is not None
-            frames.append(found[1])
+            frames.append(frame_of(sim, run, input_s=0.0, work_s=0.0))
     finally:
         sim.close()
     return frames, costs

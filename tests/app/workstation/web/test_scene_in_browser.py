@@ -15,16 +15,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-viser = pytest.importorskip("viser")
-sync_api = pytest.importorskip("playwright.sync_api")
-Image = pytest.importorskip("PIL.Image")
+for needed in ("viser", "playwright.sync_api", "PIL.Image"):
+    pytest.importorskip(needed)
 
-from layflat.app.media import cloth_colors as colors
-from layflat.app.workstation.preview import initial_frame
-from layflat.app.workstation.web.scene import Scene
-from layflat.app.workstation.web.security import SafeServer, open_server
-from layflat.app.workstation.web.stage import CENTRE, FIELD_RAD, VIEWS, add_stage, look_from
-from layflat.sim.cloth.registry import cloth_spec
+import viser  # noqa: E402
+from PIL import Image  # noqa: E402
+from playwright import sync_api  # noqa: E402
+
+from layflat.app.media import cloth_colors as colors  # noqa: E402
+from layflat.app.workstation.preview import initial_frame  # noqa: E402
+from layflat.app.workstation.web.scene import Scene  # noqa: E402
+from layflat.app.workstation.web.security import SafeServer, open_server  # noqa: E402
+from layflat.app.workstation.web.stage import CENTRE, FIELD_RAD, VIEWS, add_stage, look_from  # noqa: E402
+from layflat.sim.cloth.registry import cloth_spec  # noqa: E402
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
