@@ -17,7 +17,7 @@ CONTENTS = {
         how-to/python""",
     "Reference": """
         reference/index reference/cli reference/python reference/api/index reference/names reference/observations
-        reference/controls
+        reference/controls reference/browser-view
         reference/session-file reference/files changelog""",
     "Explanation": """
         explanation/index explanation/architecture explanation/word explanation/seeing explanation/contact
