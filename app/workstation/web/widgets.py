@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,7 @@ def film(webm: bytes) -> str:
     return f'<video controls loop muted autoplay style="max-width:100%" src="data:video/webm;base64,{data}"></video>'
 
 
+@lru_cache(maxsize=2)  # Several viewers show the same frame.
 def camera_image(frame: SimulationFrame) -> NDArray[np.uint8] | None:
     """Return the camera's picture with contact and WORD drawn on it, or None where there is none."""
     if frame.rgb is None or frame.cloth_state is None:
