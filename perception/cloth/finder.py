@@ -8,7 +8,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from layflat.perception.arrays import WHOLE, BoolArray, FloatArray, RgbArray, Window, bounding_window, dilate, erode
+from layflat.perception.arrays import (
+    WHOLE,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    RgbArray,
+    Window,
+    bounding_window,
+    dilate,
+    erode,
+)
 from layflat.perception.camera.intrinsics import Intrinsics
 from layflat.perception.camera.table_plane import fit_table_plane
 from layflat.perception.cloth.pieces import Piece, find_pieces
@@ -21,8 +31,8 @@ MAX_SHARPENED_PX = 120_000
 """Cloths in larger windows have the outline of the reduced image: there a pixel is a small share of them."""
 LIT_SHARE = 0.4
 """Where less of the piece looks like the table in a shadow, or in strong light, that part is left to GrabCut."""
-MAX_PATCH_M2, PATCH_COLOR, PATCH_HEIGHT_M = 0.05, 8.0, 0.0025
-"""Smaller pieces whose colour (8-bit Lab) and height change by less at their outline are parts of something else."""
+PATCH_SHARE, PATCH_COLOR, PATCH_HEIGHT_M = 0.12, 5.0, 0.003
+"""A part of something else: colour (8-bit Lab) and height change by less on more than this share of its outline."""
 FLAP_SHARE = 0.3
 """A smaller piece that touches the cloth, parted by a step of height, may be a flap of it."""
 REST_SHARE = 0.8
@@ -93,19 +103,17 @@ class Finding:
         coarse = _refine(self.scene, piece, [other for other in self.pieces if not other.cloth_like])
         return _sharpen(self.rgb, self.enlarge(coarse), max(1, self.shape[1] // coarse.shape[1]))
 
-    def is_patch(self, piece: Piece) -> bool:
-        """Return whether a small piece has no outline of its own: neither colour nor height change there."""
-        if piece.area_m2 > MAX_PATCH_M2:
-            return False
-        inside = piece.mask & ~erode(piece.mask, 4)
-        around = dilate(piece.mask, 6) & ~dilate(piece.mask, 2) & ~self.scene.things
-        if not around.any():
-            return False
-        color, height = (
-            np.abs(np.median(image[inside], axis=0) - np.median(image[around], axis=0)).max()
-            for image in (self.scene.lab.astype(np.float32), self.scene.height)
-        )
-        return bool(color < PATCH_COLOR and height < PATCH_HEIGHT_M)
+    def is_patch(self, mask: BoolArray) -> bool:
+        """Return whether a mask (H, W) ends, on a good part of its outline, where neither colour nor height change."""
+        part = self._reduced(mask)
+        rim = part & ~erode(part, 1)
+        images = (self.scene.lab.astype(np.float32) / PATCH_COLOR, self.scene.height / np.float32(PATCH_HEIGHT_M))
+        steps = []
+        for image in images:
+            inner, outer = (_mean_over(image, where) for where in (erode(part, 1), ~dilate(part, 1)))
+            step = np.abs(inner - outer)[rim]
+            steps.append(step.max(axis=-1) if step.ndim > 1 else step)
+        return bool(np.mean(np.maximum(*steps) < 1) > PATCH_SHARE) if rim.any() else False
 
     def enlarge(self, mask: BoolArray) -> BoolArray:
         """Return a reduced mask at the frame's size."""
@@ -181,6 +189,14 @@ def _parted(scene: TableScene, main: BoolArray, other: BoolArray, window: Window
         return False
     colors = [np.median(lab[mask & clear], axis=0) for mask in (main, other)]
     return bool(np.abs(colors[0] - colors[1]).max() < PART_COLOR)
+
+
+def _mean_over(image: Float32Array, where: BoolArray) -> Float32Array:
+    """Return the mean of the neighbours that are in a mask."""
+    share = cv2.blur(where.astype(np.float32), (9, 9)) + np.float32(1e-3)
+    weight = where.astype(np.float32)
+    total = cv2.blur(image * (weight if image.ndim == 2 else weight[..., None]), (9, 9))
+    return np.asarray(total / (share if image.ndim == 2 else share[..., None]), np.float32)
 
 
 def _sharpen(rgb: RgbArray, mask: BoolArray, factor: int) -> BoolArray:

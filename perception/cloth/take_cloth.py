@@ -99,15 +99,15 @@ def _standing_out(rgb: RgbArray, finding: Finding) -> TakenCloth:
             f"{len(cloths)} things could be the cloth, at {places}: point at one with --cloth-at X,Y",
             finding.enlarge(np.logical_or.reduce([piece.mask for piece in cloths])),
         )
-    if cloths and finding.is_patch(cloths[0]):
-        whole = finding.enlarge(cloths[0].mask)
-        raise ClothRefusedError(
-            f"what stands out ({name_color(rgb, whole)}) is only a patch: around it are the same colour and height; "
-            f"{_OTHER_WAYS}",
-            whole,
-        )
     if cloths:
-        return _describe(rgb, finding.outline(cloths[0]), "suggested")
+        mask = finding.outline(cloths[0])
+        if not finding.is_patch(mask):
+            return _describe(rgb, mask, "suggested")
+        raise ClothRefusedError(
+            f"what stands out ({name_color(rgb, mask)}) is only a patch: around it are the same colour and height; "
+            f"{_OTHER_WAYS}",
+            mask,
+        )
     hint = far_hint(finding.distance_m)
     cut = next((piece for piece in finding.pieces if not piece.doubt), None)
     if cut is not None:

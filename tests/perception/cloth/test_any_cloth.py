@@ -21,7 +21,7 @@ from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.errors import PerceptionError
 from layflat.tests.ruler.draw import Frame, draw
 
-CLOTHS, EMPTY = range(2000, 2200), range(2000, 2200, 4)
+CLOTHS, EMPTY = range(3000, 3200), range(3000, 3200, 4)
 
 
 def see(frame: Frame, **options) -> FrameResult | str:
@@ -55,13 +55,13 @@ def judge(frame: Frame) -> tuple[float, float | None]:
     return same, found - contact_share(seen, frame.cloth, frame, frame.true_depth)
 
 
-@pytest.mark.parametrize("seed", range(0, 140, 20))
+@pytest.mark.parametrize("seed", [*range(0, 140, 20), 2031, 2088, 2172])  # black at an arm, at bottles, white on wood
 def test_a_cloth_of_any_look_is_found(seed):
     frame = draw(seed)
     assert judge(frame)[0] > 0.9, (frame.kind, frame.ground, frame.relief)
 
 
-@pytest.mark.parametrize("seed", range(0, 140, 35))
+@pytest.mark.parametrize("seed", [*range(0, 140, 35), 53, 2164])  # a spot of light, a shadow on dots
 def test_what_is_no_cloth_is_refused(seed):
     frame = draw(seed, cloth=False)
     assert isinstance(see(frame), str), frame.relief
@@ -87,9 +87,9 @@ def test_share_of_cloths_seen():
     off = np.abs(contacts)
     spread = f"median {np.median(off):.3f}, 90 % {np.quantile(off, 0.9):.3f}, largest {off.max():.3f}"
     print(f"\nwrong {wrong}; contact off by {spread}")
-    assert np.mean(np.array(overlaps["all"]) >= 0.9) > 0.85
-    assert wrong <= 0.03 * len(CLOTHS)
-    assert np.median(off) < 0.02
+    assert np.mean(np.array(overlaps["all"]) >= 0.9) >= 0.95
+    assert wrong <= 0.01 * len(CLOTHS)
+    assert np.median(off) < 0.012
 
 
 @pytest.mark.slow
@@ -101,7 +101,7 @@ def test_share_of_other_things_refused():
         if not isinstance(see(frame), str):
             taken.append(f"{seed} {frame.relief}")
     print(f"\n{len(taken)} of {len(EMPTY)} taken for a cloth: {taken}")
-    assert len(taken) <= 0.06 * len(EMPTY)
+    assert len(taken) <= 0.02 * len(EMPTY)
 
 
 FRAMES = Path(os.environ.get("LAYFLAT_FRAMES", "/nonexistent"))
@@ -117,3 +117,21 @@ def test_real_garments_on_a_wooden_floor(name):
     lens = Intrinsics(width=640, height=480, fx=525, fy=525, cx=319.5, cy=239.5)
     seen = analyze_frame(rgb, depth, lens, rng=np.random.default_rng(0))
     assert np.count_nonzero(seen.cloth_mask) == pytest.approx(CLOTH_PIXELS[name], rel=0.03)
+
+
+@pytest.mark.skipif(not FRAMES.is_dir(), reason="LAYFLAT_FRAMES names no folder with real frames")
+@pytest.mark.parametrize(
+    ("name", "taken"), {"airo2": 7_980, "tl_a": 24_100, "airo4": None, "tl_b": None, "tl_d": None}.items()
+)
+def test_photographs_without_depth_are_taken_whole_or_refused(name, taken):
+    rgb = cv2.imread(str(FRAMES / f"{name}.png"))[..., ::-1].copy()
+    height, width = rgb.shape[:2]
+    depth = np.round(0.7 + np.random.default_rng(5).normal(0, 0.0012, (height, width)), 3).astype(np.float32)
+    focal = 615 * width / 640
+    lens = Intrinsics(width=width, height=height, fx=focal, fy=focal, cx=width / 2 - 0.5, cy=height / 2 - 0.5)
+    if taken is None:
+        with pytest.raises(PerceptionError, match="patch|no cloth|cut by"):
+            analyze_frame(rgb, depth, lens, rng=np.random.default_rng(0))
+    else:
+        seen = analyze_frame(rgb, depth, lens, rng=np.random.default_rng(0))
+        assert np.count_nonzero(seen.cloth_mask) == pytest.approx(taken, rel=0.03)
