@@ -130,7 +130,7 @@ def test_photographs_without_depth_are_taken_whole_or_refused(name, taken):
     focal = 615 * width / 640
     lens = Intrinsics(width=width, height=height, fx=focal, fy=focal, cx=width / 2 - 0.5, cy=height / 2 - 0.5)
     if taken is None:
-        with pytest.raises(PerceptionError, match="patch|no cloth|cut by"):
+        with pytest.raises(PerceptionError, match=r"patch|no cloth|cut by"):
             analyze_frame(rgb, depth, lens, rng=np.random.default_rng(0))
     else:
         seen = analyze_frame(rgb, depth, lens, rng=np.random.default_rng(0))
