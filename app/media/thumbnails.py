@@ -25,6 +25,8 @@ VIEW_M = 0.62
 """Length of the table that is shown where no camera is known: from above, away from the robot upwards."""
 ZOOM = 2.0
 """Enlargement about the cloth of what the camera sees."""
+_KNOWN: dict[tuple[str, str, int], bytes] = {}
+"""Thumbnails by identity, content and width of the episode: 20 kB at most each."""
 
 
 def thumbnail(session: Session, name: str, *, width: int = WIDTH) -> bytes:
@@ -33,6 +35,13 @@ def thumbnail(session: Session, name: str, *, width: int = WIDTH) -> bytes:
     The recorded camera image where one was kept, else the cloth's nodes drawn as the camera sees them, nearer: face
     checked, reverse orange, what rests on the table darker. An episode with neither is a plain picture. About 10 ms.
     """
+    key = session.info(name).uid, session.contents([name])[name], width
+    if key not in _KNOWN:
+        _KNOWN[key] = _drawn(session, name, width)
+    return _KNOWN[key]
+
+
+def _drawn(session: Session, name: str, width: int) -> bytes:
     height = width * 3 // 4
     key = f"{schema.NEXT_OBS}/{schema.RGB}"
     if session.row_shape(name, key) is not None:

@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from operator import attrgetter
 from typing import Any
 
+from layflat.app.media.thumbnails import thumbnail
 from layflat.app.workstation.web.job_view import JobView
 from layflat.app.workstation.web.operations import ANY, FORMATS, OPERATIONS, Field, arguments_of
 from layflat.app.workstation.web.pages.edits import EditForm
 from layflat.app.workstation.web.pages.page import Page
-from layflat.app.workstation.web.thumbnails import SIZE_PX, thumbnail
 from layflat.app.workstation.web.widgets import film, picture, put, sentence
 from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
@@ -25,6 +25,7 @@ SORTS: Mapping[str, Callable[[EpisodeRow], Any]] = {
     **{name: attrgetter(name) for name in ("outcome", "contact", "n_steps", "seed", "source")},
     "flat area": lambda row: -1.0 if row.flat_area is None else row.flat_area,
 }
+THUMBNAIL_PX = 96
 PAGE_ROWS = 40
 OUTCOME_SIGNS = {"success": "✓", "failure": "✗", "partial": "…"}
 CHOOSE = (
@@ -90,7 +91,7 @@ class DataPage(Page):
             self._first = min(self._first, max(len(rows) - 1, 0) // PAGE_ROWS * PAGE_ROWS)
             shown = rows[self._first : self._first + PAGE_ROWS]
             dropped = session.dropped
-            self._pictures = {row.name: thumbnail(session, row.name) for row in shown}
+            self._pictures = {row.name: thumbnail(session, row.name, width=THUMBNAIL_PX) for row in shown}
         put(self._turn, visible=len(rows) > PAGE_ROWS)
         self._edits.show(dropped)
         self._draw()
@@ -183,7 +184,7 @@ def episode_table(rows: list[EpisodeRow], pictures: Mapping[str, bytes], chosen:
     for row in rows:
         data = base64.b64encode(pictures.get(row.name, b"")).decode()
         image = (
-            f'<img alt="" width="{SIZE_PX[0]}" height="{SIZE_PX[1]}" src="data:image/jpeg;base64,{data}">'
+            f'<img alt="" width="{THUMBNAIL_PX}" height="{THUMBNAIL_PX * 3 // 4}" src="data:image/png;base64,{data}">'
             if data
             else ""
         )
