@@ -51,6 +51,11 @@ def run_window(request: SessionRequest, on_event: Callable[[SessionEvent], None]
             window.run(stopped)
         finally:
             window.close()
+    if window.gone:
+        # Everything is saved, and at the program's end pygame would wait for ever for the window's.
+        print(window.client.problem, end="", file=sys.stderr)
+        sys.stdout.flush()
+        os._exit(1 if window.client.problem else 0)
     window.client.check()
 
 
@@ -67,8 +72,11 @@ def _check_display() -> None:
     sdl.prepare()
     try:
         import pygame
+
+        from layflat.app.workstation.window.x11 import ignore_errors
     except ImportError as error:
         raise LayflatError(f"the window needs pygame ({error}); run `layflat doctor`") from None
+    ignore_errors()
     try:
         pygame.display.init()
     except pygame.error as error:

@@ -14,13 +14,14 @@ from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import SessionEvent
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.window import display_scale, style, x11
+from layflat.app.workstation.window import display_scale, style
 from layflat.app.workstation.window.contents import VIEW_KEYS, Contents
 from layflat.app.workstation.window.ghost import Ghost
 from layflat.app.workstation.window.input_manager import InputManager
 from layflat.app.workstation.window.orbit_camera import PRESETS
 from layflat.app.workstation.window.painter import Painter
 from layflat.app.workstation.window.viewport import Viewport
+from layflat.app.workstation.window.x11 import XWatch
 
 FRAMES_HZ = 30
 ZOOM, ZOOM_RANGE = 1.1, (0.6, 3.0)
@@ -43,8 +44,10 @@ class Window:
         pygame.display.set_icon(icon())
         size = display_scale.first_size(self.memory, self._display_scale)
         surface = pygame.display.set_mode(size, pygame.RESIZABLE)
-        x11.survive_errors()
+        self._x_watch = XWatch()
         self.open = True
+        self.gone = False
+        """Whether the window was destroyed from outside; SDL would wait for ever for its end."""
         self.frames_s: list[float] = []
         """Wall time of the work of each of the last frames."""
         self._on_event = on_event
@@ -87,7 +90,8 @@ class Window:
         self._report(self.client.poll())
         self.devices.send()
         self.contents.update()
-        if self.client.status.state == "over" or not self.client.alive or x11.window_is_gone():
+        self.gone = self.gone or self._x_watch.window_is_gone()
+        if self.client.status.state == "over" or not self.client.alive or self.gone:
             self.open = False
         if self.open:
             self.painter.draw()
@@ -107,7 +111,9 @@ class Window:
         self._report(self.client.end())
         self.devices.close()
         display_scale.save_memory(self.memory)
-        pygame.display.quit()
+        self._x_watch.close()
+        if not self.gone:
+            pygame.display.quit()
 
     # Events
 

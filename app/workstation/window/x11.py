@@ -1,33 +1,54 @@
-"""Errors of the X server: by default Xlib ends the program where it stands, without its end."""
+"""A window that was destroyed from outside: by default Xlib then ends the program where it stands."""
 
 from __future__ import annotations
 
 import ctypes
+import time
 from contextlib import suppress
+from typing import Any
 
 import pygame
 
-_errors = 0
+LOOK_S = 0.5
+"""Time between two looks whether the window is still there."""
+ATTRIBUTES_BYTES = 1024
+"""More than Xlib's XWindowAttributes."""
 
 
-def _note(display: int | None, event: int | None) -> int:
-    global _errors  # Xlib's handler has no argument of its own.
-    _errors += 1
-    return 0
+_IGNORE = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(lambda *_: 0)
 
 
-_HANDLER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(_note)
+def ignore_errors() -> None:
+    """Ignore errors of the X server; before SDL starts, which passes them on to the handler that it found."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL("libX11.so.6").XSetErrorHandler(_IGNORE)
 
 
-def survive_errors() -> None:
-    """Note errors instead: a window that was destroyed from outside ends the program as its own X does."""
-    global _errors
-    _errors = 0
-    if pygame.display.get_driver() == "x11":
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL("libX11.so.6").XSetErrorHandler(_HANDLER)
+class XWatch:
+    """Asks the X server whether the window is there, through a connection of its own."""
 
+    def __init__(self) -> None:
+        """Watch the window of pygame's display, where that is on an X server."""
+        self._x11: Any = None
+        self._looked_s = time.monotonic()
+        if pygame.display.get_driver() == "x11":
+            with suppress(OSError, AttributeError, KeyError):
+                x11 = ctypes.CDLL("libX11.so.6")
+                x11.XOpenDisplay.restype = ctypes.c_void_p
+                self._display = ctypes.c_void_p(x11.XOpenDisplay(None))
+                self._window = ctypes.c_ulong(pygame.display.get_wm_info()["window"])
+                self._attributes = ctypes.create_string_buffer(ATTRIBUTES_BYTES)
+                self._x11 = x11 if self._display else None
 
-def window_is_gone() -> bool:
-    """Return whether the X server has refused something since `survive_errors`, such as drawing."""
-    return _errors > 0
+    def window_is_gone(self) -> bool:
+        """Return whether the X server has no such window any more."""
+        if self._x11 is None or time.monotonic() - self._looked_s < LOOK_S:
+            return False
+        self._looked_s = time.monotonic()
+        return not self._x11.XGetWindowAttributes(self._display, self._window, self._attributes)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._x11 is not None:
+            self._x11.XCloseDisplay(self._display)
+        self._x11 = None
