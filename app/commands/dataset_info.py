@@ -44,7 +44,7 @@ def info(path: Path, *, json: Path | None, force: bool) -> None:
         validators.writable_file(json, force=force, suffix=".json")
     with open_session(path) as session:
         print_page(session, session.infos(), console(highlight=False))
-        print_edits(session)
+        print_edits(session, console(highlight=False))
         if copies := session.copies():
             print(f"{copies_text(copies)}; `layflat data merge {path} --out NEW.h5` keeps one of each")
         if json is not None:
@@ -127,16 +127,17 @@ def print_page(session: Session, infos: Mapping[str, DemoInfo], out: Console) ->
     out.print(episode_table(infos, session.disturbances))
 
 
-def print_edits(session: Session) -> None:
+def print_edits(session: Session, out: Console) -> None:
     """Print what edits have changed, and which episodes a person should look at."""
     if session.edits:
         dropped = f", {len(session.dropped)} dropped: {', '.join(session.dropped)}" if session.dropped else ""
-        print(f"edits: {len(session.edits)} episodes{dropped}; `layflat data edit {session.path} log` lists them")
+        text = f"edits: {len(session.edits)} episodes{dropped}; `layflat data edit {session.path} log` lists them"
+        out.print(text, markup=False)
     for flag, names in flag_counts(episode_index(session)).items():
-        print(f"{flag}: {names_text(names)}; {FLAGS[flag]}")
+        out.print(f"{flag}: {names_text(names)} ({FLAGS[flag]})", markup=False)
     for name, info in session.infos().items():
         if info.note:
-            print(f"note on {name}: {info.note}")
+            out.print(f"note on {name}: {info.note}", markup=False)
 
 
 def episode_table(
