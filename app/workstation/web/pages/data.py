@@ -195,7 +195,8 @@ def episode_table(rows: list[EpisodeRow], pictures: Mapping[str, bytes], chosen:
         lines.append(
             f'<tr tabindex="0" role="button" data-name="{row.name}" onclick="{CHOOSE}"'
             f' onkeydown="if(event.key===\'Enter\')this.click()" style="cursor:pointer;{ground}">'
-            f"<td>{image}</td><td><b>{row.name}</b> {OUTCOME_SIGNS[row.outcome]} {row.outcome}"
+            f'<td style="width:1%;padding-right:0.6em">{image}</td>'
+            f"<td><b>{row.name}</b> {OUTCOME_SIGNS[row.outcome]} {row.outcome}"
             f"<div>contact {100 * row.contact:.0f} %{flat}</div>"
             f'<div style="opacity:.75">{row.length_s:.1f} s, {html.escape(row.source)}, seed {row.seed}</div>'
             f'{note}<div style="color:#b45309">{flags}</div></td></tr>'
