@@ -16,11 +16,14 @@ from layflat.app.workstation.window import panels, sound, style
 from layflat.app.workstation.window.display_scale import load_memory
 from layflat.app.workstation.window.orbit_camera import PRESETS
 from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
 from layflat.data.tools.validate import validate
 from layflat.data.types import ACTION_LIMIT_M, Episode
+from layflat.policy.spec import PolicySpec
 from layflat.sim.robots.registry import robot_spec
 from layflat.tests.app.workstation.person import Person, post
 from layflat.tests.app.workstation.window.conftest import leftovers
+from layflat.tests.factories import PICKERS
 
 pytestmark = pytest.mark.timeout(400)
 
@@ -320,3 +323,45 @@ def test_nothing_is_alarming_at_rest(sit_down):
     assert not {style.WARNING, style.WORD} & {*shown, person.window.contents.message()[1]}
     for color in (style.TEXT, style.QUIET, style.ACCENT, style.CONTACT, style.WORD, style.WARNING, style.HUMAN):
         assert style.contrast(color, style.CARD) >= 4.5
+
+
+def test_the_window_shows_who_is_in_control(sit_down):
+    person = sit_down("pickers", "gamepad", policy=PolicySpec(builtin="scripted"), speed=1.0)
+    contents, pad = person.window.contents, person.plug_in()
+    person.begin()
+    person.wait(lambda: person.status.controller == "scripted" and person.status.steps >= 3, "the policy")
+    assert panels.headline(person.status)[1] == "scripted places"
+    assert not any(contents.past.human)
+    pad.axis("left_x", -1.0)
+    person.wait(lambda: person.status.controller == "you", "control")
+    person.wait(lambda: any(contents.past.human), "the curve")
+    assert panels.headline(person.status)[1:] == ("You are in control", style.HUMAN)
+    person.look()
+    band = picture(person, person.window.painter.layout.contact)
+    assert (band == style.HUMAN).all(axis=-1).any()
+    pad.axis("left_x", 0.0)
+    person.wait(lambda: person.status.controller == "scripted", "its return")
+    person.window.close()
+    (episode,) = stored_episodes(contents.request.session)
+    assert episode.source == "scripted+gamepad"
+    assert any(step.intervention for step in episode.steps)
+
+
+def test_the_best_demonstration_is_shown_beside_the_cloth(sit_down, tmp_path, make_episode, lying):
+    with SessionRecorder(tmp_path / "s.h5", robot=PICKERS, cloth="towel", descriptor="word-axial") as recorder:
+        for seed in range(2):
+            made = make_episode(robot="pickers", seed=seed, descriptor="word-axial", disturbed=False)
+            recorder.save(lying(made, 55))
+    person = sit_down("pickers", "keyboard", seed=7)
+    ghost, view = person.window.ghost, person.window.painter.layout.view
+    person.wait(lambda: person.status.ready and person.seen() is not None, "the cloth")
+    person.look()
+    before = picture(person, view)
+    person.press("G")
+    person.look()
+    assert ghost.nodes is not None
+    assert ghost.nodes.shape == person.seen().nodes.shape
+    assert np.any(picture(person, view) != before, axis=2).sum() > 100
+    person.key(pygame.K_g)
+    person.look()
+    assert ghost.nodes is None
