@@ -73,7 +73,7 @@ class Edit:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeEdits:
-    """What all edits together make of one episode."""
+    """The effect of all edits on one episode."""
 
     outcome: Outcome | None = None
     """Label of a person; None: as recorded."""
@@ -225,7 +225,7 @@ def new_edit(log: EditLog, kind: EditKind, *, who: str, **values: Any) -> Edit:
 
 
 def this_person() -> str:
-    """Return user@host of whoever runs this program; the name in LAYFLAT_OPERATOR stands for the user."""
+    """Return user@host of this program; the name in LAYFLAT_OPERATOR stands for the user."""
     from layflat.data.provenance import OPERATOR
 
     try:

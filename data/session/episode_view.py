@@ -12,7 +12,7 @@ from layflat.data.types import Episode
 
 
 class EpisodeSource(Protocol):
-    """What a view needs of a session."""
+    """A session as a view needs it."""
 
     def info(self, name: str) -> DemoInfo:
         """Return the info of an episode."""

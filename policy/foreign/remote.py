@@ -48,8 +48,8 @@ class PolicyServer:
 class RemotePolicy:
     """Asks a policy server for the next actions.
 
-    A process that is forked in the middle of an episode connects anew. A server whose metadata say ``stateful`` then
-    gets the observations of the episode once more, so that it is where it was.
+    A process that is forked in the middle of an episode makes a connection of its own. A server whose metadata say
+    ``stateful`` then gets the observations of the episode once more, so that it is where it was.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class ClothMesh:
 
 @dataclass(frozen=True, kw_only=True)
 class ClothFile:
-    """What a cloth file says; SimError where it contradicts itself."""
+    """Content of a cloth file; SimError where it contradicts itself."""
 
     name: str
     length_m: float

@@ -108,7 +108,7 @@ def _running(at: SessionStatus) -> str:
 
 
 class Notes:
-    """What has happened last, which is said until the state changes, or only for a moment."""
+    """The last event in words, which is said until the state changes, or only for a moment."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock = clock

@@ -31,7 +31,7 @@ FARTHER = 1.9
 
 
 class Shown(Protocol):
-    """What a viewer asks of a page."""
+    """A page as a viewer needs it."""
 
     name: str
 

@@ -31,7 +31,7 @@ RUNNING = ("countdown", "still", "running")
 
 
 class View(Protocol):
-    """What the workstation asks of a viewer."""
+    """A viewer as the workstation needs it."""
 
     name: str
 

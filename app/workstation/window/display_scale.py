@@ -61,7 +61,7 @@ def _display_dpi() -> float:
 
 @dataclass(frozen=True)
 class WindowMemory:
-    """What a window leaves for the next one."""
+    """Settings that a window leaves for the next one."""
 
     width: int = 0
     """Size in px; 0: not known yet."""

@@ -41,7 +41,7 @@ class Viewport:
     hand: FloatArray | None = None
     """Place of the hand that guides the robot, as in TeleopInput.hand."""
     dragging: Literal["", "turn", "pan", "cloth"] = ""
-    """What a button that is down in the view does."""
+    """The use of a button that is down in the view."""
     _view: tuple[tuple[str, str], View3d] | None = None
     _scene_picture: tuple[Any, pygame.Surface] | None = None
     _image_picture: tuple[Any, pygame.Surface] | None = None

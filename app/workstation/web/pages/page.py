@@ -25,7 +25,7 @@ class Page:
 
     @property
     def gui(self) -> viser.GuiApi:
-        """Where the page's parts are added."""
+        """Container of the page's parts."""
         return self.viewer.client.gui
 
     def build(self) -> None:

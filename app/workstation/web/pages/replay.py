@@ -15,7 +15,7 @@ from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
 
 NONE = "none"
-PREVIOUS, BACK, PLAY, FORTH, NEXT = "previous", "-1", "play / pause", "+1", "next"
+PREVIOUS, BACK, PLAY, AHEAD, NEXT = "previous", "-1", "play / pause", "+1", "next"
 SPEEDS = ("0.25x", "0.5x", "1x", "2x", "4x")
 
 
@@ -42,7 +42,7 @@ class ReplayPage(Page):
         self._other = self.choice("Beside it", [NONE, *names], NONE, lambda _: self._load())
         self._time = self.gui.add_slider("Step", 0, 1, 1, 0)
         self.viewer.on_change(self._time, lambda: self._jump(int(self._time.value)))
-        self._moves = self.gui.add_button_group("", (PREVIOUS, BACK, PLAY, FORTH, NEXT))
+        self._moves = self.gui.add_button_group("", (PREVIOUS, BACK, PLAY, AHEAD, NEXT))
         self.viewer.on_click(self._moves, lambda: self._move(self._moves.value))
         self._events = self.gui.add_button_group("Go to", ("start", "end"))
         self.viewer.on_click(self._events, lambda: self._go_to(self._events.value))
@@ -104,8 +104,8 @@ class ReplayPage(Page):
     def _move(self, what: str) -> None:
         """Play, step, or go to another episode."""
         names = list(self._episode.options)
-        if what in (BACK, FORTH):
-            self._jump(self._at + (1 if what == FORTH else -1))
+        if what in (BACK, AHEAD):
+            self._jump(self._at + (1 if what == AHEAD else -1))
         elif what == PLAY:
             self._at = 0 if self._at >= self._last and not self._playing else self._at
             self._playing = not self._playing
