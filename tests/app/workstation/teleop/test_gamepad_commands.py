@@ -445,9 +445,7 @@ def test_a_whole_recording_with_a_gamepad(plug, record, tmp_path):
         pass_time(seconds)
         next(acts)
 
-    run_recording(
-        FakeClient(one), gamepad, TerminalDisplay(io.StringIO()), stopped=lambda: one.now > 1000, sleep=sleep
-    )
+    run_recording(FakeClient(one), gamepad, TerminalDisplay(io.StringIO()), stopped=lambda: one.now > 1000, sleep=sleep)
     assert one.state == "over"
     assert "Virtual PS4 pad was disconnected; plug it in again" in messages[0]
     # Contact began in each of two demonstrations; SDL makes one of two rumbles that overlap, and time is short here.
