@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http
 import threading
 from dataclasses import dataclass
@@ -13,12 +14,10 @@ from websockets.sync.server import Server, ServerConnection, serve
 
 from layflat.app.support.errors import UsageError, say
 from layflat.app.workers.interrupts import note_interrupts
-from layflat.data.errors import DataError
 from layflat.policy.base import Policy, PolicyError, continue_after_disturbance
 from layflat.policy.foreign import wire
 from layflat.policy.spec import SCRIPTED, PolicySpec
 from layflat.sim.config import SimConfig
-from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import DEFAULT_ROBOT
 from layflat.sim.simulation import ClothSimulation
 
@@ -78,9 +77,9 @@ class PolicyServer:
         self._server.shutdown()
 
     def _answer_all(self, connection: ServerConnection) -> None:
-        connection.send(wire.pack(self._metadata))
         policy: Policy | None = None
         try:
+            connection.send(wire.pack(self._metadata))
             for data in connection:
                 message = wire.unpack(data)
                 if policy is None or message.get("step") == 0:
@@ -88,10 +87,11 @@ class PolicyServer:
                 elif message.get("resumed"):
                     continue_after_disturbance(policy)
                 connection.send(wire.pack(_answer(policy, message)))
-        except (PolicyError, DataError, SimError) as error:
+        except (ValueError, TypeError) as error:  # Of a policy, of the simulation's names, of a message's values.
             say(str(error))
-            connection.send(str(error))
-            connection.close(1011, "the policy failed")
+            with contextlib.suppress(ConnectionClosed):
+                connection.send(str(error))
+                connection.close(1011, "the policy failed")
         except ConnectionClosed:
             pass
 

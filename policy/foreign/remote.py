@@ -79,7 +79,10 @@ class RemotePolicy:
         self._scale = 1.0 if metadata.get(wire.ACTION_UNIT) == wire.METRES else ACTION_LIMIT_M
         self._images = bool(metadata.get("images", True))
         self._stateful = bool(metadata.get("stateful", False))
-        self.max_extra_steps = int(metadata.get("max_extra_steps", 0))
+        extra = metadata.get("max_extra_steps", 0)
+        if not isinstance(extra, int):
+            raise PolicyError(f"{self.address} has max_extra_steps {extra!r}; it must be a whole number")
+        self.max_extra_steps = extra
 
     def _connect(self) -> dict[str, Any]:
         """Connect, and return the server's metadata."""

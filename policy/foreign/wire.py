@@ -35,7 +35,7 @@ def unpack(data: bytes | str) -> dict[str, Any]:
         if isinstance(data, str):
             raise ValueError(data[-200:])
         message = msgpack.unpackb(data, object_hook=_decode, strict_map_key=False)
-    except (ValueError, TypeError, msgpack.UnpackException) as error:
+    except (LookupError, ValueError, TypeError, msgpack.UnpackException) as error:
         raise PolicyError(f"a message is not msgpack with numpy arrays: {' '.join(str(error).split())}") from error
     if not isinstance(message, dict):
         raise PolicyError(f"a message is a {type(message).__name__}; it must be a dictionary")

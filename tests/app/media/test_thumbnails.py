@@ -1,4 +1,4 @@
-"""Thumbnails: the kept image, or the cloth drawn from its nodes with face and reverse told apart."""
+"""Thumbnails: the kept image, or the cloth drawn from its nodes with face and reverse in two colors."""
 
 from dataclasses import replace
 

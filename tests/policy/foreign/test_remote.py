@@ -188,6 +188,8 @@ def test_arrays_and_numbers_survive_the_wire_and_objects_do_not():
     assert got["c"] == sent["c"]
     with pytest.raises(TypeError, match="cannot be sent"):
         wire.pack({"a": np.array([object()])})
+    with pytest.raises(PolicyError, match="not msgpack"):
+        wire.unpack(msgpack.packb({b"__ndarray__": True}))
     hostile = msgpack.packb({b"__ndarray__": True, b"data": b"12345678", b"dtype": "|O", b"shape": [1]})
     with pytest.raises(PolicyError, match="not taken"):
         wire.unpack(hostile)
@@ -216,7 +218,19 @@ def test_the_server_answers_its_health_refuses_browsers_and_keeps_running():
             wrong.recv()
             wrong.send(wire.pack({"step": 0}))
             assert "needs robot" in wrong.recv()
+        with connect(url) as wrong:
+            wrong.recv()
+            wrong.send(wire.pack({"step": 0, "robot": "hanger", "seed": "seven"}))
+            assert "seven" in wrong.recv()
         assert len(rollout(env(), PolicySpec.parse(url), seed=0, max_steps=2).steps) == 2
+
+
+def test_metadata_that_make_no_sense_are_one_sentence():
+    with (
+        foreign_server(lambda *_: None, metadata=wire.pack({"max_extra_steps": "many"})) as (url, _),
+        pytest.raises(PolicyError, match="max_extra_steps 'many'; it must be a whole number"),
+    ):
+        RemotePolicy(url, env().spec, "x")
 
 
 def test_a_policy_that_needs_the_mesh_cannot_be_served():

@@ -198,7 +198,7 @@ def test_a_ghost_comes_and_goes(served: SafeServer, scene: Scene) -> None:
 
 
 def test_a_frame_sends_little(served: SafeServer, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An arm that is sent by its vertices, or a cloth that is sent anew, takes several times as much."""
+    """An arm that is sent by its vertices, or a cloth that is sent whole again, takes several times as much."""
     frame = initial_frame("hanger", "towel")
     scene.show(frame)
     sent: list[Any] = []
