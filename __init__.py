@@ -84,7 +84,7 @@ def make_env(
     task
         ``place``, or ``smooth`` from a crumpled start.
     cloth
-        ``towel``, ``napkin``, ``towel-fine``, or a cloth file, ``FILE.toml``.
+        A name that ``layflat cloth list`` prints, such as ``towel``, or a cloth file, ``FILE.toml``.
     physics
         ``bullet``.
     **settings

@@ -8,6 +8,7 @@ import typer
 
 from layflat.app.cli.call import call
 from layflat.app.cli.options import (
+    CLOTHS,
     Cloth,
     Debug,
     Episodes,
@@ -58,7 +59,7 @@ def evaluate(
         typer.Option(
             "--cloth",
             show_default="those of the models",
-            help="Cloth: towel, napkin, towel-fine or FILE.toml; repeatable.",
+            help=f"Cloth: {CLOTHS}; repeatable.",
         ),
     ] = None,
     robots: Annotated[

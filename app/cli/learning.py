@@ -9,6 +9,7 @@ import typer
 
 from layflat.app.cli.call import call
 from layflat.app.cli.options import (
+    CLOTHS,
     Cloth,
     DataFile,
     Debug,
@@ -139,7 +140,7 @@ def place(
     ] = None,
     cloth: Annotated[
         str | None,
-        typer.Option(show_default="that of the model", help="Cloth: towel, napkin, towel-fine or FILE.toml."),
+        typer.Option(show_default="that of the model", help=f"Cloth: {CLOTHS}."),
     ] = None,
     wrappers: Annotated[
         list[str] | None, typer.Option("--with", metavar="recovery|steady", help="Wrapper of the policy; repeatable.")

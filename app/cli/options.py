@@ -65,7 +65,12 @@ Robot = Annotated[
 Task = Annotated[
     str | None, typer.Option(show_default="place", help="Task: place, or smooth, which begins with a crumpled cloth.")
 ]
-Cloth = Annotated[str | None, typer.Option(show_default="towel", help="Cloth: towel, napkin, towel-fine or FILE.toml.")]
+CLOTHS = (
+    "towel, napkin, towel-fine, bandana, denim, dish-towel, hand-towel, handkerchief, linen, silk-scarf, terry or"
+    " FILE.toml"
+)
+"""Every cloth that has a name (`layflat.sim.cloth.registry`), for help."""
+Cloth = Annotated[str | None, typer.Option(show_default="towel", help=f"Cloth: {CLOTHS}.")]
 Descriptor = Annotated[
     str | None,
     typer.Option(
