@@ -21,8 +21,13 @@ from layflat.app.workstation.teleop.calibration import Calibration, RawState
 from layflat.app.workstation.teleop.devices import GamepadDevice, GamepadRegistry, gamepad_events
 from layflat.app.workstation.teleop.gamepad import COMMANDS
 from layflat.app.workstation.teleop.gamepad_state import STICKS, GamepadState, StickRest, label
-from layflat.app.workstation.teleop.layouts import DeviceCapabilities, RawGamepadState
-from layflat.app.workstation.teleop.mapping import mapping_file, read_settings, write_mapping
+from layflat.app.workstation.teleop.mapping import (
+    DeviceCapabilities,
+    RawGamepadState,
+    mapping_file,
+    read_mapping,
+    write_mapping,
+)
 
 POLL_S = 0.02
 LINE_S = 0.1
@@ -91,7 +96,7 @@ def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone
     path = file or mapping_file(guid)
     changes = sticks or dead_zone is not None
     validators.writable_file(path, force=force, append=changes, suffix=".json")
-    layout, rest = read_settings(path, capabilities) if changes and path.exists() else (None, StickRest())
+    mapping, rest = read_mapping(path, capabilities) if changes and path.exists() else (None, StickRest())
     print(f"{name}: {capabilities}", file=sys.stderr)
     inputs: RawGamepadState = joystick
     with ExitStack() as stack:
@@ -104,10 +109,10 @@ def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone
             inputs = _Sticks(gamepads.devices[instance])
         if sticks or not changes:
             calibration = _converse(pygame, instance, name, inputs, only_sticks=sticks)
-            layout, rest = layout if sticks else calibration.layout(), calibration.rest()
+            mapping, rest = mapping if sticks else calibration.mapping(), calibration.rest()
     if dead_zone is not None:
         rest = replace(rest, dead_zone=dead_zone)
-    write_mapping(path, layout, guid=guid, name=name, capabilities=capabilities, rest=rest)
+    write_mapping(path, mapping, guid=guid, name=name, capabilities=capabilities, rest=rest)
     print(f"  dead zone {rest.dead_zone:.2f} of a stick's way", file=sys.stderr)
     print(f"calibrated {name}: {path}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layflat.app.workstation.teleop.key_map import SPEED
+from layflat.app.workstation.teleop.keyboard import SPEED
 from layflat.data.types import ACTION_LIMIT_M
 from layflat.sim.robots.registry import ROBOTS
 from layflat.tests.sim.helpers import fresh_process_outputs

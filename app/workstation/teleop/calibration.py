@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.teleop.gamepad_state import (
@@ -16,13 +16,12 @@ from layflat.app.workstation.teleop.gamepad_state import (
     StickRest,
     label,
 )
-from layflat.app.workstation.teleop.layouts import (
+from layflat.app.workstation.teleop.mapping import (
     REQUIRED,
-    Binding,
     DeviceCapabilities,
-    GamepadLayout,
+    PadMapping,
     RawGamepadState,
-    TriggerAxis,
+    check_mapping,
 )
 
 MOVED = 0.6
@@ -52,7 +51,6 @@ _PROMPTS = {
     "l3": "press the left stick down like a button",
     "r3": "press the right stick down like a button",
 }
-_DPAD = BUTTONS[-4:]
 
 
 @dataclass(frozen=True)
@@ -61,33 +59,21 @@ class RawState:
 
     axes: tuple[float, ...]
     pressed: frozenset[str]
-    """Buttons and hat directions, as Binding writes them."""
+    """Buttons and hat directions, as mappings write them."""
 
     @classmethod
     def of(cls, gamepad: RawGamepadState) -> RawState:
         """Read all inputs."""
         has = DeviceCapabilities.of(gamepad)
-        texts = [f"b{k}" for k in range(has.buttons)]
-        texts += [f"h{k}.{axis}{sign}" for k in range(has.hats) for axis in "xy" for sign in "+-"]
-        axes = tuple(gamepad.get_axis(k) for k in range(has.axes))
-        return cls(axes, frozenset(text for text in texts if Binding(text).is_pressed(gamepad)))
-
-
-@dataclass
-class _Found:
-    """Inputs found so far."""
-
-    sticks: dict[str, tuple[int, int]] = field(default_factory=dict)
-    triggers: dict[str, TriggerAxis | Binding] = field(default_factory=dict)
-    buttons: dict[str, Binding] = field(default_factory=dict)
-    axes: set[int] = field(default_factory=set)
-    """Axes that stand for something."""
-    texts: set[str] = field(default_factory=set)
-    """Buttons and hat directions that stand for something."""
+        pressed = {f"b{k}" for k in range(has.buttons) if gamepad.get_button(k)}
+        for k in range(has.hats):
+            x, y = gamepad.get_hat(k)
+            pressed |= {f"h{k}.{bit}" for bit, on in ((1, y > 0), (2, x > 0), (4, y < 0), (8, x < 0)) if on}
+        return cls(tuple(gamepad.get_axis(k) for k in range(has.axes)), frozenset(pressed))
 
 
 class Calibration:
-    """Dialogue with a person: call `update` again and again until `done`, then `layout`.
+    """Dialogue with a person: call `update` again and again until `done`, then `mapping`.
 
     Triggers come first: until they are moved they may read 0, and where they rest is only known once they have been
     released. Buttons that a gamepad may lack are left out when nothing is pressed for a few seconds.
@@ -106,17 +92,18 @@ class Calibration:
             raise LayflatError(
                 f"the gamepad has {capabilities.axes} axes, and two sticks need four; use another one, or the keyboard"
             )
-        self._capabilities = capabilities
-        self._prompt = prompt
-        self._clock = clock
-        self._found = _Found()
+        self._capabilities, self._prompt, self._clock = capabilities, prompt, clock
+        self._found: dict[str, str] = {}
+        self._known_axes: set[int] = set()
+        """Axes that stand for something."""
+        self._known: set[str] = set()
+        """Buttons and hat directions that stand for something."""
         self._raw = RawState((), frozenset())
         self._rest: tuple[float, ...] = ()
         self._rests: list[tuple[float, ...]] = []
         """Axes after each stick was let go."""
-        self._only_sticks = only_sticks
         self.done = False
-        self._steps = self._all_steps()
+        self._steps = self._all_steps(() if only_sticks else TRIGGERS, () if only_sticks else BUTTONS)
 
     def update(self, gamepad: RawGamepadState) -> None:
         """Read the gamepad; LayflatError where nothing was pressed for too long."""
@@ -124,33 +111,33 @@ class Calibration:
         if not self.done:
             self.done = next(self._steps, "done") == "done"
 
-    def layout(self) -> GamepadLayout:
-        """Return the checked layout."""
-        found = self._found
-        layout = GamepadLayout(name="calibrated", sticks=found.sticks, triggers=found.triggers, buttons=found.buttons)
-        return layout.check(self._capabilities)
+    def mapping(self) -> PadMapping:
+        """Return the checked mapping."""
+        return check_mapping(self._found, self._capabilities)
 
     def rest(self) -> StickRest:
         """Return where the sticks rest."""
         middle, away = {}, {}
-        for name, (axis, sign) in self._found.sticks.items():
-            readings = [sign * axes[axis] for axes in self._rests]
+        for name in STICKS:
+            place = self._found[name]
+            sign = -1 if place.endswith("~") else 1
+            readings = [sign * axes[int(place[1:].rstrip("~"))] for axes in self._rests]
             middle[name] = min(max((min(readings) + max(readings)) / 2.0, -MIDDLE_MAX), MIDDLE_MAX)
             away[name] = max(abs(reading - middle[name]) for reading in readings)
         farthest = max(math.hypot(away[f"{side}_x"], away[f"{side}_y"]) for side in ("left", "right"))
         dead = min(max(DEAD_FACTOR * farthest + DEAD_MARGIN, DEAD_LEAST), DEAD_ZONE_MAX)
         return StickRest(dead_zone=round(dead, 3), middle={name: round(value, 3) for name, value in middle.items()})
 
-    def _all_steps(self) -> Iterator[None]:
+    def _all_steps(self, triggers: Iterable[str], buttons: Iterable[str]) -> Iterator[None]:
         """Yield whenever a new reading is needed."""
         self._prompt("lay the gamepad down and touch nothing")
         yield from self._wait_until_still()
         self._rest = self._raw.axes
-        for name in () if self._only_sticks else TRIGGERS:
+        for name in triggers:
             yield from self._find_trigger(name)
         for name in STICKS:
             yield from self._find_stick(name)
-        for name in () if self._only_sticks else BUTTONS:
+        for name in buttons:
             yield from self._find_button(name)
 
     def _wait_until_still(self) -> Iterator[None]:
@@ -164,27 +151,22 @@ class Calibration:
     def _find_trigger(self, name: str) -> Iterator[None]:
         self._prompt(f"pull {label(name)} all the way and hold it (or wait, if there is none)")
         began, before = self._clock(), self._raw.axes
-        while True:
+        while self._clock() - began <= OPTIONAL_S:
             yield
-            if self._clock() - began > OPTIONAL_S:
-                self._prompt(f"{label(name)} is left out")
-                return
-            axis = self._moved_axis(STIRRED, before)
-            pressed = self._new_press()
+            axis, pressed = self._moved_axis(STIRRED, before), self._new_press()
             if axis is not None:
                 yield from self._measure_trigger(name, axis)
                 return
             if pressed is not None and self._clock() - began > STILL_S:
-                self._found.triggers[name] = Binding(pressed)
-                yield from self._accept(pressed)
+                yield from self._accept(name, pressed)
                 return
+        self._prompt(f"{label(name)} is left out")
 
     def _measure_trigger(self, name: str, axis: int) -> Iterator[None]:
-        pressed: set[str] = set()
         full, since = self._raw.axes[axis], self._clock()
         while self._clock() - since < STILL_S:
             yield
-            pressed |= self._raw.pressed
+            self._known |= self._raw.pressed  # Many gamepads have a trigger as a button, too.
             if abs(self._raw.axes[axis] - full) > SETTLED:
                 full, since = self._raw.axes[axis], self._clock()
         self._prompt("release it")
@@ -193,9 +175,10 @@ class Calibration:
         yield from self._wait_until_still()
         rest = self._raw.axes[axis]
         self._rest = (*self._rest[:axis], rest, *self._rest[axis + 1 :])
-        self._found.triggers[name] = TriggerAxis(axis, round(rest, 3), round(full, 3))
-        self._found.axes.add(axis)
-        self._found.texts |= pressed  # Many gamepads have a trigger as a button, too.
+        whole = abs(rest) > 0.5
+        half = "" if whole else "+" if full > rest else "-"
+        self._found[name] = f"{half}a{axis}" + ("~" if whole and full < rest else "")
+        self._known_axes.add(axis)
 
     def _find_stick(self, name: str) -> Iterator[None]:
         self._prompt(_PROMPTS[name])
@@ -206,8 +189,8 @@ class Calibration:
             self._check_patience(began, name)
             axis = self._moved_axis(MOVED, self._rest)
         sign = 1 if self._raw.axes[axis] > self._rest[axis] else -1
-        self._found.sticks[name] = (axis, sign)
-        self._found.axes.add(axis)
+        self._found[name] = f"a{axis}" + ("~" if sign < 0 else "")
+        self._known_axes.add(axis)
         farthest = -math.inf
         while farthest - sign * self._raw.axes[axis] < CAME_BACK:
             farthest = max(farthest, sign * self._raw.axes[axis])
@@ -218,43 +201,38 @@ class Calibration:
 
     def _find_button(self, name: str) -> Iterator[None]:
         required = name in REQUIRED
-        what = f"press the d-pad {name}" if name in _DPAD else f"press {label(name)}"
-        self._prompt(_PROMPTS.get(name, what) + ("" if required else " (or wait, if there is none)"))
+        what = _PROMPTS.get(name, f"press {label(name).replace('d-pad', 'the d-pad')}")
+        self._prompt(what + ("" if required else " (or wait, if there is none)"))
         began = self._clock()
-        while True:
+        while required or self._clock() - began <= OPTIONAL_S:
             yield
-            text = self._new_press()
-            axis = self._moved_axis(MOVED, self._rest) if text is None and name in _DPAD else None
+            place = self._new_press()
+            axis = self._moved_axis(MOVED, self._rest) if place is None and name in BUTTONS[-4:] else None
             if axis is not None:
-                text = f"a{axis}{'+' if self._raw.axes[axis] > self._rest[axis] else '-'}"
-                text = None if text in self._found.texts else text
-            if text is not None:
-                self._found.buttons[name] = Binding(text)
-                yield from self._accept(text)
+                place = f"{'+' if self._raw.axes[axis] > self._rest[axis] else '-'}a{axis}"
+            if place is not None and place not in self._known:
+                yield from self._accept(name, place)
                 return
             if required:
                 self._check_patience(began, name)
-            elif self._clock() - began > OPTIONAL_S:
-                self._prompt(f"{label(name)} is left out")
-                return
+        self._prompt(f"{label(name)} is left out")
 
-    def _accept(self, text: str) -> Iterator[None]:
-        self._found.texts.add(text)
-        yield from self._wait_until_released()
-
-    def _wait_until_released(self) -> Iterator[None]:
+    def _accept(self, name: str, place: str) -> Iterator[None]:
+        """Note an input, and wait until everything is released."""
+        self._found[name] = place
+        self._known.add(place)
         while self._raw.pressed or self._moved_axis(STIRRED, self._rest, known=True) is not None:
             yield
 
     def _moved_axis(self, by: float, rest: tuple[float, ...], *, known: bool = False) -> int | None:
         """Return the axis farthest from its rest, by at least so much; ``known``: among all, not only unknown ones."""
         distance = {k: abs(a - b) for k, (a, b) in enumerate(zip(self._raw.axes, rest, strict=True))}
-        moved = [k for k in distance if distance[k] > by and (known or k not in self._found.axes)]
+        moved = [k for k in distance if distance[k] > by and (known or k not in self._known_axes)]
         return max(moved, key=distance.__getitem__, default=None)
 
     def _new_press(self) -> str | None:
         """Return a pressed button that stands for nothing yet."""
-        return min(self._raw.pressed - self._found.texts, default=None)
+        return min(self._raw.pressed - self._known, default=None)
 
     def _check_patience(self, began: float, name: str) -> None:
         if self._clock() - began > REQUIRED_S:

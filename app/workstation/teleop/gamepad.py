@@ -15,7 +15,7 @@ import numpy as np
 from layflat.app.workstation.teleop import sdl
 from layflat.app.workstation.teleop.devices import GamepadDevice, GamepadRegistry, gamepad_events
 from layflat.app.workstation.teleop.gamepad_state import GamepadState, label
-from layflat.app.workstation.teleop.key_map import LEFT, RIGHT
+from layflat.app.workstation.teleop.keyboard import LEFT, RIGHT
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleoperator import Button, WindowTeleoperator
 from layflat.data.arrays import FloatArray

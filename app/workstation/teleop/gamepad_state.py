@@ -13,13 +13,10 @@ BUTTONS = (
     *("up", "down", "left", "right"),
 )
 """In the order of SDL's controllers; the last four are the d-pad."""
-LABELS = {"l1": "L1", "r1": "R1", "l3": "L3", "r3": "R3", "ps": "PS", "up": "d-pad up", "down": "d-pad down"}
+LABELS = {"l1": "L1", "r1": "R1", "l3": "L3", "r3": "R3", "l2": "L2", "r2": "R2", "ps": "PS"}
 """Labels that are not just the name with a capital."""
-
 DEAD_ZONE = 0.12
 """Share of a stick's way that counts as none: worn sticks rest up to 0.1 off the middle."""
-
-
 DEAD_ZONE_MAX, MIDDLE_MAX = 0.9, 0.5
 
 
@@ -38,10 +35,13 @@ class StickRest:
         if not all(name in STICKS and abs(value) <= MIDDLE_MAX for name, value in self.middle.items()):
             raise ValueError(f"the middle is {dict(self.middle)}; each of {', '.join(STICKS)} is within {MIDDLE_MAX}")
 
-    def centered(self, name: str, value: float) -> float:
-        """Return a reading so that it is 0 in the middle, and still -1 and 1 at the ends."""
-        middle = self.middle.get(name, 0.0)
-        return (value - middle) / (1.0 - middle if value > middle else 1.0 + middle)
+    def stick(self, side: str, raw: Mapping[str, float]) -> tuple[float, float]:
+        """Return a stick's place outside its dead zone, right and up positive; -1 and 1 are still its ends."""
+        at = []
+        for name in (f"{side}_x", f"{side}_y"):
+            middle = self.middle.get(name, 0.0)
+            at.append((raw[name] - middle) / (1.0 - middle if raw[name] > middle else 1.0 + middle))
+        return dead_zone(at[0], -at[1], dead=self.dead_zone)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,20 +73,14 @@ def dead_zone(x: float, y: float, *, dead: float = DEAD_ZONE) -> tuple[float, fl
 
 
 def label(button: str) -> str:
-    """Return the name of a button for a person."""
-    return LABELS.get(button, button.capitalize())
+    """Return the name of a button or a trigger for a person."""
+    return LABELS.get(button, f"d-pad {button}" if button in BUTTONS[-4:] else button.capitalize())
 
 
 def make_state(
-    sticks: Mapping[str, float], triggers: Mapping[str, float], pressed: Iterable[str], rest: StickRest | None = None
+    sticks: Mapping[str, float], triggers: Mapping[str, float], pressed: Iterable[str], rest: StickRest
 ) -> GamepadState:
     """Make a state of raw sticks (-1..1, down is positive) and triggers (0..1)."""
-    rest = rest or StickRest()
-    at = {name: rest.centered(name, value) for name, value in sticks.items()}
-    return GamepadState(
-        left=dead_zone(at["left_x"], -at["left_y"], dead=rest.dead_zone),
-        right=dead_zone(at["right_x"], -at["right_y"], dead=rest.dead_zone),
-        l2=min(max(triggers.get("l2", 0.0), 0.0), 1.0),
-        r2=min(max(triggers.get("r2", 0.0), 0.0), 1.0),
-        pressed=frozenset(pressed),
-    )
+    left, right = rest.stick("left", sticks), rest.stick("right", sticks)
+    pulled = {name: min(max(triggers[name], 0.0), 1.0) for name in TRIGGERS}
+    return GamepadState(left=left, right=right, pressed=frozenset(pressed), **pulled)

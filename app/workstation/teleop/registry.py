@@ -8,13 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.teleop.combined_input import CombinedInput
 from layflat.app.workstation.teleop.gamepad import Gamepad
-from layflat.app.workstation.teleop.hand_guiding import HandGuidingTeleoperator, Ray
-from layflat.app.workstation.teleop.mouse import Mouse
-from layflat.app.workstation.teleop.teleoperator import Teleoperator, WindowTeleoperator
-from layflat.app.workstation.teleop.terminal_keyboard import TerminalKeyboard
-from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
+from layflat.app.workstation.teleop.keyboard import TerminalKeyboard, WindowKeyboard
+from layflat.app.workstation.teleop.mouse import HandGuidingTeleoperator, Mouse, Ray
+from layflat.app.workstation.teleop.teleoperator import CombinedInput, Teleoperator, WindowTeleoperator
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
+from pathlib import Path
 from typing import Any
 
 from layflat.app.support.errors import LayflatError
@@ -53,3 +55,16 @@ def start() -> tuple[Any, Any]:
             f"gamepads cannot be read here: {reason}; use --source keyboard, which works without SDL"
         ) from error
     return pygame, controller
+
+
+def library() -> ctypes.CDLL:
+    """Return SDL itself, for what pygame has no function for; its modules are linked with it."""
+    pygame = load()
+    own = Path(pygame.__file__).with_name("SDL2.dll")
+    return ctypes.CDLL(str(own) if os.name == "nt" else pygame.joystick.__file__)
+
+
+def add_mapping(text: str) -> None:
+    """Teach SDL the inputs of a kind of gamepad."""
+    if library().SDL_GameControllerAddMapping(text.encode()) < 0:
+        raise LayflatError(f"SDL refuses the mapping {text}; write one with `layflat gamepad calibrate`")

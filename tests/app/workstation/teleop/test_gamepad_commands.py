@@ -22,8 +22,7 @@ from layflat.app.workstation.teleop.calibration import Calibration
 from layflat.app.workstation.teleop.devices import GamepadRegistry
 from layflat.app.workstation.teleop.gamepad import FINE_SPEED, Gamepad
 from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState
-from layflat.app.workstation.teleop.layouts import DeviceCapabilities, GamepadLayout
-from layflat.app.workstation.teleop.mapping import mapping_file, read_mapping
+from layflat.app.workstation.teleop.mapping import DeviceCapabilities, PadMapping, mapping_file, read_mapping
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.terminal.display import TerminalDisplay, run_recording
 from layflat.data.session.reader import open_session
@@ -69,7 +68,7 @@ class Person:
             self._due.remove(due)
             due[1]()
 
-    def calibrate(self, joystick, counts: DeviceCapabilities) -> GamepadLayout:
+    def calibrate(self, joystick, counts: DeviceCapabilities) -> PadMapping:
         import pygame
 
         calibration = Calibration(counts, self.ask, lambda: self.now)
@@ -78,7 +77,7 @@ class Person:
             calibration.update(joystick)
             self.passes(0.02)
             assert self.now < 300
-        return calibration.layout()
+        return calibration.mapping()
 
 
 def _places(pad: VirtualPad, axes: dict[str, int], buttons: dict[str, int], flip: tuple[str, ...] = ()):
@@ -129,14 +128,9 @@ def test_a_calibration_finds_an_unknown_layout(plug, tmp_path):
     places["l2"] = lambda on: (plain(on), pad.button(15, on))
     joystick = pygame.joystick.Joystick(0)
     layout = Person(pad, places).calibrate(joystick, DeviceCapabilities(6, 16, 1))
-    assert layout.sticks == {name: (axes[name], -1 if name == "left_y" else 1) for name in STICKS}
-    assert {name: (way.axis, way.rest, way.full) for name, way in layout.triggers.items()} == {
-        "l2": (1, -1.0, 1.0),
-        "r2": (3, -1.0, 1.0),
-    }
-    expected = {name: f"b{number}" for name, number in buttons.items()}
-    expected |= {"up": "h0.y+", "down": "h0.y-", "left": "h0.x-", "right": "h0.x+"}
-    assert {name: way.text for name, way in layout.buttons.items()} == expected
+    expected = {name: f"a{axes[name]}" + ("~" if name == "left_y" else "") for name in (*STICKS, *TRIGGERS)}
+    expected |= {name: f"b{number}" for name, number in buttons.items()}
+    assert layout == expected | {"up": "h0.1", "down": "h0.4", "left": "h0.8", "right": "h0.2"}
 
 
 def test_missing_buttons_are_left_out(plug):
@@ -149,8 +143,7 @@ def test_missing_buttons_are_left_out(plug):
     }
     person = Person(pad, _places(pad, axes, buttons))
     layout = person.calibrate(pygame.joystick.Joystick(0), DeviceCapabilities(4, 10, 0))
-    assert set(layout.buttons) == set(buttons)
-    assert not layout.triggers
+    assert set(layout) == {*STICKS, *buttons}
     assert sum("left out" in text for text in person.asked) == len(OPTIONAL) + len(TRIGGERS)
 
 
@@ -177,7 +170,7 @@ def test_calibrate_writes_a_mapping_that_recording_uses(plug, capsys, monkeypatc
     assert "push the left stick to the right" in err
     (path,) = mapping_file("x").parent.iterdir()
     assert out == f"calibrated Renamed: {path}\n"
-    assert read_mapping(path, DeviceCapabilities(6, 13, 2)).sticks["right_y"] == (4, 1)
+    assert read_mapping(path, DeviceCapabilities(6, 13, 2))[0]["right_y"] == "a4"
     gamepad = Gamepad(HANGER)
     assert gamepad.poll().connected
     pad.axis(B_AXES["l2"], 1.0)
@@ -253,7 +246,7 @@ def test_a_dead_zone_is_set_without_a_calibration(plug, capsys):
 )
 def test_invalid_rests_are_refused(tmp_path, change):
     path = tmp_path / "m.json"
-    path.write_text(json.dumps({"schema": 1, "axes": 6, "buttons": 16, "hats": 0, "dead_zone": 0.1} | change))
+    path.write_text(json.dumps({"schema": 2, "axes": 6, "buttons": 16, "hats": 0, "dead_zone": 0.1} | change))
     with pytest.raises(UsageError):
         read_mapping(path, DeviceCapabilities(6, 16, 0))
 
@@ -283,7 +276,7 @@ def test_a_nintendo_pad_s_buttons_go_by_their_place(labels):
 
 def test_a_mapping_for_another_pad_is_refused(plug, tmp_path):
     path = tmp_path / "m.json"
-    text = {"schema": 1, "axes": 4, "buttons": 8, "hats": 0, "sticks": {}, "triggers": {}, "pressed": {}}
+    text = {"schema": 2, "axes": 4, "buttons": 8, "hats": 0, "inputs": {}}
     path.write_text(json.dumps(text))
     with pytest.raises(UsageError, match="4 axes, 8 buttons and 0 hats, and this one has 6 axes"):
         read_mapping(path, DeviceCapabilities(6, 16, 0))
@@ -296,18 +289,23 @@ def test_a_mapping_for_another_pad_is_refused(plug, tmp_path):
 @pytest.mark.parametrize(
     "change",
     [
-        {"sticks": {"left_x": {"axis": 9, "sign": 1}}},
-        {"sticks": {"left_x": {"axis": 1, "sign": 1}}},
-        {"sticks": {"left_x": {"axis": True, "sign": 1}}},
-        {"sticks": {"left_x": {"axis": 0, "sign": 3}}},
-        {"triggers": {"l2": {"axis": 4, "rest": 0.0, "full": 0.0}}},
-        {"triggers": {"l2": {"axis": 4, "rest": float("nan"), "full": 1.0}}},
-        {"triggers": {"l9": "b3"}},
-        {"pressed": {"cross": "b99"}},
-        {"pressed": {"cross": "b1"}},
-        {"pressed": {"cross": "import os"}},
-        {"pressed": {"cross": 3}},
-        {"pressed": {"cross": None}},
+        {"left_x": "a9"},
+        {"left_x": "a1"},
+        {"left_x": "a1~"},
+        {"left_x": True},
+        {"left_x": "a0~~"},
+        {"left_x": "b12"},
+        {"l2": "a-1"},
+        {"l2": float("nan")},
+        {"l9": "b13"},
+        {"up": "h0.1"},
+        {"up": "h0.3"},
+        {"cross": "b99"},
+        {"cross": "b1"},
+        {"cross": "import os"},
+        {"cross": "b12,a:b13"},
+        {"cross": 3},
+        {"cross": None},
     ],
     ids=str,
 )
@@ -315,18 +313,16 @@ def test_an_invalid_mapping_is_refused(tmp_path, change):
     path = tmp_path / "m.json"
     names = ("cross", "circle", "square", "triangle", "share", "options", "l1", "r1")
     text = {
-        "schema": 1,
+        "schema": 2,
         "axes": 6,
         "buttons": 16,
         "hats": 0,
-        "sticks": {name: {"axis": axis, "sign": 1} for axis, name in enumerate(STICKS)},
-        "triggers": {"l2": {"axis": 4, "rest": -1.0, "full": 1.0}},
-        "pressed": {name: f"b{k}" for k, name in enumerate(names)},
+        "inputs": {name: f"a{axis}" for axis, name in enumerate((*STICKS, "l2"))}
+        | {name: f"b{k}" for k, name in enumerate(names)},
     }
     path.write_text(json.dumps(text))
     read_mapping(path, DeviceCapabilities(6, 16, 0))
-    for key, values in change.items():
-        text[key] = {**text[key], **values}
+    text["inputs"] |= change
     path.write_text(json.dumps(text))
     with pytest.raises(UsageError):
         read_mapping(path, DeviceCapabilities(6, 16, 0))
@@ -360,7 +356,7 @@ def test_monitor_shows_the_raw_inputs_of_an_unknown_pad(plug, capsys):
     status, out, err = _call(capsys, "gamepad", "monitor", "--seconds", "0.3")
     assert status == 0
     assert "-1.00" in out
-    assert "h0.y+" in out
+    assert "h0.1" in out
     assert "layflat gamepad calibrate" in err
 
 

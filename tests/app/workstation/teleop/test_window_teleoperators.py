@@ -9,14 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from layflat.app.workstation.teleop import key_map, sdl
-from layflat.app.workstation.teleop.combined_input import CombinedInput
-from layflat.app.workstation.teleop.hand_guiding import GRAB_M, HandGuidingTeleoperator, grab
-from layflat.app.workstation.teleop.mouse import REACH_PX, Mouse
+from layflat.app.workstation.teleop import keyboard, sdl
+from layflat.app.workstation.teleop.keyboard import WindowKeyboard
+from layflat.app.workstation.teleop.mouse import GRAB_M, REACH_PX, HandGuidingTeleoperator, Mouse, grab
 from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_window_teleoperator
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput
-from layflat.app.workstation.teleop.teleoperator import Teleoperator, WindowTeleoperator
-from layflat.app.workstation.teleop.window_keyboard import WindowKeyboard
+from layflat.app.workstation.teleop.teleoperator import CombinedInput, Teleoperator, WindowTeleoperator
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.data.errors import DataError
 from layflat.data.types import ACTION_LIMIT_M
@@ -89,6 +87,8 @@ def test_keys_are_held_together_until_they_come_up():
     assert one.poll().motion.tolist() == [1.0, -1.0]
     one.on_event(key(pygame.KEYUP, pygame.K_d))
     assert one.poll().motion.tolist() == [0.0, -1.0]
+    one.on_event(key(pygame.KEYDOWN, pygame.K_UP))
+    assert not one.poll().motion.any(), "up and down"
     one.on_event(pygame.event.Event(pygame.WINDOWFOCUSLOST))
     assert not one.poll().moving
 
@@ -112,16 +112,16 @@ def test_shortcuts_are_left_to_the_window():
 def test_every_key_of_the_help_is_known_in_the_window():
     codes = {"enter": pygame.K_RETURN, "space": pygame.K_SPACE}
     for robot in ROBOT_SPECS:
-        for name in (*key_map.key_motions(robot), *key_map.COMMANDS):
+        for name in (*keyboard.key_motions(robot), *keyboard.COMMANDS):
             plain = name.removeprefix("shift-")
             shift = pygame.KMOD_LSHIFT if name != plain or name.isupper() else 0
             one = WindowKeyboard(robot)
             assert one.on_event(key(pygame.KEYDOWN, codes.get(name) or pygame.key.key_code(plain.lower()), shift))
             reading = one.poll()
-            if name in key_map.COMMANDS:
-                assert reading.commands == (key_map.COMMANDS[name],)
+            if name in keyboard.COMMANDS:
+                assert reading.commands == (keyboard.COMMANDS[name],)
             else:
-                assert (reading.motion == key_map.key_motions(robot)[name]).all()
+                assert (reading.motion == keyboard.key_motions(robot)[name]).all()
 
 
 @given(st.integers(-400, 400), st.integers(-400, 400))

@@ -15,11 +15,11 @@ from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.request import COUNTDOWN_S
 from layflat.app.workstation.session.status import SessionStatus
 from layflat.app.workstation.stop_signals import stop_on_signals
-from layflat.app.workstation.teleop import key_map
+from layflat.app.workstation.teleop import keyboard
 from layflat.app.workstation.teleop.contact_rumble import CONTACT_MIN, ContactRumble
+from layflat.app.workstation.teleop.keyboard import REPEAT_S, TAP_S, TerminalKeyboard
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.teleop.teleoperator import Teleoperator
-from layflat.app.workstation.teleop.terminal_keyboard import REPEAT_S, TAP_S, TerminalKeyboard
 from layflat.app.workstation.teleop.terminal_keys import TerminalKeys, key_names
 from layflat.app.workstation.terminal.display import (
     POLL_S,
@@ -156,12 +156,12 @@ def test_contact_rumbles_once_each_time_it_begins(teleoperator):
 def test_the_status_line_has_state_numbers_and_available_commands(record, teleoperator):
     one = record()
     one.session.update()
-    line = status_line(one.status, teleoperator.poll(), key_map.key_help(HANGER))
+    line = status_line(one.status, teleoperator.poll(), keyboard.key_help(HANGER))
     assert "seed 0 hangs" in line
     assert "start" in line
     assert "keep" not in line
     one.begin(n_steps=7)
-    line = status_line(one.status, teleoperator.poll(), key_map.key_help(HANGER))
+    line = status_line(one.status, teleoperator.poll(), keyboard.key_help(HANGER))
     for word in ("RECORDING", "7 steps", "contact 7 %", "keep as success", "discard", "pause"):
         assert word in line
 
@@ -255,18 +255,18 @@ def test_digits_set_the_speed_and_letters_give_commands():
 
 @pytest.mark.parametrize("robot", ROBOT_SPECS, ids=str)
 def test_every_key_does_one_thing_and_every_axis_has_a_key_each_way(robot):
-    moves = key_map.key_motions(robot)
-    assert not set(moves) & (set(key_map.COMMANDS) | set(key_map.SPEEDS))
+    moves = keyboard.key_motions(robot)
+    assert not set(moves) & (set(keyboard.COMMANDS) | set(keyboard.SPEEDS))
     reach = np.array(list(moves.values()))
     assert (reach.max(axis=0) == 1).all()
     assert (reach.min(axis=0) == -1).all()
-    assert set(key_map.COMMANDS.values()) == set(Command)
+    assert set(keyboard.COMMANDS.values()) == set(Command)
 
 
 def test_a_sum_of_keys_stays_within_its_bounds():
-    moves = key_map.key_motions(PICKERS)
-    assert np.abs(key_map.sum_motions(PICKERS, moves, moves)).max() <= 1.0
-    assert not key_map.sum_motions(PICKERS, moves, ["up", "down"]).any()
+    moves = keyboard.key_motions(PICKERS)
+    everything = keyboard.TerminalKeyboard(PICKERS, pressed=lambda: list(moves)).poll()
+    assert np.abs(everything.motion).max() <= 1.0
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from layflat.app.workstation.preview import initial_frame
 from layflat.app.workstation.session.effects import effects
 from layflat.app.workstation.session.status import Message, SessionStatus
-from layflat.app.workstation.teleop.key_map import COMMANDS, LABELS, key_help
+from layflat.app.workstation.teleop.keyboard import COMMANDS, LABELS, key_help
 from layflat.app.workstation.teleop.teleop_input import zero_input
 from layflat.app.workstation.terminal import display as display_module
 from layflat.app.workstation.terminal.display import TerminalDisplay
