@@ -73,10 +73,10 @@ def _check_display() -> None:
     try:
         import pygame
 
-        from layflat.app.workstation.window.x11 import ignore_errors
+        from layflat.app.workstation.window.display import ignore_x_errors
     except ImportError as error:
         raise LayflatError(f"the window needs pygame ({error}); run `layflat doctor`") from None
-    ignore_errors()
+    ignore_x_errors()
     try:
         pygame.display.init()
     except pygame.error as error:

@@ -1,8 +1,9 @@
-"""Painter: draws the contents into a window of any size and scale; only what has changed is drawn again."""
+"""Painter: lays the contents out in a window of any size and scale; only what has changed is drawn again."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 from functools import partial
 
 import pygame
@@ -11,12 +12,69 @@ from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.window import panels, style
 from layflat.app.workstation.window.contents import Contents
 from layflat.app.workstation.window.curves import draw_contact, draw_word
-from layflat.app.workstation.window.layout import GAP, WindowLayout, fitting_scale, layout
 from layflat.app.workstation.window.panels import KeyHint
 from layflat.app.workstation.window.style import Canvas
 
+FITS = (880, 640)
+"""Size at scale 1 down to which everything has its place; in a smaller window everything is smaller."""
+GAP, TOP = 8, 42
 _Area = tuple[str, pygame.Rect, Hashable, Callable[[Canvas], None]]
 """Name, place, key of its content and function that draws it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowLayout:
+    """Rectangles in px, which do not overlap."""
+
+    window: pygame.Rect
+    top: pygame.Rect
+    """State, in one line."""
+    facts: pygame.Rect
+    """Numbers of the recording."""
+    view: pygame.Rect
+    """The simulation."""
+    camera: pygame.Rect
+    contact: pygame.Rect
+    word: pygame.Rect
+    message: pygame.Rect
+    """Newest sentence."""
+    hints: pygame.Rect
+    """Effect of each button now."""
+
+
+def fitting_scale(size: tuple[int, int], wanted: float) -> float:
+    """Return the scale at which everything fits into a window of ``size`` px, at most the one that is wanted."""
+    return min(wanted, size[0] / FITS[0], size[1] / FITS[1])
+
+
+def layout(size: tuple[int, int], scale: float, *, facts: int, message: int, hints: int) -> WindowLayout:
+    """Lay out a window of ``size`` px whose facts, message and hints are so many px high."""
+    width, height = size
+    gap = max(round(GAP * scale), 1)
+    inner = width - 2 * gap
+    top = pygame.Rect(gap, 0, inner, round(TOP * scale))
+    facts_area = pygame.Rect(gap, top.bottom, inner, facts)
+    hints_area = pygame.Rect(gap, height - hints - gap, inner, hints)
+    message_area = pygame.Rect(gap, hints_area.top - message - gap, inner, message)
+    y = facts_area.bottom + gap
+    tall = max(message_area.top - gap - y, 4 * gap)
+    right_width = round(min(max(inner * 0.30, 230 * scale), 0.42 * inner, 620 * scale))
+    left = width - gap - right_width
+    camera = pygame.Rect(left, y, right_width, min(right_width * 3 // 4, round(0.40 * tall)))
+    rest = tall - camera.height - 2 * gap
+    contact = pygame.Rect(left, camera.bottom + gap, right_width, rest // 2)
+    word_top = contact.bottom + gap
+    return WindowLayout(
+        window=pygame.Rect((0, 0), size),
+        top=top,
+        facts=facts_area,
+        view=pygame.Rect(gap, y, left - 2 * gap, tall),
+        camera=camera,
+        contact=contact,
+        word=pygame.Rect(left, word_top, right_width, y + tall - word_top),
+        message=message_area,
+        hints=hints_area,
+    )
 
 
 class Painter:
@@ -91,6 +149,7 @@ class Painter:
         if any(height > self._heights.get(name, 0) for name, height in needed.items()):
             self._heights = {name: max(height, self._heights.get(name, 0)) for name, height in needed.items()}
             self.layout = layout(size, scale, **self._heights)
+            contents.inputs.view, contents.inputs.scale = self.layout.view, scale
             self._drawn.clear()
 
     def _areas(self) -> list[_Area]:
@@ -100,8 +159,8 @@ class Painter:
         facts, message = contents.facts(), contents.message()
         words, curve = panels.banner(status, contents.start_key()), (past.episode, len(past.time_s))
         top = (panels.headline(status), tuple(hint[:2] for hint in window_hints))
-        viewport, ghost = contents.viewport, contents.ghost.nodes
-        hands = (viewport.hover, id(viewport.drag), id(viewport.hand), contents.devices.band())
+        viewport, ghost, band = contents.inputs.viewport, contents.ghost.nodes, contents.inputs.device.band()
+        hands = (viewport.hover, id(viewport.drag), id(viewport.hand), band)
         view = (id(frame), viewport.camera, hands, id(ghost), words)
         return [
             ("all", place.window, place.window.size, self._draw_background),
@@ -126,13 +185,13 @@ class Painter:
 
     def _draw_view(self, canvas: Canvas, frame: SimulationFrame, words: tuple[str, str]) -> None:
         contents, view = self._contents, self.layout.view
-        contents.viewport.draw(canvas, frame, contents.ghost.nodes)
+        contents.inputs.viewport.draw(canvas, frame, contents.ghost.nodes)
         hints = contents.view_hints()
         self._place("view", panels.draw_view_keys(canvas, hints), hints, view)
-        band = contents.devices.band()
+        band = contents.inputs.device.band()
         if band is not None:
             panels.draw_band(canvas, band, view.topleft)
-        held = contents.viewport.pixel_of(frame.holder, view.size)[1]
+        held = contents.inputs.viewport.pixel_of(frame.holder, view.size)[1]
         panels.draw_banner(canvas, *words, low=held < view.height // 2)
 
     def _place(self, name: str, areas: list[pygame.Rect], hints: list[KeyHint], where: pygame.Rect) -> None:

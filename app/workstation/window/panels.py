@@ -20,7 +20,7 @@ class KeyHint(NamedTuple):
 
     key: str
     text: str
-    press: Callable[[], None] | None = None
+    press: Callable[[], object] | None = None
     color: style.Color = style.TEXT
 
 
@@ -111,7 +111,7 @@ def banner(status: SessionStatus, start_key: str) -> tuple[str, str]:
     return ("Go", "starts when you move") if state == "still" else ("", "")
 
 
-def device_hints(buttons: Iterable[Button], status: SessionStatus, press: Callable[[Command], None]) -> list[KeyHint]:
+def device_hints(buttons: Iterable[Button], status: SessionStatus, press: Callable[[Command], object]) -> list[KeyHint]:
     """Return a device's buttons that have an effect now, then its motions."""
     commands, motions = [], []
     for button in buttons:

@@ -69,19 +69,6 @@ def make_picture(rgb: NDArray[np.uint8]) -> pygame.Surface:
     return pygame.image.frombuffer(whole.data, (whole.shape[1], whole.shape[0]), "RGB")
 
 
-def luminance(color: Color) -> float:
-    """Return the relative luminance of a colour, 0..1, as WCAG defines it."""
-    share = np.array(color) / 255
-    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return float(linear @ (0.2126, 0.7152, 0.0722))
-
-
-def contrast(one: Color, other: Color) -> float:
-    """Return the contrast of two colours, 1..21, as WCAG defines it."""
-    dark, light = sorted((luminance(one), luminance(other)))
-    return (light + 0.05) / (dark + 0.05)
-
-
 @dataclass(frozen=True)
 class Canvas:
     """A surface and its scale; places are px of the surface, sizes of letters are px at scale 1."""

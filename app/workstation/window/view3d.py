@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from layflat.app.media import cloth_colors as colors
 from layflat.app.media.cloth_colors import ClothPaint, Rgb
 from layflat.app.workstation.window.orbit_camera import NEAR_M, OrbitCamera
-from layflat.app.workstation.window.view_ground import draw_ground, on_table
-from layflat.app.workstation.window.view_pen import SHIFT, Pen, fixed
+from layflat.app.workstation.window.pen import SHIFT, Pen, fixed, on_table
 from layflat.data.arrays import FloatArray
 from layflat.sim.camera.renderer import LIGHT
 from layflat.sim.cloth.mesh import MeshMaker
@@ -100,7 +99,7 @@ class View3d:
         """Return room and table: the same picture until the camera moves."""
         if self._ground is None or self._ground[0] != (camera, size):
             pen = Pen(np.full((size[1], size[0], 3), colors.ROOM, np.uint8), camera, scale)
-            draw_ground(pen)
+            pen.ground()
             self._ground = ((camera, size), pen.picture)
         return self._ground[1]
 

@@ -14,14 +14,11 @@ from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import SessionEvent
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.window import display_scale, style
-from layflat.app.workstation.window.contents import VIEW_KEYS, Contents
+from layflat.app.workstation.window import display, style
+from layflat.app.workstation.window.contents import VIEW_KEYS, Contents, Inputs
 from layflat.app.workstation.window.ghost import Ghost
-from layflat.app.workstation.window.input_manager import InputManager
 from layflat.app.workstation.window.orbit_camera import PRESETS
 from layflat.app.workstation.window.painter import Painter
-from layflat.app.workstation.window.viewport import Viewport
-from layflat.app.workstation.window.x11 import XWatch
 
 FRAMES_HZ = 30
 ZOOM, ZOOM_RANGE = 1.1, (0.6, 3.0)
@@ -38,13 +35,11 @@ class Window:
         pygame.display.init()
         pygame.font.init()
         style.clear_cache()
-        self.memory = display_scale.load_memory()
-        self._display_scale = display_scale.display_scale()
+        self.memory, self._display_scale = display.load_memory(), display.display_scale()
         pygame.display.set_caption(f"Layflat: {request.session.name if request.session else 'live'}")
         pygame.display.set_icon(icon())
-        size = display_scale.first_size(self.memory, self._display_scale)
-        surface = pygame.display.set_mode(size, pygame.RESIZABLE)
-        self._x_watch = XWatch()
+        surface = pygame.display.set_mode(display.first_size(self.memory, self._display_scale), pygame.RESIZABLE)
+        self._x = display.XConnection()
         self.open = True
         self.gone = False
         """Whether the window was destroyed from outside; SDL would wait for ever for its end."""
@@ -52,20 +47,10 @@ class Window:
         """Wall time of the work of each of the last frames."""
         self._on_event = on_event
         self._closed = False
-        self.client = SessionClient()
-        self.viewport = Viewport()
-        self.ghost = Ghost(request.session)
-        self.devices = InputManager(
-            self.client,
-            self.viewport,
-            lambda: self.painter.layout.view,
-            source=request.source,
-            robot=request.sim_config.robot_spec,
-            mapping=mapping,
-            scale=lambda: self.painter.scale,
-        )
-        self.devices.tone.on = self.memory.sound
-        self.contents = Contents(request, self.client, self.viewport, self.devices, self.ghost, self._actions())
+        self.client, self.ghost = SessionClient(), Ghost(request.session)
+        self.inputs = Inputs(request, self.client, mapping)
+        self.inputs.tone.on = self.memory.sound
+        self.contents = Contents(request, self.client, self.inputs, self.ghost, self._actions())
         self.painter = Painter(surface, self.contents, self._display_scale * self.memory.zoom)
         self.client.start(request)
 
@@ -88,9 +73,10 @@ class Window:
         for event in pygame.event.get():
             self._handle_event(event)
         self._report(self.client.poll())
-        self.devices.send()
+        if self.client.alive:
+            self.inputs.send()
         self.contents.update()
-        self.gone = self.gone or self._x_watch.window_is_gone()
+        self.gone = self.gone or self._x.window_is_gone()
         if self.client.status.state == "over" or not self.client.alive or self.gone:
             self.open = False
         if self.open:
@@ -109,9 +95,9 @@ class Window:
             return
         self._closed = True
         self._report(self.client.end())
-        self.devices.close()
-        display_scale.save_memory(self.memory)
-        self._x_watch.close()
+        self.inputs.close()
+        display.save_memory(self.memory)
+        self._x.close()
         if not self.gone:
             pygame.display.quit()
 
@@ -124,7 +110,7 @@ class Window:
             self._resize()
         elif event.type in (pygame.WINDOWEXPOSED, pygame.WINDOWRESTORED):
             self.painter.forget()
-        elif not (self._click(event) or self._key(event) or self.devices.handle_event(event)):
+        elif not (self._click(event) or self._key(event) or self.inputs.handle_event(event)):
             self._handle_mouse(event)
 
     def _actions(self) -> dict[str, Callable[[], None]]:
@@ -157,14 +143,14 @@ class Window:
 
     def look(self, name: str) -> None:
         """Look from a preset."""
-        self.viewport.camera = PRESETS[name]
+        self.inputs.viewport.camera = PRESETS[name]
 
     def toggle_sound(self) -> None:
         """Turn the tone at contact on or off."""
-        self.devices.tone.on = not self.devices.tone.on
-        self.memory = replace(self.memory, sound=self.devices.tone.on)
-        if self.devices.tone.on:
-            self.devices.tone.play()
+        self.inputs.tone.on = not self.inputs.tone.on
+        self.memory = replace(self.memory, sound=self.inputs.tone.on)
+        if self.inputs.tone.on:
+            self.inputs.tone.play()
 
     def _toggle_full_screen(self) -> None:
         pygame.display.toggle_fullscreen()
@@ -194,7 +180,7 @@ class Window:
 
     def _handle_mouse(self, event: pygame.event.Event) -> None:
         """Handle the mouse over the view."""
-        view, viewport, frame = self.painter.layout.view, self.viewport, self.client.frame
+        view, viewport, frame = self.inputs.view, self.inputs.viewport, self.client.frame
         if event.type == pygame.MOUSEBUTTONUP and viewport.dragging:
             viewport.release()
         if event.type not in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEWHEEL):
@@ -205,7 +191,7 @@ class Window:
         pos = pygame.mouse.get_pos() if event.type == pygame.MOUSEWHEEL else event.pos
         if not view.collidepoint(pos):
             return
-        at, drag = (pos[0] - view.left, pos[1] - view.top), self.contents.accepts_drag()
+        at, drag = (pos[0] - view.left, pos[1] - view.top), self.inputs.can_drag()
         if event.type == pygame.MOUSEWHEEL:
             viewport.zoom(getattr(event, "precise_y", event.y))
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button in (1, 2, 3):

@@ -18,8 +18,8 @@ from PIL import Image
 
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workstation.session.request import SessionRequest
-from layflat.app.workstation.window import display_scale
-from layflat.app.workstation.window.display_scale import WindowMemory
+from layflat.app.workstation.window import display
+from layflat.app.workstation.window.display import WindowMemory
 from layflat.app.workstation.window.window import Window
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
@@ -38,7 +38,7 @@ def shoot(window: Window, path: Path) -> None:
 
 def open_window(folder: Path, robot: str, source: str, size: tuple[int, int]) -> Person:
     """Open a window of some size that records as fast as possible."""
-    display_scale.save_memory(WindowMemory(width=size[0], height=size[1]))
+    display.save_memory(WindowMemory(width=size[0], height=size[1]))
     request = SessionRequest(
         sim_config=sim_config(robot=robot, cloth="towel"), source=source, session=folder / f"{robot}-{source}.h5",
         episodes=20, seed=0, speed=0.0, countdown_s=0.3,
@@ -68,7 +68,7 @@ def by_hand(folder: Path, out: Path) -> None:
     person.key(pygame.K_RETURN)
     person.wait(lambda: person.state == "still", "the countdown")
     frame, view = person.seen(), person.window.painter.layout.view
-    x, y = person.window.viewport.pixel_of(frame.corners[1], view.size)
+    x, y = person.window.inputs.viewport.pixel_of(frame.corners[1], view.size)
     person.drag_pixel(
         (x + view.left, y + view.top), (50, 120), frames=60,
         until=lambda: person.status.steps >= 16 and shoot(person.window, out / "workstation-kinesthetic.png") is None,

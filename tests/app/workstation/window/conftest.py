@@ -12,8 +12,8 @@ import pytest
 from layflat.app.workers.sim_options import sim_config
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import SessionEvent
-from layflat.app.workstation.window import display_scale
-from layflat.app.workstation.window.display_scale import WindowMemory
+from layflat.app.workstation.window import display
+from layflat.app.workstation.window.display import WindowMemory
 from layflat.app.workstation.window.window import Window
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
@@ -51,9 +51,9 @@ def sit_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callab
         scale: float = 1.0,
         **request: object,
     ) -> Person:
-        monkeypatch.setattr(display_scale, "display_scale", lambda: scale)
-        if not display_scale.memory_file().exists():
-            display_scale.save_memory(WindowMemory(width=size[0], height=size[1]))
+        monkeypatch.setattr(display, "display_scale", lambda: scale)
+        if not display.memory_file().exists():
+            display.save_memory(WindowMemory(width=size[0], height=size[1]))
         lines: list[SessionEvent] = []
         options = {"session": tmp_path / "s.h5", "seed": 0, "speed": 0.0, "countdown_s": 0.3} | request
         made.append(

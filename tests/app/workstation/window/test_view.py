@@ -15,8 +15,8 @@ from layflat.app.workstation.playback import Playback
 from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.window import style
 from layflat.app.workstation.window.curves import MIN_SPAN_S, draw_contact
-from layflat.app.workstation.window.layout import fitting_scale, layout
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
+from layflat.app.workstation.window.painter import fitting_scale, layout
 from layflat.app.workstation.window.style import Canvas
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.registry import cloth_spec

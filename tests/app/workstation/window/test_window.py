@@ -11,9 +11,10 @@ import psutil
 import pygame
 import pytest
 
+from layflat.app.media.cloth_colors import contrast
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.window import panels, sound, style
-from layflat.app.workstation.window.display_scale import load_memory
+from layflat.app.workstation.window.display import load_memory
 from layflat.app.workstation.window.orbit_camera import PRESETS
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
@@ -57,7 +58,7 @@ def record_three(person: Person, n_steps: int | None) -> list[int]:
     person.demonstrate(2, n_steps=8)
     pad.unplug()
     person.wait(lambda: person.state == "paused", "the pause")
-    assert "was disconnected" in person.window.devices.describe()
+    assert "was disconnected" in person.window.inputs.newest.problem
     person.watch(0.8)  # A step that has begun ends.
     at = person.status.steps
     person.watch(0.5)
@@ -157,7 +158,7 @@ def test_the_hanger_is_guided_by_hand(sit_down):
     person.key(pygame.K_RETURN)
     person.wait(lambda: person.state in ("still", "running"), "the countdown")
     before, view = person.seen(), window.painter.layout.view
-    x, y = window.viewport.pixel_of(before.corners[1], view.size)
+    x, y = window.inputs.viewport.pixel_of(before.corners[1], view.size)
     person.drag_pixel((x + view.left, y + view.top), (30, 90), frames=30, until=lambda: person.status.steps >= 8)
     after = person.seen()
     person.press("keep as failure")
@@ -252,7 +253,7 @@ def test_size_letters_and_sound_are_remembered(sit_down):
     again = sit_down("pickers", "keyboard")
     assert again.window.painter.surface.get_size() == (1100, 800)
     assert again.window.painter.scale == pytest.approx(1.1)
-    assert not again.window.devices.tone.on
+    assert not again.window.inputs.tone.on
 
 
 def test_only_changes_are_drawn(sit_down, monkeypatch):
@@ -270,12 +271,12 @@ def test_keys_and_clicks_choose_the_view(sit_down):
     person = sit_down("hanger", "keyboard")
     for key, name in ((pygame.K_F2, "side"), (pygame.K_F3, "top"), (pygame.K_F4, "front"), (pygame.K_F5, "reset")):
         person.key(key)
-        assert person.window.viewport.camera == PRESETS[name]
+        assert person.window.inputs.viewport.camera == PRESETS[name]
     person.press("top")
-    assert person.window.viewport.camera == PRESETS["top"]
+    assert person.window.inputs.viewport.camera == PRESETS["top"]
     view = person.window.painter.layout.view
     person.drag_pixel(view.center, (40, 0))
-    assert person.window.viewport.camera != PRESETS["top"]
+    assert person.window.inputs.viewport.camera != PRESETS["top"]
 
 
 def test_a_drag_of_the_mouse_shows_how_fast_it_is(sit_down):
@@ -285,12 +286,12 @@ def test_a_drag_of_the_mouse_shows_how_fast_it_is(sit_down):
     post(pygame.MOUSEBUTTONDOWN, pos=view.center, button=1)
     post(pygame.MOUSEMOTION, pos=(view.centerx + 75, view.centery), rel=(75, 0), buttons=(1, 0, 0))
     person.look()
-    assert person.window.devices.band() == (view.center, (view.centerx + 75, view.centery), 150.0)
-    assert person.window.devices.newest.motion[0] == pytest.approx(0.5, abs=0.05)
+    assert person.window.inputs.device.band() == (view.center, (view.centerx + 75, view.centery), 150.0)
+    assert person.window.inputs.newest.motion[0] == pytest.approx(0.5, abs=0.05)
     assert np.any(picture(person, view) != before, axis=2).sum() > 500
     post(pygame.MOUSEBUTTONUP, pos=view.center, button=1)
     person.look()
-    assert person.window.devices.band() is None
+    assert person.window.inputs.device.band() is None
 
 
 def picture(person: Person, area: pygame.Rect) -> np.ndarray:
@@ -322,7 +323,7 @@ def test_nothing_is_alarming_at_rest(sit_down):
     shown = [fact.color for fact in person.window.contents.facts()] + [panels.headline(person.status)[2]]
     assert not {style.WARNING, style.WORD} & {*shown, person.window.contents.message()[1]}
     for color in (style.TEXT, style.QUIET, style.ACCENT, style.CONTACT, style.WORD, style.WARNING, style.HUMAN):
-        assert style.contrast(color, style.CARD) >= 4.5
+        assert contrast(color, style.CARD) >= 4.5
 
 
 def test_the_window_shows_who_is_in_control(sit_down):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from layflat.app.workstation.window import style
-from layflat.app.workstation.window.layout import FITS
+from layflat.app.workstation.window.painter import FITS
 from layflat.data.session.reader import open_session
 from layflat.tests.app.workstation.x_display import Display, Recorder, eventually, x_display
 

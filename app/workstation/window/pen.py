@@ -1,4 +1,4 @@
-"""Pen: lines, balls and arrows of the world, drawn into a picture of a camera."""
+"""Pen: lines, balls, arrows and the table of the world, drawn into a picture of a camera."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from layflat.app.media import cloth_colors as colors
 from layflat.app.media.cloth_colors import Rgb
 from layflat.app.workstation.window.orbit_camera import NEAR_M, OrbitCamera
 from layflat.data.arrays import FloatArray
+from layflat.sim.camera.renderer import LIGHT
+from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
 
 SHIFT = 4
 """Fractional bits of drawing coordinates."""
+GRID_M = 0.1
+EDGE: Rgb = (36, 42, 52)
+AXIS: Rgb = (112, 124, 142)
+_CENTRE_M, _HALF_M = np.array([*TABLE_CENTRE_M, 0.0]), np.array([*TABLE_SIZE_M[:2], 0.0]) / 2
+TABLE_M = (_CENTRE_M - _HALF_M, _CENTRE_M + _HALF_M)
+"""Opposite corners of the table's top, (3,) m."""
 
 
 def fixed(pixels: FloatArray) -> NDArray[np.int32]:
@@ -79,6 +88,27 @@ class Pen:
         cv2.arrowedLine(
             self.picture, start, end, rgb, self._px(thick), cv2.LINE_AA, 0, min(0.45, 12 * self.scale / length)
         )
+
+    def ground(self) -> None:
+        """Draw the table and its grid, with x = 0 and y = 0 brighter."""
+        low, high = TABLE_M
+        top = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
+        for depth_m, rgb in ((TABLE_SIZE_M[2] / 2, EDGE), (0.0, colors.TABLE)):
+            points = clipped(np.vstack([top, top[:1]]) - [0, 0, depth_m], self.camera)
+            if len(points) >= 3:
+                pixels = self.camera.project(points, self.size)[0]
+                cv2.fillConvexPoly(self.picture, cv2.convexHull(fixed(pixels)), rgb, cv2.LINE_AA, SHIFT)
+        for axis in (0, 1):
+            for at in np.arange(np.ceil(low[axis] / GRID_M), high[axis] / GRID_M + 1e-9) * GRID_M:
+                ends = np.array([low, high])
+                ends[:, axis] = at
+                self.line(ends[0], ends[1], AXIS if abs(at) < 1e-9 else colors.GRID, 1)
+
+
+def on_table(points: FloatArray) -> FloatArray:
+    """Return where the light through ``points`` meets the table."""
+    cast: FloatArray = points - np.maximum(points[:, 2:], 0.0) / LIGHT[2] * LIGHT
+    return np.clip(cast, *TABLE_M)
 
 
 def clipped(path: FloatArray, camera: OrbitCamera) -> FloatArray:
