@@ -25,7 +25,7 @@ class Settings:
 
     robot: str = next(iter(ROBOTS))
     cloth: str = next(iter(CLOTHS))
-    source: str = next(iter(TELEOPERATORS))
+    source: str = TELEOPERATORS[0]
     descriptor: str = DEFAULT_DESCRIPTOR
     noise: bool = True
     """Depth noise of the camera."""

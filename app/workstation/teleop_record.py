@@ -15,7 +15,12 @@ from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import Message, SessionEvent
 from layflat.app.workstation.stop_signals import stop_on_signals
-from layflat.app.workstation.teleop.registry import TELEOPERATORS, make_terminal_teleoperator, usable_source
+from layflat.app.workstation.teleop.registry import (
+    IN_TERMINAL,
+    TELEOPERATORS,
+    make_terminal_teleoperator,
+    usable_source,
+)
 from layflat.app.workstation.terminal.display import TerminalDisplay, print_instructions, run_recording
 from layflat.app.workstation.window.launch import NoWindowError, has_display, run_window
 from layflat.policy import model_io
@@ -31,7 +36,7 @@ def record_teleoperated(config: RecordConfig) -> None:
     if config.mapping is not None:
         validators.readable_file(config.mapping, "a gamepad mapping, by `layflat gamepad calibrate --file`")
     model = None if config.correct is None else load_policy_to_correct(config.correct, config.robot, config.descriptor)
-    in_terminal = TELEOPERATORS[config.source].terminal
+    in_terminal = config.source in IN_TERMINAL
     if config.window or (config.window is None and has_display()):
         try:
             run_window(session_request(config, model), print_event, config.mapping)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 from layflat.app.support.errors import LayflatError
@@ -15,23 +14,9 @@ from layflat.app.workstation.teleop.teleoperator import CombinedInput, Teleopera
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 
-
-@dataclass(frozen=True)
-class TeleoperatorSpec:
-    """Description of a teleoperator."""
-
-    about: str
-    """What it is, for a person who chooses."""
-    terminal: bool
-    """Whether it works without a window."""
-
-
-TELEOPERATORS: Mapping[str, TeleoperatorSpec] = {
-    "gamepad": TeleoperatorSpec("a PS4 gamepad, or any that SDL knows or that was calibrated", terminal=True),
-    "keyboard": TeleoperatorSpec("keys, in the window or in a plain terminal", terminal=True),
-    "mouse": TeleoperatorSpec("drag in the window: the farther, the faster", terminal=False),
-    "kinesthetic": TeleoperatorSpec("drag the robot itself, which is compliant", terminal=False),
-}
+IN_TERMINAL = ("gamepad", "keyboard")
+"""Teleoperators that work without a window."""
+TELEOPERATORS = (*IN_TERMINAL, "mouse", "kinesthetic")
 
 
 def usable_source(name: str, robot: RobotSpec, *, mapping: Path | None = None) -> tuple[str, str]:
@@ -71,10 +56,8 @@ def make_window_teleoperator(
 
     ``ray`` and ``corners`` are for `HandGuidingTeleoperator`, ``mapping`` for gamepads, ``scale`` for `Mouse`.
     """
-    makers: Mapping[str, Callable[[], WindowTeleoperator]] = {
-        "gamepad": lambda: Gamepad(robot, mapping=mapping, own_events=False),
-        "keyboard": lambda: WindowKeyboard(robot),
-        "mouse": lambda: Mouse(robot, scale),
-        "kinesthetic": lambda: HandGuidingTeleoperator(robot, ray, corners),
-    }
-    return makers[name]()
+    if name == "gamepad":
+        return Gamepad(robot, mapping=mapping, own_events=False)
+    if name == "keyboard":
+        return WindowKeyboard(robot)
+    return Mouse(robot, scale) if name == "mouse" else HandGuidingTeleoperator(robot, ray, corners)

@@ -27,89 +27,73 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 44, 14, 34, 24
 
 def draw_contact(canvas: Canvas, series: TimeSeries) -> None:
     """Draw the contact portion on a card."""
+    contact = np.clip(series.contact, 0, 1)
     text = f"{100 * series.contact[-1]:.0f} %" if series.contact else ""
-    plot, picture = _start_plot(canvas, series, "Contact", text, style.CONTACT)
-    _draw_grid(picture, (0.0, 0.5, 1.0))
-    if series.time_s:
-        height = plot.height
-        line = np.stack([_x(series, plot.width), _y(np.clip(series.contact, 0, 1), (0.0, 1.0), height)], axis=1)
-        shaded = np.vstack([line, [line[-1, 0], height], [line[0, 0], height]])
-        tint = picture.copy()
-        cv2.fillPoly(tint, [_fixed(shaded)], style.CONTACT, cv2.LINE_AA, _SHIFT)
-        cv2.addWeighted(tint, 0.16, picture, 0.84, 0, picture)
-        cv2.polylines(picture, [_fixed(line)], False, style.CONTACT, canvas.px(2), cv2.LINE_AA, _SHIFT)
-    _finish_plot(canvas, picture, plot, series, ("0", "50", "100"))
+    _draw(canvas, series, contact, (0.0, 1.0), ("Contact", text, style.CONTACT), ("0", "50", "100"), line=True)
 
 
 def draw_word(canvas: Canvas, series: TimeSeries) -> None:
     """Draw WORD's angle to the robot's front on a card."""
     angle = series.angle_deg[-1] if series.angle_deg else None
     text = "" if angle is None else "none" if math.isnan(angle) else f"{round(angle) or 0:+d}°"
-    plot, picture = _start_plot(canvas, series, "WORD", text, style.WORD)
-    _draw_grid(picture, (-90.0, 0.0, 90.0))
     angles = np.array(series.angle_deg)
-    known = np.isfinite(angles)
-    if known.any():
-        places = np.stack([_x(series, plot.width)[known], _y(angles[known], (-90.0, 90.0), plot.height)], axis=1)
-        for x, y in _fixed(places).tolist():
-            cv2.circle(picture, (x, y), int(2.2 * canvas.scale * 2**_SHIFT), style.WORD, -1, cv2.LINE_AA, _SHIFT)
-    _finish_plot(canvas, picture, plot, series, ("-90°", "0°", "90°"))
+    _draw(canvas, series, angles, (-90.0, 90.0), ("WORD", text, style.WORD), ("-90°", "0°", "90°"), line=False)
 
 
-def _start_plot(
-    canvas: Canvas, series: TimeSeries, title: str, value: str, color: style.Color
-) -> tuple[pygame.Rect, NDArray[np.uint8]]:
-    """Draw the card and its heading; return the area of the curve, and its picture with tinted phases."""
+def _draw(
+    canvas: Canvas, series: TimeSeries, values: NDArray, limits: tuple[float, float],
+    heading: tuple[str, str, style.Color], labels: tuple[str, ...], *, line: bool,
+) -> None:  # fmt: skip
+    """Draw a card with title, newest value, phases and axes, whose ``labels`` go from low to high."""
+    px, area, (title, text, color) = canvas.px, canvas.area, heading
     canvas.surface.fill(style.BACKGROUND)
-    area, px = canvas.area, canvas.px
     canvas.card()
     canvas.text(title, (px(12), px(7)), 13, style.QUIET)
-    canvas.text(value, (area.right - px(12), px(4)), 18, color, bold=True, align="topright")
+    canvas.text(text, (area.right - px(12), px(4)), 18, color, bold=True, align="topright")
     width, height = area.width - px(_LEFT) - px(_RIGHT), area.height - px(_TOP) - px(_BOTTOM)
     plot = pygame.Rect(px(_LEFT), px(_TOP), max(width, 10), max(height, 10))
     picture = np.full((plot.height, plot.width, 3), style.CARD, np.uint8)
-    x = _x(series, plot.width)
+    span_s = max(MIN_SPAN_S, 5.0 * math.ceil((series.time_s[-1] if series.time_s else 0.0) / 5.0))
+    x = np.array(series.time_s) / span_s * (plot.width - 1)
+    steps = [slice(int(x[max(k - 1, 0)]), int(x[k]) + 1) for k in range(len(x))]
     for k, phase in enumerate(series.phase):
         if phase in _PHASE_TINT:
-            picture[:, int(x[k - 1]) if k else 0 : int(x[k]) + 1] = _PHASE_TINT[phase]
-    return plot, picture
-
-
-def _draw_grid(picture: NDArray[np.uint8], levels: tuple[float, ...]) -> None:
-    height, width = picture.shape[:2]
-    for y in np.rint(_y(levels, (levels[0], levels[-1]), height)).astype(int).tolist():
-        cv2.line(picture, (0, y), (width, y), style.LINE, 1)
-
-
-def _finish_plot(
-    canvas: Canvas, picture: NDArray[np.uint8], plot: pygame.Rect, series: TimeSeries, labels: tuple[str, ...]
-) -> None:
-    """Draw the band of a person in control, names of phases, and the axes, whose ``labels`` go from low to high."""
-    places, px = _x(series, plot.width), canvas.px
+            picture[:, steps[k]] = _PHASE_TINT[phase]
+    levels = np.rint(_y(range(len(labels)), (0, len(labels) - 1), plot.height)).astype(int).tolist()
+    for y in levels:
+        cv2.line(picture, (0, y), (plot.width, y), style.LINE, 1)
+    known = np.isfinite(values)
+    if known.any():
+        points = np.stack([x, _y(values, limits, plot.height)], axis=1)[known]
+        (_draw_line if line else _draw_dots)(picture, points, color, canvas)
     for k, human in enumerate(series.human):
         if human and k:
-            picture[-px(HUMAN_PX) :, int(places[k - 1]) : int(places[k]) + 1] = style.HUMAN
+            picture[-px(HUMAN_PX) :, steps[k]] = style.HUMAN
     canvas.surface.blit(style.make_picture(picture), plot)
     for k, phase in enumerate(series.phase):
         if phase in _PHASE_TINT and (k == 0 or series.phase[k - 1] != phase):
-            at = (plot.left + int(places[max(k - 1, 0)]) + px(2), plot.top + px(1))
-            canvas.text(phase, at, _SMALL, style.QUIET)
-    heights = np.rint(_y(range(len(labels)), (0, len(labels) - 1), plot.height)).astype(int).tolist()
-    for label, y in zip(labels, heights, strict=True):
+            canvas.text(phase, (plot.left + steps[k].start + px(2), plot.top + px(1)), _SMALL, style.QUIET)
+    for label, y in zip(labels, levels, strict=True):
         canvas.text(label, (plot.left - px(4), plot.top + y), _SMALL, style.QUIET, align="midright")
-    bottom = canvas.area.bottom - px(4)
+    bottom = area.bottom - px(4)
     canvas.text("0", (plot.left, bottom), _SMALL, style.QUIET, align="bottomleft")
-    canvas.text(f"{_span_s(series):.0f} s", (plot.right, bottom), _SMALL, style.QUIET, align="bottomright")
+    canvas.text(f"{span_s:.0f} s", (plot.right, bottom), _SMALL, style.QUIET, align="bottomright")
     if any(series.human):
         canvas.text("you", (plot.centerx, bottom), _SMALL, style.HUMAN, align="midbottom")
 
 
-def _span_s(series: TimeSeries) -> float:
-    return max(MIN_SPAN_S, 5.0 * math.ceil((series.time_s[-1] if series.time_s else 0.0) / 5.0))
+def _draw_line(picture: NDArray[np.uint8], points: NDArray, color: style.Color, canvas: Canvas) -> None:
+    """Draw a line over a shaded area."""
+    height, tint = picture.shape[0], picture.copy()
+    shaded = np.vstack([points, [points[-1, 0], height], [points[0, 0], height]])
+    cv2.fillPoly(tint, [_fixed(shaded)], color, cv2.LINE_AA, _SHIFT)
+    cv2.addWeighted(tint, 0.16, picture, 0.84, 0, picture)
+    cv2.polylines(picture, [_fixed(points)], False, color, canvas.px(2), cv2.LINE_AA, _SHIFT)
 
 
-def _x(series: TimeSeries, width: int) -> NDArray[np.float64]:
-    return np.array(series.time_s) / _span_s(series) * (width - 1)
+def _draw_dots(picture: NDArray[np.uint8], points: NDArray, color: style.Color, canvas: Canvas) -> None:
+    for x, y in _fixed(points).tolist():
+        cv2.circle(picture, (x, y), int(2.2 * canvas.scale * 2**_SHIFT), color, -1, cv2.LINE_AA, _SHIFT)
 
 
 def _y(values: ArrayLike, limits: tuple[float, float], height: int) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from layflat.app.workstation.window import panels, style
 from layflat.app.workstation.window.contents import Contents
 from layflat.app.workstation.window.curves import draw_contact, draw_word
 from layflat.app.workstation.window.panels import KeyHint
+from layflat.app.workstation.window.remote import RemoteUpdates, is_remote
 from layflat.app.workstation.window.style import Canvas
 
 FITS = (880, 640)
@@ -86,6 +87,7 @@ class Painter:
         self.layout: WindowLayout
         self._contents = contents
         self._drawn: dict[str, Hashable] = {}
+        self._remote = RemoteUpdates() if is_remote() else None
         self._hints: dict[str, list[tuple[pygame.Rect, KeyHint]]] = {}
         self._heights: dict[str, int] = {}
         """Greatest heights that were needed at this size: words that come and go do not move the view each time."""
@@ -97,11 +99,14 @@ class Painter:
         self._wanted_scale = wanted_scale
         self._heights = {}
         self._hints = {}
+        self.forget()
         self._measure()
 
     def forget(self) -> None:
         """Draw everything again in the next frame."""
         self._drawn.clear()
+        if self._remote is not None:
+            self._remote.forget()
 
     @property
     def hints(self) -> list[tuple[pygame.Rect, KeyHint]]:
@@ -109,7 +114,9 @@ class Painter:
         return [pair for pairs in self._hints.values() for pair in pairs]
 
     def draw(self) -> None:
-        """Draw the areas whose key has changed since they were drawn."""
+        """Draw the areas whose key has changed since they were drawn; a remote display gets them when it has room."""
+        if self._remote is not None and not self._remote.has_room():
+            return
         self._measure()
         changed: list[pygame.Rect] = []
         for name, area, key, draw in self._areas():
@@ -117,6 +124,8 @@ class Painter:
                 self._drawn[name] = key
                 draw(self._canvas(area))
                 changed.append(area)
+        if self._remote is not None and changed:
+            changed = self._remote.parts(self.surface, changed)
         if changed:
             pygame.display.update(changed)
 

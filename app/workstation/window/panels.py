@@ -233,18 +233,14 @@ def draw_banner(canvas: Canvas, large: str, small: str, *, low: bool) -> None:
     size = 56 if len(large) <= 3 else 24
     lines = canvas.wrap(small, 14, view.width - px(60)) if small else []
     width = max([canvas.width(large, size, bold=True), *(canvas.width(line, 14) for line in lines)]) + px(48)
-    height = canvas.px(size * 1.25) + len(lines) * canvas.pitch(14) + px(16)
-    area = pygame.Rect(0, 0, min(width, view.width), height)
-    area.midbottom, top = (view.centerx, view.bottom - px(12)), (view.centerx, view.top + px(40))
-    if not low:
-        area.midtop = top
+    area = pygame.Rect(0, 0, min(width, view.width), px(size * 1.25) + len(lines) * canvas.pitch(14) + px(16))
+    area.midtop = (view.centerx, view.bottom - px(12) - area.height if low else view.top + px(40))
     veil = pygame.Surface(area.size, pygame.SRCALPHA)
     pygame.draw.rect(veil, (*style.BACKGROUND, 215), veil.get_rect(), border_radius=px(12))
     canvas.surface.blit(veil, area)
     title = canvas.text(large, (area.centerx, area.top + px(6)), size, style.TEXT, bold=True, align="midtop")
     for k, line in enumerate(lines):
-        at = (area.centerx, title.bottom + k * canvas.pitch(14))
-        canvas.text(line, at, 14, style.QUIET, align="midtop")
+        canvas.text(line, (area.centerx, title.bottom + k * canvas.pitch(14)), 14, style.QUIET, align="midtop")
 
 
 def draw_view_keys(canvas: Canvas, hints: Sequence[KeyHint]) -> list[pygame.Rect]:
@@ -257,10 +253,10 @@ def draw_view_keys(canvas: Canvas, hints: Sequence[KeyHint]) -> list[pygame.Rect
 
 def draw_band(canvas: Canvas, band: tuple[tuple[int, int], tuple[int, int], float], corner: tuple[int, int]) -> None:
     """Draw how far a drag is, and how far it is at full speed."""
-    start, at, reach = band
-    a, b = ((p[0] - corner[0], p[1] - corner[1]) for p in (start, at))
+    a, b = (pygame.Vector2(place) - corner for place in band[:2])
+    reach = band[2]
     pygame.draw.circle(canvas.surface, style.QUIET, a, reach, canvas.px(1))
     pygame.draw.line(canvas.surface, style.ACCENT, a, b, canvas.px(4))
     pygame.draw.circle(canvas.surface, style.TEXT, b, canvas.px(6))
-    share = min(((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) ** 0.5 / reach, 1.0)
-    canvas.text(f"{100 * share:.0f} %", (b[0] + canvas.px(12), b[1]), 13, style.TEXT, bold=True)
+    share = min(a.distance_to(b) / reach, 1.0)
+    canvas.text(f"{100 * share:.0f} %", (int(b.x) + canvas.px(12), int(b.y)), 13, style.TEXT, bold=True)

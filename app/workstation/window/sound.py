@@ -12,18 +12,18 @@ from layflat.app.workstation.teleop.contact_rumble import ContactBegin
 RATE_HZ, TONE_HZ, TONE_S, LOUDNESS = 22_050, 660.0, 0.18, 0.25
 
 
-class ContactTone:
+class ContactTone(ContactBegin):
     """Plays a tone each time contact begins, if ``on``."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.on = True
-        self._begin = ContactBegin()
         self._sound: pygame.mixer.Sound | None = None
         self._tried = False
 
-    def update(self, contact_portion: float, n_steps: int) -> None:
-        """Take the newest contact portion, and the number of steps of the demonstration."""
-        if self._begin.update(contact_portion, n_steps) and self.on:
+    def begin(self) -> None:
+        """Play the tone, if it is on."""
+        if self.on:
             self.play()
 
     def play(self) -> None:

@@ -76,13 +76,16 @@ class Display:
 
 
 @contextmanager
-def x_display(size: str = "1280x720", dpi: int = 96, *, managed: bool = False) -> Iterator[Display]:
-    """Start a display; skip the test where the programs are missing."""
+def x_display(
+    size: str = "1280x720", dpi: int = 96, *, managed: bool = False, shared_memory: bool = True
+) -> Iterator[Display]:
+    """Start a display; skip the test where the programs are missing. Without shared memory it is as by `ssh -X`."""
     for program in ("Xvfb", "xdotool", *(("openbox", "wmctrl") if managed else ())):
         if shutil.which(program) is None:
             pytest.skip(f"{program} is not installed, so there is no real display to test on")
     read, write = os.pipe()
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{size}x24", "-dpi", str(dpi), "-nolisten", "tcp"]
+    command += [] if shared_memory else ["-extension", "MIT-SHM"]
     server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)
     os.close(write)
     with os.fdopen(read) as stream:

@@ -17,6 +17,7 @@ from layflat.app.workstation.window import style
 from layflat.app.workstation.window.curves import MIN_SPAN_S, draw_contact
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.painter import fitting_scale, layout
+from layflat.app.workstation.window.remote import BYTES_S, RemoteUpdates, changed_tiles, is_remote
 from layflat.app.workstation.window.style import Canvas
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.registry import cloth_spec
@@ -164,3 +165,49 @@ def test_a_replay_shows_when_a_person_was_in_control(lying, make_episode):
     shown = Playback("s.h5 demo_0", replace(episode, steps=steps))
     assert [shown.frame(k).human_in_control for k in range(7)] == [False, *marks]
     assert ["a person is in control" in shown.active_disturbances(k) for k in range(6)] == marks
+
+
+@given(data=st.data())
+@settings(max_examples=60, deadline=None)
+def test_a_remote_display_gets_all_that_has_changed_and_little_more(data):
+    """Every pixel that differs is in one part, in no two, and in the area."""
+    area = pygame.Rect(*data.draw(st.tuples(*[st.integers(0, 40)] * 2, *[st.integers(1, 150)] * 2)))
+    before = np.zeros((200, 200), np.uint32)
+    now = before.copy()
+    places = data.draw(st.lists(st.tuples(*[st.integers(0, 199)] * 2), max_size=8))
+    for x, y in places:
+        now[x, y] = 7
+    sent = np.zeros_like(now)
+    for part in changed_tiles(now, before, area):
+        assert area.contains(part)
+        sent[part.left : part.right, part.top : part.bottom] += 1
+    assert sent.max() <= 1
+    inside = [(x, y) for x, y in places if area.collidepoint(x, y)]
+    assert all(sent[x, y] for x, y in inside)
+    assert sent.sum() <= 32 * 32 * len(places)
+
+
+def test_a_remote_display_is_sent_no_more_than_it_takes():
+    now = [0.0]
+    updates, surface, sent = RemoteUpdates(lambda: now[0]), pygame.Surface((1000, 700)), 0
+    for k in range(600):  # 20 s of a picture that changes whole.
+        now[0] = k / 30
+        if updates.has_room():
+            surface.fill((k % 250, 0, 0))
+            sent += sum(4 * part.width * part.height for part in updates.parts(surface, [surface.get_rect()]))
+    assert 0.7 * BYTES_S < sent / 20 < 1.1 * BYTES_S
+    now[0] += 10
+    assert updates.has_room()
+    assert updates.parts(surface, [surface.get_rect()]) == []
+    updates.forget()
+    assert updates.parts(surface, [surface.get_rect()]) == [surface.get_rect()]
+
+
+@pytest.mark.parametrize(
+    ("display", "remote"),
+    [(":0", False), (":10.0", False), ("unix:0", False), ("", False), ("/private/tmp/x:0", False),
+     ("localhost:10.0", True), ("host:0", True), ("tcp/host:1.0", True)],
+)  # fmt: skip
+def test_a_forwarded_display_is_remote(monkeypatch, display, remote):
+    monkeypatch.setenv("DISPLAY", display)
+    assert is_remote() == remote
