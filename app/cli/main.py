@@ -69,7 +69,9 @@ def app_(
     from layflat.app.workstation.web.server import AppConfig
     from layflat.app.workstation.web.server import app as run
 
-    raise typer.Exit(run(AppConfig(folder=folder, host=host, port=port, open_browser=not no_open, debug=debug)))
+    commands = typer.main.get_command(data_cli).commands  # type: ignore[attr-defined]
+    config = AppConfig(folder=folder, host=host, port=port, open_browser=not no_open, debug=debug, commands=commands)
+    raise typer.Exit(run(config))
 
 
 def word(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.data.atomic_files import write_text
@@ -37,7 +38,11 @@ class Settings:
     """Session file in the folder."""
     model: str = ""
     policy: str = "gp-word"
+    own_policy: str = ""
+    """Policy of the person's own: a factory, an entry point or a server."""
     countdown_s: float = 3.0
+    dark: bool = False
+    """Whether the pages are dark."""
 
     def __post_init__(self) -> None:
         """Replace values that a file of another version has and that do not exist, or have the wrong type."""
@@ -49,15 +54,10 @@ class Settings:
             if type(value) is not type(item.default) or value not in choices.get(item.name, [value]):
                 object.__setattr__(self, item.name, item.default)
 
-    def with_value(self, name: str, value: object) -> Settings:
-        """Return the settings with one value changed."""
-        return replace(self, **{name: value})  # type: ignore[arg-type]
-
-    def sim_config(self) -> SimConfig:
-        """Return the settings of the simulation."""
-        return SimConfig(
-            robot=self.robot, cloth=self.cloth, descriptor=self.descriptor, noise=self.noise, step_s=self.step_s
-        )
+    def sim_config(self, **values: Any) -> SimConfig:
+        """Return the settings of the simulation, with some values changed."""
+        names = ("robot", "cloth", "descriptor", "noise", "step_s")
+        return SimConfig(**({name: getattr(self, name) for name in names} | values))
 
 
 def load(folder: Path) -> Settings:

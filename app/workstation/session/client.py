@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 import time
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
@@ -32,34 +31,8 @@ def start_fork_server() -> Any:
 
 
 @dataclass
-class ControlToken:
-    """Token of the viewer who is in control of a session; may be used from several threads."""
-
-    holder: str = ""
-    """Name of the viewer; empty: the first one who acts gets it."""
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def take(self, viewer: str, *, force: bool = False) -> bool:
-        """Give control to a viewer; return False where another one has it, unless ``force``."""
-        with self._lock:
-            if force or self.holder in ("", viewer):
-                self.holder = viewer
-            return self.holder == viewer
-
-    def release(self, viewer: str) -> None:
-        """Give control back, where this viewer has it, such as when it is gone."""
-        with self._lock:
-            if self.holder == viewer:
-                self.holder = ""
-
-
-@dataclass
 class SessionClient:
-    """At most one session at a time, in a process of its own; may be used from several threads.
-
-    Several viewers may show one client; of those only the one in `control` changes anything, and methods return False
-    to the others. The name of a viewer is free; a program with one viewer leaves it out.
-    """
+    """At most one session at a time, in a process of its own. Only `end`, and a `start` that ends one, wait."""
 
     status: SessionStatus = field(default_factory=SessionStatus)
     """Newest status."""
@@ -69,7 +42,6 @@ class SessionClient:
     """Newest request."""
     problem: str = ""
     """Why the last session ended by itself; empty where it was asked to, or was done."""
-    control: ControlToken = field(default_factory=ControlToken)
     _wrong_call: bool = False
     """Whether the problem is one of the request."""
     _process: BaseProcess | None = None
@@ -79,7 +51,8 @@ class SessionClient:
     """Numbers of the newest frame and status that were read."""
     _closing: bool = False
     """Whether the session was asked to end, or has reported that it ends."""
-    _lock: threading.RLock = field(default_factory=threading.RLock)
+    _end_s: float | None = None
+    """When a session that was asked to end is killed."""
 
     @property
     def robot(self) -> RobotSpec | None:
@@ -97,91 +70,81 @@ class SessionClient:
         return None if self._process is None else self._process.pid
 
     def start(self, request: SessionRequest) -> None:
-        """Start a session, and end the one before; return at once."""
-        with self._lock:
-            self.end()
-            self.request, self.status, self.frame = request, request.first_status(), None
-            self.problem, self._wrong_call, self._read, self._closing = "", False, [0, 0], False
-            context = start_fork_server()
-            self._channels = Channels(context)
-            self._connection, theirs = context.Pipe()
-            arguments = request, self._channels, theirs
-            self._process = context.Process(target=main, args=arguments, name="session", daemon=False)
-            self._process.start()
-            theirs.close()
+        """Start a session, and end the one before; return at once where there is none."""
+        self.end()
+        self.request, self.status, self.frame = request, request.first_status(), None
+        self.problem, self._wrong_call, self._read, self._closing, self._end_s = "", False, [0, 0], False, None
+        context = start_fork_server()
+        self._channels = Channels(context)
+        self._connection, theirs = context.Pipe()
+        arguments = request, self._channels, theirs
+        self._process = context.Process(target=main, args=arguments, name="session", daemon=False)
+        self._process.start()
+        theirs.close()
 
-    def send_command(self, command: Command, viewer: str = "") -> bool:
+    def send_command(self, command: Command) -> None:
         """Send a command."""
-        return self._send(viewer, "command", command)
+        self._send("command", command)
 
-    def disturb(self, name: str, viewer: str = "") -> bool:
+    def disturb(self, name: str) -> None:
         """Start a named disturbance."""
-        return self._send(viewer, "disturb", name)
+        self._send("disturb", name)
 
-    def answer(self, yes: bool, viewer: str = "") -> bool:
+    def answer(self, yes: bool) -> None:
         """Answer the question of the status."""
-        return self._send(viewer, "answer", yes)
+        self._send("answer", yes)
 
-    def send_input(self, teleop: TeleopInput, drag: DragTarget | None = None, viewer: str = "") -> float:
-        """Replace the newest input; return its stamp, or 0 where another viewer is in control."""
-        with self._lock:
-            if self._channels is None or not self.control.take(viewer):
-                return 0.0
-            stamped = replace(teleop, commands=(), stamp_s=time.monotonic())
-            self._channels.inputs.write((stamped, drag))
-            return stamped.stamp_s
+    def send_input(self, teleop: TeleopInput, drag: DragTarget | None = None) -> float:
+        """Replace the newest input; return its stamp, or 0 where there is no session."""
+        if self._channels is None:
+            return 0.0
+        stamped = replace(teleop, commands=(), stamp_s=time.monotonic())
+        self._channels.inputs.write((stamped, drag))
+        return stamped.stamp_s
 
     def poll(self) -> list[SessionEvent]:
         """Update `status` and `frame`, and notice where the session has ended; return what must be shown once."""
-        with self._lock:
-            process, connection = self._process, self._connection
-            if process is None or connection is None:
-                return []
-            ended = not process.is_alive()
-            events = self._update(connection)
-            if ended:
-                if not self._closing:
-                    how = describe_exit_status(process.exitcode, END_S)
-                    self.problem = (
-                        f"the session was lost: {how}; kept episodes are safe, and the next recording saves the steps"
-                        " of a running one as partial"
-                    )
-                self._release(process, connection)
-            return events
+        process, connection = self._process, self._connection
+        if process is None or connection is None:
+            return []
+        if self._end_s is not None and time.monotonic() > self._end_s:
+            process.kill()
+        ended = not process.is_alive()
+        events = self._update(connection)
+        if ended:
+            if not self._closing:
+                how = describe_exit_status(process.exitcode, END_S)
+                self.problem = (
+                    f"the session was lost: {how}; kept episodes are safe, and the next recording saves the steps"
+                    " of a running one as partial"
+                )
+            process.join(1.0)
+            process.close()
+            connection.close()
+            self._process = self._connection = self._channels = None
+        return events
+
+    def ask_end(self) -> None:
+        """Ask the session to end, with everything durable; `poll` notices when it has."""
+        if self.alive and self._end_s is None:
+            self._send("end")
+            self._closing, self._end_s = True, time.monotonic() + END_S
 
     def end(self) -> list[SessionEvent]:
         """End the session and wait until everything is durable; return its last events."""
-        with self._lock:
-            process, connection = self._process, self._connection
-            if process is None or connection is None:
-                return []
-            self._send_now("end")
-            self._closing = True
-            events: list[SessionEvent] = []
-            end_s = time.monotonic() + END_S
-            while process.is_alive():
-                # Its events are read while it ends: a full pipe would block it.
-                events += self._update(connection)
-                process.join(0.05)
-                if time.monotonic() > end_s:
-                    process.kill()
-            events += self._update(connection)
-            self._release(process, connection)
-            return events
+        self.ask_end()
+        events: list[SessionEvent] = []
+        while self._process is not None:
+            self._process.join(0.05)
+            events += self.poll()  # While it ends: a full pipe would block it.
+        return events
 
     def check(self) -> None:
         """Raise the error with which the session ended by itself."""
         if self.problem:
             raise (UsageError if self._wrong_call else LayflatError)(self.problem)
 
-    def _send(self, viewer: str, *request: Any) -> bool:
-        with self._lock:
-            if not self.control.take(viewer):
-                return False
-            self._send_now(*request)
-            return True
-
-    def _send_now(self, *request: Any) -> None:
+    def _send(self, *request: Any) -> None:
         with contextlib.suppress(OSError):  # It has ended; `poll` will report it.
             if self._connection is not None:
                 self._connection.send(request)
@@ -205,9 +168,3 @@ class SessionClient:
             if status is not None:
                 self._read[1], self.status = status
         return events
-
-    def _release(self, process: BaseProcess, connection: Connection) -> None:
-        process.join(1.0)
-        process.close()
-        connection.close()
-        self._process = self._connection = self._channels = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -23,14 +23,18 @@ SUBDIVISIONS = 2
 LIFT_M = 0.0015
 """Height of fold lines above the cloth."""
 GHOST_OPACITY = 0.28
+LOOKS: tuple[tuple[str, colors.Rgb, Any], ...] = (
+    ("face", colors.FACE, "front"), ("check", colors.FACE_CHECK, "front"), ("reverse", colors.REVERSE, "back"),
+)  # fmt: skip
+"""Name, color and visible side of each part."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
-    """A cloth as it is drawn: computed once for all viewers."""
+    """A cloth as it is drawn."""
 
     parts: list[NDArray[np.float32]]
-    """Vertices of each color, in the order of `Painter.parts`."""
+    """Vertices of each of LOOKS."""
     rests: NDArray[np.uint32]
     """Triangles of the nodes that rest on the table."""
     raised: NDArray[np.float32]
@@ -51,11 +55,9 @@ class Painter:
         self._contact = colors.ClothPaint(spec, subdivisions=1)
         self.coarse = self._contact.triangles.astype(np.uint32)
         """Triangles of the nodes."""
-        checked, triangles = self._paint.checked, self._paint.triangles
-        self.parts = [
-            np.unique(kept, return_inverse=True) for kept in (triangles[~checked], triangles[checked], triangles)
-        ]
-        """Vertices and triangles of face, checks and reverse."""
+        checked, all_ = self._paint.checked, self._paint.triangles
+        self.parts = [np.unique(kept, return_inverse=True) for kept in (all_[~checked], all_[checked], all_)]
+        """Vertices and triangles of each of LOOKS."""
         self.surface = lru_cache(maxsize=16)(self._surface)
 
     def _surface(self, frame: SimulationFrame) -> Surface:
@@ -84,26 +86,23 @@ class ClothView:
         self.painter = painter_of(frame.cloth)
         nodes, faces, surface = frame.nodes, self.painter.coarse, self.painter.surface(frame)
         name = f"{parent}/cloth"
-        self._root = scene.add_frame(name, show_axes=False)
-        plain: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
-        looks: Sequence[tuple[str, colors.Rgb, Any]] = (
-            ("face", colors.FACE, "front"),
-            ("check", colors.FACE_CHECK, "front"),
-            ("reverse", colors.REVERSE, "back"),
-        )
+        self.root = scene.add_frame(name, show_axes=False)
+
+        def add(part: str, vertices: Any, triangles: Any, color: colors.Rgb, side: Any = "double", **look: Any) -> Any:
+            look |= {"color": color, "side": side, "cast_shadow": False, "receive_shadow": False}
+            return scene.add_mesh_simple(f"{name}/{part}", vertices, triangles, **look)
+
         self._parts = [
-            scene.add_mesh_simple(f"{name}/{part}", vertices, own.reshape(-1, 3), color=rgb, side=side, **plain)
-            for (part, rgb, side), vertices, (_, own) in zip(looks, surface.parts, self.painter.parts, strict=True)
+            add(part, vertices, own.reshape(-1, 3), rgb, side)
+            for (part, rgb, side), vertices, (_, own) in zip(LOOKS, surface.parts, self.painter.parts, strict=True)
         ]
-        plain["side"] = "double"
-        shade: dict[str, Any] = {"color": colors.CONTACT_SHADE, "opacity": colors.CONTACT_SHARE}
-        self._rests = scene.add_mesh_simple(f"{name}/contact", nodes, faces[:0], **shade, **plain)
-        self._shadow = scene.add_mesh_simple(f"{name}/shadow", nodes, faces, color=colors.SHADOW, **plain)
-        ghost: dict[str, Any] = {"color": colors.GHOST, "opacity": GHOST_OPACITY, "visible": False}
-        self._ghost = scene.add_mesh_simple(f"{name}/ghost", nodes, faces, **ghost, **plain)
-        empty = np.zeros((0, 2, 3))
+        self._rests = add("contact", nodes, faces[:0], colors.CONTACT_SHADE, opacity=colors.CONTACT_SHARE)
+        self._shadow = add("shadow", nodes, faces, colors.SHADOW)
+        self._ghost = add("ghost", nodes, faces, colors.GHOST, opacity=GHOST_OPACITY, visible=False)
         self._folds = [
-            scene.add_line_segments(f"{name}/{line}", empty, rgb, thickness=wide, thickness_units="screen")
+            scene.add_line_segments(
+                f"{name}/{line}", np.zeros((0, 2, 3)), rgb, thickness=wide, thickness_units="screen"
+            )
             for line, rgb, wide in (("fold rim", colors.FOLD_RIM, 9.0), ("fold", colors.FOLD, 5.0))
         ]
 
@@ -131,10 +130,6 @@ class ClothView:
             handle.remove_drag_callback()
             if callback is not None:
                 handle.on_drag("left")(callback)
-
-    def remove(self) -> None:
-        """Take the cloth away."""
-        self._root.remove()
 
 
 def _raised(points: FloatArray, by_m: float) -> NDArray[np.float32]:

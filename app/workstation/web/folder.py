@@ -1,17 +1,24 @@
-"""Folder: the files that the workstation shows, and the only ones that a page can name."""
+"""Folder: the files that the workstation shows, and the only ones that a page can name; and what is in a session."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 
 from layflat.app.support.errors import UsageError
 from layflat.data.names import storable
-from layflat.data.session.parts import part_files
+from layflat.data.session.parts import part_files, parts_folder
+from layflat.data.session.reader import open_session
+from layflat.policy.foreign.factory import GROUP
+from layflat.sim.config import SimConfig
 
 SESSION, MODEL = ".h5", ".npz"
+_FOREIGN = re.compile(r"wss?://[^\s+]+|[\w.]+:[\w.]+")
 
 
 @dataclass(frozen=True)
@@ -27,18 +34,17 @@ class Folder:
 
     def sessions(self) -> list[str]:
         """Return the names of the session files, also of those whose episodes are still in parts."""
-        suffix = f"{SESSION}.parts"
-        parts = [path.name.removesuffix(".parts") for path in self.path.glob(f"*{suffix}") if path.is_dir()]
+        parts = [path.name.removesuffix(".parts") for path in self.path.glob(f"*{SESSION}.parts") if path.is_dir()]
         started = [name for name in parts if not (self.path / name).exists() and part_files(self.path / name)]
-        return [*started, *self._newest(f"*{SESSION}", Path.is_file)]
+        return [*started, *self._newest(f"*{SESSION}")]
 
     def models(self) -> list[str]:
         """Return the names of the model files."""
-        return self._newest(f"*{MODEL}", Path.is_file)
+        return self._newest(f"*{MODEL}")
 
     def foreign(self) -> list[str]:
         """Return the names of files that may be data sets of other tools."""
-        return self._newest("*.hdf5", Path.is_file)
+        return self._newest("*.hdf5")
 
     def results(self) -> list[str]:
         """Return the names of the folders that an evaluation has written."""
@@ -60,7 +66,7 @@ class Folder:
         """Return the place of a file to write, with its suffix; UsageError for a name that leads elsewhere."""
         name = name.strip()
         name = name if name.endswith(suffix) else f"{name}{suffix}"
-        if name in (suffix, "", ".", "..") or name.startswith(".") or "\0" in name or Path(name).name != name:
+        if name in (suffix, "") or name.startswith(".") or "\0" in name or Path(name).name != name:
             raise UsageError(f"{name!r} is not a name for a file here; give one without / and without a leading dot")
         if self.read_only:
             raise UsageError(f"{self.path} cannot be written; it can only be looked at")
@@ -71,7 +77,7 @@ class Folder:
             raise UsageError(f"{name or 'nothing'} is not in {self.path} any more; choose another one")
         return self.path / name
 
-    def _newest(self, pattern: str, accept: Callable[[Path], bool]) -> list[str]:
+    def _newest(self, pattern: str, accept: Callable[[Path], bool] = Path.is_file) -> list[str]:
         dated = []
         for path in self.path.glob(pattern):
             try:
@@ -80,3 +86,51 @@ class Folder:
             except OSError:
                 continue  # It has just been removed.
         return [name for _, name in sorted(dated, reverse=True)]
+
+
+def foreign_policy(text: str) -> str:
+    """Return the text of a policy of the user's; UsageError where it is none, such as the path of a file."""
+    first = text.strip().partition("+")[0]
+    known = {point.name for point in metadata.entry_points(group=GROUP)}
+    if first not in known and not _FOREIGN.fullmatch(first):
+        raise UsageError(
+            f"policy {text!r} is not package.module:factory, nor an entry-point name of {GROUP}, nor ws://HOST:PORT"
+        )
+    return text.strip()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionFacts:
+    """Parts of the simulation of a session, and the outcome of each episode."""
+
+    robot: str
+    task: str
+    cloth: str
+    physics: str
+    descriptor: str
+    step_s: float
+    outcomes: tuple[str, ...]
+
+    def describe(self) -> str:
+        """Return the facts in one line."""
+        counts = [f"{self.outcomes.count(name)} {name}" for name in dict.fromkeys(self.outcomes)]
+        return f"{self.robot}, {self.cloth}, task {self.task}: {', '.join(counts) or 'no episodes yet'}"
+
+    def sim_config(self, *, noise: bool) -> SimConfig:
+        """Return the simulation whose episodes fit into the session."""
+        return SimConfig(**{name: value for name, value in vars(self).items() if name != "outcomes"}, noise=noise)
+
+
+def session_facts(path: Path) -> SessionFacts:
+    """Return the facts of a session; DataError where it cannot be read."""
+    places = (path, parts_folder(path.resolve()), path.with_name(f"{path.name}.edits.jsonl"))
+    return _read(path, tuple(place.stat().st_mtime_ns if place.exists() else 0 for place in places))
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, _: tuple[int, ...]) -> SessionFacts:
+    with open_session(path) as session:
+        return SessionFacts(
+            **{name: getattr(session, name) for name in ("task", "cloth", "physics", "descriptor", "step_s")},
+            robot=session.robot.name, outcomes=tuple(info.outcome for info in session.infos().values()),
+        )  # fmt: skip

@@ -8,7 +8,7 @@ from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.teleop.contact_rumble import ContactRumble
 from layflat.app.workstation.teleop.gamepad import Gamepad
 from layflat.app.workstation.teleop.registry import usable_source
-from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
+from layflat.app.workstation.teleop.teleop_input import zero_input
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 from layflat.data.types import DragTarget
@@ -23,13 +23,12 @@ SOURCES = {
 class Inputs:
     """The newest input of a session; used from one thread, since SDL has to be."""
 
-    def __init__(self) -> None:
-        self.hand: FloatArray | None = None
-        """Place to which a guiding hand draws the robot, in the robot's hand shape."""
-        self.drag: DragTarget | None = None
-        """Pull at the cloth."""
-        self._pad: Gamepad | None = None
-        self._rumble: ContactRumble | None = None
+    hand: FloatArray | None = None
+    """Place to which a guiding hand draws the robot, in the robot's hand shape."""
+    drag: DragTarget | None = None
+    """Pull at the cloth."""
+    _pad: Gamepad | None = None
+    _rumble: ContactRumble | None = None
 
     def open(self, source: str, robot: RobotSpec) -> None:
         """Open the device of a source."""
@@ -40,23 +39,21 @@ class Inputs:
 
     def close(self) -> None:
         """Release everything."""
-        self.hand = self.drag = self._rumble = None
         if self._pad is not None:
             self._pad.close()
-        self._pad = None
+        self.hand = self.drag = self._pad = self._rumble = None
 
     def send(self, session: SessionClient) -> None:
         """Send the newest input to a session, with the commands of the gamepad's buttons."""
         if not session.alive or session.robot is None:
             return
-        holder = session.control.holder
         newest = zero_input(session.robot) if self._pad is None else self._pad.poll()
         for command in newest.commands:
-            session.send_command(command, holder)
-        teleop: TeleopInput = newest.without_commands()
+            session.send_command(command)
+        teleop = newest.without_commands()
         if self.hand is not None and self.hand.shape == session.robot.hand_shape:
             teleop = replace(teleop, hand=self.hand)
-        session.send_input(teleop, self.drag if session.status.can_drag else None, holder)
+        session.send_input(teleop, self.drag if session.status.can_drag else None)
         if self._rumble is not None:
             self._rumble.update(session.status.contact, session.status.steps)
 

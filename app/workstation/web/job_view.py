@@ -19,11 +19,12 @@ class JobView:
         self._viewer = viewer
         self._name = name
         self._ended: SubprocessCommand | None = self.job if self.job is not None and not self.job.running else None
-        self._line = viewer.client.gui.add_html("")
-        self._bar = viewer.client.gui.add_progress_bar(0.0, visible=False)
-        self._cancel = viewer.client.gui.add_button("Cancel", color="orange", visible=False)
-        viewer.on_click(self._cancel, self._cancel_job, control=True)
-        self._output = viewer.client.gui.add_html("")
+        gui = viewer.client.gui
+        self._line = gui.add_html("")
+        self._bar = gui.add_progress_bar(0.0, visible=False)
+        self._cancel = gui.add_button("Cancel", color="orange", visible=False)
+        viewer.on_click(self._cancel, lambda: self.job.cancel() if self.job else None, control=True)
+        self._output = gui.add_html("")
         self.update()
 
     @property
@@ -41,10 +42,6 @@ class JobView:
         self._viewer.workstation.run(self._name, arguments)
         self.update()
 
-    def _cancel_job(self) -> None:
-        if self.job is not None:
-            self.job.cancel()
-
     def update(self) -> bool:
         """Show how it is; return True once when it has ended."""
         job = self.job
@@ -55,12 +52,11 @@ class JobView:
             return False
         if running:
             put(self._bar, value=round(100 * job.progress, 1))
-            put(self._line, content=sentence(job.activity or "starting", "info"))
+            put(self._line, content=sentence(job.activity or "starting"))
         else:
             failed = next((line for line in job.lines if line.startswith(ERROR)), "") if job.status else ""
-            text = failed.removeprefix(ERROR) or job.outcome()
             level: Level = "success" if job.status == 0 else "warning" if job.cancelled else "error"
-            put(self._line, content=sentence(text, level))
+            put(self._line, content=sentence(failed.removeprefix(ERROR) or job.outcome(), level))
         put(self._output, content=output([f"$ {job.describe()}", *job.lines]))
         ended = not running and job is not self._ended
         self._ended = job if ended else self._ended

@@ -1,93 +1,62 @@
-"""Operations: every command of `layflat data` that works on one session, and its options, as a form needs them."""
+"""Operations: every command of `layflat data`, as a form, by what the command line itself says of its options."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.web.folder import Folder
 from layflat.data.format.schema import demo_number
 
+if TYPE_CHECKING:
+    import click
+
+Commands: TypeAlias = "Mapping[str, click.Command]"
 ANY = "any"
+HIDDEN = ("json", "force", "debug", "help", "path")
+"""Parameters that the page has elsewhere, or does not need."""
 
 
-class Field(NamedTuple):
-    """One option of a command."""
-
-    name: str
-    label: str
-    option: str
-    """``--out`` and the like; empty for a second session (merge)."""
-    kind: str
-    """text, episode, outcome, format, session or switch."""
-    default: str = ""
-    """``{}`` stands for the name of the session, ``{op}`` for that of the operation."""
+def fields(command: click.Command) -> list[click.Parameter]:
+    """Return the parameters that a form of the command has."""
+    return [param for param in command.params if param.name not in HIDDEN]
 
 
-_OUT = Field("out", "Session to write", "--out", "text", "{}-{op}.h5")
-_EPISODE = Field("episode", "Episode", "--episode", "episode")
-_OUTCOME = Field("outcome", "Outcome", "--outcome", "outcome")
-OPERATIONS: Mapping[str, tuple[Field, ...]] = {
-    "info": (),
-    "validate": (),
-    "stats": (),
-    "split": (
-        Field("out", "Folder for the parts", "--out", "text", "{}-parts"),
-        Field("share", "Parts and their shares", "--share", "text", "train=0.8 valid=0.2"),
-        Field("seed", "Seed", "--seed", "text", "0"),
-    ),
-    "filter": (
-        _OUT,
-        _OUTCOME,
-        Field("source", "Source", "--source", "text"),
-        Field("cloth", "Cloth", "--cloth", "text"),
-        Field("min-contact", "Final contact, at least", "--min-contact", "text"),
-        Field("max-contact", "Final contact, at most", "--max-contact", "text"),
-        Field("min-steps", "Steps, at least", "--min-steps", "text"),
-        Field("max-steps", "Steps, at most", "--max-steps", "text"),
-    ),
-    "merge": (Field("with", "With", "", "session"), _OUT),
-    "trim": (
-        _EPISODE, _OUT,
-        Field("start", "First step to keep", "--start", "text", "0"),
-        Field("stop", "Step after the last one (empty: the end)", "--stop", "text"),
-    ),
-    "repair": (Field("out", "Write to (empty: in place)", "--out", "text"),),
-    "export": (
-        Field("format", "Format", "--format", "format"), Field("out", "File or folder", "--out", "text", "{}-export"),
-        _OUTCOME, Field("images", "With images (lerobot)", "--no-images", "switch", "on"),
-    ),
-    "import": (Field("out", "Session to write", "--out", "text", "{}-imported.h5"),
-               Field("cloth", "Cloth (if the file has none)", "--cloth", "text")),
-    "video": (_EPISODE, Field("out", "Video to write", "--out", "text", "{}.webm")),
-    "plot": (Field("out", "Picture to write", "--out", "text", "{}.png"),),
-}  # fmt: skip
-"""Every command of `layflat data`, and its options; a test compares them with the command line."""
-FORMATS = ("robomimic", "lerobot", "csv")
-
-WRITES = "out"
-"""Field that names what is written."""
+def is_file(param: click.Parameter) -> bool:
+    """Return whether a parameter names what is written."""
+    return param.name == "out"
 
 
-def arguments_of(operation: str, folder: Folder, session: str, values: Mapping[str, str], *, force: bool) -> list[str]:
-    """Return the command line of an operation with the values of its fields, each of which stays in the folder."""
-    found = ["data", operation, str(folder.path / session)]
-    for item in OPERATIONS[operation]:
-        value = values.get(item.name, "").strip()
-        if item.kind == "switch":
-            found += [item.option] if value == "off" and values.get("format") == "lerobot" else []
-        elif not value or value == ANY:
+def default(param: click.Parameter, command: str, stem: str) -> str:
+    """Return the text that stands in the field at first."""
+    if is_file(param):
+        return f"{stem}-{command}{Path(str(param.metavar)).suffix}" if param.required else ""
+    return "" if param.default is None or callable(param.default) else str(param.default)
+
+
+def arguments_of(
+    command: click.Command, folder: Folder, session: str, values: Mapping[str, Any], *, force: bool
+) -> list[str]:
+    """Return the command line with the values of its fields, each of which stays in the folder."""
+    found = ["data", str(command.name), str(folder.path / session)]
+    for param in fields(command):
+        value = values.get(str(param.name), "")
+        if isinstance(value, bool):
+            found += [(param.opts if value else param.secondary_opts)[0]] if value != param.default else []
             continue
-        elif value.startswith("-"):
-            raise UsageError(f"{item.label} is {value!r}; give a value without a leading -")
-        elif item.kind == "session":
-            found.append(str(folder.session(value)))
-        elif item.name == "share":
-            found += [word for part in value.split() for word in (item.option, part)]
-        elif item.kind == "episode":
-            found += [item.option, str(demo_number(value))]
+        option, value = param.opts[0], str(value).strip()
+        if not value or value == ANY:
+            continue
+        if value.startswith("-"):
+            raise UsageError(f"{param.name} is {value!r}; give a value without a leading -")
+        if param.name == "paths":
+            found.insert(3, str(folder.session(value)))
+        elif param.name == "episode":
+            found += [option, str(demo_number(value))]
+        elif param.multiple:  # type: ignore[attr-defined]
+            found += [word for part in value.split(",") for word in (option, part.strip())]
         else:
-            found += [item.option, str(folder.new(value)) if item.name == WRITES else value]
-    writes = any(item.name == WRITES for item in OPERATIONS[operation])
-    return [*found, *(["--force"] if force and writes else [])]
+            found += [option, str(folder.new(value)) if is_file(param) else value]
+    return [*found, *(["--force"] if force and any(is_file(param) for param in command.params) else [])]

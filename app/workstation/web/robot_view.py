@@ -31,9 +31,8 @@ class RobotView:
         self._scene = scene
         self._parent = parent
         self._type = robot_type(frame.robot)
-        self._root = scene.add_frame(f"{parent}/robot", show_axes=False)
-        shape = self._type.arm_shape(cloth)
-        self._shape: ArmShape | None = shape
+        self.root = scene.add_frame(f"{parent}/robot", show_axes=False)
+        self._shape = shape = self._type.arm_shape(cloth)
         self._links = [] if shape is None else _add_links(scene, f"{parent}/robot", shape)
         self._balls = [
             scene.add_icosphere(f"{parent}/robot/picker {k + 1}", PICKER_M, colors.HOLDER, cast_shadow=False)
@@ -71,13 +70,9 @@ class RobotView:
         for k, at in enumerate(self._points()):
             free = tuple(any(a.point == k and a.axis == axis for a in self._type.spec.axes) for axis in range(3))
             gizmo = self._scene.add_transform_controls(
-                f"{self._parent}/robot/guide {k + 1}",
-                ARROWS_M,
-                active_axes=(free[0], free[1], free[2]),
-                disable_rotations=True,
-                depth_test=False,
-                position=at,
-            )
+                f"{self._parent}/robot/guide {k + 1}", ARROWS_M, active_axes=(free[0], free[1], free[2]),
+                disable_rotations=True, depth_test=False, position=at,
+            )  # fmt: skip
             gizmo.on_update(self._guided(k, gizmo, on_guide))
             self._gizmos.append(gizmo)
 
@@ -91,10 +86,6 @@ class RobotView:
             on_guide(event.client_id, None if self._held is None else places.reshape(self._type.spec.hand_shape))
 
         return guided
-
-    def remove(self) -> None:
-        """Take the robot away."""
-        self._root.remove()
 
 
 def _add_links(scene: SceneApi, parent: str, shape: ArmShape) -> list[tuple[int, Any]]:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 import tempfile
 import threading
 import warnings
 import webbrowser
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import viser
 
 from layflat.app.support.errors import INTERRUPTED, UsageError
 from layflat.app.workstation.session.client import start_fork_server
+from layflat.app.workstation.stop_signals import stop_on_signals
 from layflat.app.workstation.web.folder import Folder
-from layflat.app.workstation.web.pages.registry import PAGES
+from layflat.app.workstation.web.operations import Commands
+from layflat.app.workstation.web.pages import PAGES
 from layflat.app.workstation.web.security import open_server
 from layflat.app.workstation.web.stage import add_stage
-from layflat.app.workstation.web.viewer import Viewer
+from layflat.app.workstation.web.viewer import Viewer, configure_theme
 from layflat.app.workstation.web.workstation import Workstation
 from layflat.app.workstation.window.launch import has_display
 
@@ -38,33 +39,31 @@ class AppConfig:
     port: int = 8080
     open_browser: bool = True
     debug: bool = False
+    commands: Commands = field(default_factory=dict)
+    """Commands of `layflat data` by name, which the page Data offers."""
 
 
 def app(config: AppConfig) -> int:
     """Serve the workstation on the sessions and models in a folder; return the exit status."""
     check_folder(config.folder)
     with tempfile.TemporaryDirectory(prefix="layflat-") as scratch:
-        workstation = Workstation(
-            Folder(config.folder.resolve()),
-            Path(scratch),
-            lambda shared, client: Viewer(shared, client, PAGES),
-            config.debug,
-        )
-        run(workstation, config)
+        folder = Folder(config.folder.resolve())
+        workstation = Workstation(folder, Path(scratch), make_viewer, config.debug, config.commands)
+        with serve(workstation, config) as address:
+            print(f"workstation: {address}", flush=True)
+            if folder.read_only:
+                print(f"layflat: {config.folder} cannot be written; it can only be looked at", file=sys.stderr)
+            if config.open_browser and has_display():
+                threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+            with stop_on_signals(impatient=False) as stopped:
+                while not stopped():
+                    workstation.round()
     return INTERRUPTED
 
 
-def run(workstation: Workstation, config: AppConfig) -> None:
-    """Serve a workstation until the program is interrupted."""
-    with serve(workstation, config) as address:
-        print(f"workstation: {address}", flush=True)
-        if workstation.folder.read_only:
-            print(f"layflat: {config.folder} cannot be written; it can only be looked at", file=sys.stderr)
-        if config.open_browser and has_display():
-            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-        with stop_signals() as stopped:
-            while not stopped.is_set():
-                workstation.round()
+def make_viewer(workstation: Workstation, client: viser.ClientHandle) -> Viewer:
+    """Make the viewer of a client, with all pages."""
+    return Viewer(workstation, client, PAGES)
 
 
 def check_folder(folder: Path) -> None:
@@ -85,7 +84,7 @@ def serve(workstation: Workstation, config: AppConfig) -> Iterator[str]:
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     start_fork_server()  # It imports for a second or two, while the person looks around.
     try:
-        server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        configure_theme(server.gui, dark=False)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(PANEL_PX)
         add_stage(server)
@@ -102,17 +101,3 @@ def serve(workstation: Workstation, config: AppConfig) -> Iterator[str]:
     finally:
         workstation.close()
         server.stop()
-
-
-@contextlib.contextmanager
-def stop_signals() -> Iterator[threading.Event]:
-    """Note Ctrl-C, SIGTERM and the terminal's end, so that the round is completed and everything saved."""
-    stopped = threading.Event()
-    names = ("SIGINT", "SIGTERM", "SIGHUP")
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.signal(number, lambda *_: stopped.set()) for number in numbers}
-    try:
-        yield stopped
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from viser import ClientHandle, SceneApi, ViserServer
@@ -15,13 +15,10 @@ from layflat.sim.physics.base import TABLE_CENTRE_M, TABLE_SIZE_M
 
 Point: TypeAlias = tuple[float, float, float]
 
-TOP_M = -0.0025
-"""Height at which the table's top is drawn: cloth, shadow and lines above it do not flicker."""
-SHADOW_M, LINE_M = -0.0015, -0.0008
-"""Heights of shadows and of lines on the table."""
+TOP_M, SHADOW_M, LINE_M = -0.0025, -0.0015, -0.0008
+"""Heights at which the table's top, shadows and lines on it are drawn: what is above them does not flicker."""
 GRID_M = 0.1
-AXES_AT_M = (-0.42, -0.62, 0.0)
-AXIS_LENGTH_M = 0.14
+AXES_AT_M, AXIS_LENGTH_M = (-0.42, -0.62, 0.0), 0.14
 FIELD_RAD = math.radians(38)
 CENTRE: Point = (0.18, 0.04, 0.26)
 """What the camera looks at."""
@@ -34,11 +31,11 @@ VIEWS: Mapping[str, Point] = {
 """Places of the camera by the label of their button."""
 
 
-def look_from(client: ClientHandle, view: str, offset_m: Point = (0.0, 0.0, 0.0)) -> None:
+def look_from(client: ClientHandle, view: str, offset_m: Point = (0.0, 0.0, 0.0), farther: float = 1.0) -> None:
     """Move a viewer's camera to one of VIEWS; ``offset_m``: middle between scenes side by side."""
     with client.atomic():
         client.camera.up_direction = (0.0, 0.0, 1.0)
-        client.camera.position = np.add(VIEWS[view], offset_m)
+        client.camera.position = np.add(CENTRE, offset_m) + farther * np.subtract(VIEWS[view], CENTRE)
         client.camera.look_at = np.add(CENTRE, offset_m)
 
 
@@ -74,12 +71,10 @@ def add_table(scene: SceneApi, parent: str) -> None:
                     line = np.array([[*low, LINE_M], [*high, LINE_M]])
                     line[:, axis] = k * GRID_M
                     lines.append(line)
-        scene.add_line_segments(
-            f"{parent}/grid {every}", np.array(lines), GRID, thickness=width, thickness_units="screen"
-        )
+        name = f"{parent}/grid {every}"
+        scene.add_line_segments(name, np.array(lines), GRID, thickness=width, thickness_units="screen")
     ends = np.array(AXES_AT_M) + np.stack([np.zeros((3, 3)), AXIS_LENGTH_M * np.eye(3)], axis=1)
-    scene.add_arrows(
-        f"{parent}/axes", ends, np.array(AXES, np.uint8), shaft_radius=0.004, head_radius=0.01, head_length=0.03
-    )
+    shape: Any = {"shaft_radius": 0.004, "head_radius": 0.01, "head_length": 0.03}
+    scene.add_arrows(f"{parent}/axes", ends, np.array(AXES, np.uint8), **shape)
     for name, (_, end) in zip(AXIS_NAMES, ends, strict=True):
         scene.add_label(f"{parent}/axes/{name[0]}", name, position=end, font_screen_scale=0.8, anchor="bottom-left")

@@ -1,69 +1,61 @@
-"""Viewer: one browser's pages, message line and scene."""
+"""Viewer: one browser's pages, message line and scene; and Page, the base of what it shows beside the scene."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, TypeVar
 
-import numpy as np
 import viser
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame
 from layflat.app.workstation.session.status import Level
-from layflat.app.workstation.web.guide import Guide
-from layflat.app.workstation.web.monitor import Monitor
+from layflat.app.workstation.time_series import TimeSeries
+from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.scene import Scene
-from layflat.app.workstation.web.stage import CENTRE, VIEWS, look_from
-from layflat.app.workstation.web.widgets import put, sentence
+from layflat.app.workstation.web.stage import VIEWS, look_from
+from layflat.app.workstation.web.widgets import Monitor, put, sentence
 from layflat.app.workstation.web.workstation import Workstation
+from layflat.data.session.reader import open_session
 
-TAB_STYLE = """<style>
+T = TypeVar("T")
+GUIDED = ("still", "running", "stopped")
+"""States in which the robot follows a hand."""
+STYLE = """<style>
 div:has(> .lf-tabs) + div > div > div:first-child {{display: none}}
 div:has(> .lf-tabs) + div button:nth-of-type({number}) {{background: #0f766e !important; color: #fff !important}}
+@media (max-width: 600px) {{
+.mantine-Paper-root:has(.lf-tabs), .mantine-Paper-root:has(.lf-tabs) div[style*="width: 20em"]
+{{width: 100% !important; max-width: 100vw}}
+}}
 </style><span class="lf-tabs"></span>"""
-"""The library's row of buttons does not show which one is chosen."""
-
-
+"""The library's row of buttons does not show which one is chosen, and its sheet on a phone leaves a third unused."""
 BESIDE_M = (0.0, 1.3, 0.0)
 """Place of the second of two scenes: the tables do not touch."""
 FARTHER = 1.9
 """Factor on the camera's distance that brings both into view."""
 
 
-class Shown(Protocol):
-    """A page as a viewer needs it."""
-
-    name: str
-
-    def build(self) -> None:
-        """Add the page's parts."""
-
-    def update(self) -> None:
-        """Show the newest numbers."""
-
-    def frames(self) -> Sequence[SimulationFrame]:
-        """Return what the scene shows: nothing new, one frame, or two side by side."""
-
-    def close(self) -> None:
-        """Handle that another page is shown."""
-
-
 class Viewer:
     """One browser; used from the workstation's thread only."""
 
-    def __init__(
-        self, workstation: Workstation, client: viser.ClientHandle, pages: Mapping[str, Callable[[Viewer], Shown]]
-    ) -> None:
+    def __init__(self, workstation: Workstation, client: viser.ClientHandle, pages: Mapping[str, type[Page]]) -> None:
         self.workstation = workstation
-        self._pages = pages
         self.client = client
         self.name = f"viewer {client.client_id + 1}"
-        self.page: Shown | None = None
+        self.page: Page | None = None
         self.scene = Scene(client.scene)
-        self.guide = Guide(workstation, self.scene, self.name)
-        self.monitor = Monitor(client.gui)
+        self.shown_session = self.shown_episode = ""
+        """Session and episode that were looked at last."""
+        self._pages = pages
+        self._monitor = Monitor(client.gui)
         self._beside: Scene | None = None
         self._shown: Sequence[SimulationFrame] = ()
+        self._folder: viser.GuiFolderHandle | None = None
+        self._hands = (False, False)
+        """Whether the cloth can be pulled, and the robot guided."""
+        self._dark = False
         gui = client.gui
         self._control = gui.add_html("")
         self._take = gui.add_button("Take control", visible=False)
@@ -74,9 +66,6 @@ class Viewer:
         self._message = gui.add_html("")
         views = gui.add_button_group("View", tuple(VIEWS))
         self.on_click(views, lambda: look_from(client, views.value))
-        self.shown_session = self.shown_episode = ""
-        """Session and episode that were looked at last."""
-        self._folder: viser.GuiFolderHandle | None = None
 
     # Reactions
 
@@ -91,25 +80,33 @@ class Viewer:
     def reaction(self, work: Callable[[], None], *, control: bool = False, by_person: bool = False) -> Any:
         """Return a callback that does something in the workstation's thread."""
 
+        async def react(event: Any) -> None:
+            if not by_person or event.client_id is not None:
+                self._post(work, self.client.client_id, control=control)
+
+        return react
+
+    def _post(self, work: Callable[[], None], client_id: int, *, control: bool = True) -> None:
         def guarded() -> None:
             if control:
                 self.workstation.require_control(self.name)
             work()
 
-        async def react(event: Any) -> None:
-            if not by_person or event.client_id is not None:
-                self.workstation.post(guarded, self.client.client_id)
+        self.workstation.post(guarded, client_id)
 
-        return react
+    def background(self, job: Callable[[], T], done: Callable[[T], None]) -> None:
+        """Do something that takes long, and then ``done`` with its result, unless the page has changed meanwhile."""
+        folder = self._folder
 
-    @property
-    def in_control(self) -> bool:
-        """Whether this viewer may change what runs."""
-        return self.workstation.in_control(self.name)
+        def finish(result: T) -> None:
+            if self._folder is folder:
+                with folder if folder is not None else self.client.atomic():
+                    done(result)
+
+        self.workstation.work(job, finish, self.client.client_id)
 
     def _take_control(self) -> None:
-        self.workstation.session.control.take(self.name, force=True)
-        self.workstation.inputs.hand = self.workstation.inputs.drag = None
+        self.workstation.take_control(self.name)
         self.workstation.note(f"{self.name} has taken control")
 
     def say(self, text: str, level: Level = "info") -> None:
@@ -120,35 +117,53 @@ class Viewer:
 
     def open(self, name: str) -> None:
         """Show a page."""
-        page = self._pages.get(name)
-        if page is None:
+        if name not in self._pages:
             return
-        self.close_page()
+        if self.page is not None:
+            self.page.close()
         self.say("")
-        self.monitor.show(None)
-        put(self._marked, content=TAB_STYLE.format(number=list(self._pages).index(name) + 1))
-        self._folder = self.client.gui.add_folder(name)
-        self.page = page(self)
+        self.monitor(None)
+        put(self._marked, content=STYLE.format(number=list(self._pages).index(name) + 1))
+        self.page = self._pages[name](self)
+        self.rebuild()
+
+    def rebuild(self) -> None:
+        """Build the page, again after its files or choices have changed."""
+        if self.page is None:
+            return
+        old, self._folder = self._folder, self.client.gui.add_folder(self.page.name)
+        if old is not None:
+            old.remove()
         with self._folder:
             self.page.build()
 
-    def rebuild(self) -> None:
-        """Build the page again, after its files or choices have changed."""
-        page, old = self.page, self._folder
-        if page is None or old is None:
-            return
-        self._folder = self.client.gui.add_folder(page.name)
-        old.remove()
-        with self._folder:
-            page.build()
+    def monitor(self, frame: SimulationFrame | None, *series: TimeSeries, **options: float | None) -> None:
+        """Show a frame's camera picture and curves beside the scene; none hides them."""
+        self._monitor.show(time.monotonic(), frame, *series, **options)
 
-    def close_page(self) -> None:
-        """End what only the page shows."""
-        if self.page is not None:
-            self.page.close()
-        if self._folder is not None:
-            self._folder.remove()
-        self.page = self._folder = None
+    def update(self, *, whole: bool) -> None:
+        """Show the newest frame, and, where ``whole``, the newest numbers."""
+        if self.page is None:
+            return
+        frames = self.page.frames()
+        if frames and [id(frame) for frame in frames] != [id(frame) for frame in self._shown]:
+            self._show(frames)
+        self._offer_hands(frames[0] if frames else None)
+        if not whole:
+            return
+        holder, in_control = self.workstation.holder, self.workstation.in_control(self.name)
+        others = len(self.workstation.viewers) - 1
+        text = f"{holder} is in control; you watch"
+        if in_control:
+            text = f"you are in control; {others} more watching" if others and holder else ""
+        put(self._control, content=sentence(text, "info" if in_control else "warning"))
+        put(self._take, visible=not in_control)
+        if self._dark != self.workstation.settings.dark:
+            self._dark = self.workstation.settings.dark
+            configure_theme(self.client.gui, dark=self._dark)
+        self.page.update()
+
+    # The scene
 
     def _show(self, frames: Sequence[SimulationFrame]) -> None:
         self._shown = frames
@@ -156,10 +171,7 @@ class Viewer:
         if len(frames) == 2:
             if self._beside is None:
                 self._beside = Scene(self.client.scene, name="/beside", offset_m=BESIDE_M)
-                middle = np.add(CENTRE, BESIDE_M) - np.array(BESIDE_M) / 2
-                with self.client.atomic():
-                    self.client.camera.position = middle + FARTHER * np.subtract(VIEWS["Reset"], CENTRE)
-                    self.client.camera.look_at = middle
+                look_from(self.client, "Reset", (0.0, BESIDE_M[1] / 2, 0.0), FARTHER)
             self._beside.show(frames[1])
         elif self._beside is not None:
             self._beside.remove()
@@ -167,20 +179,97 @@ class Viewer:
             look_from(self.client, "Reset")
         self.client.flush()  # viser would wait for more to send: up to two frames of the screen.
 
-    def update(self, *, whole: bool) -> None:
-        """Show the newest frame, and, where ``whole``, the newest numbers."""
-        frames = () if self.page is None else self.page.frames()
-        if frames and [id(frame) for frame in frames] != [id(frame) for frame in self._shown]:
-            self._show(frames)
-        self.guide.update(frames[0] if frames else None)
-        if not whole or self.page is None:
-            return
-        control = self.workstation.session.control
-        others = len(self.workstation.viewers) - 1
-        if not self.in_control:
-            text = f"{control.holder} is in control; you watch"
-        else:
-            text = f"you are in control; {others} more watching" if others and control.holder else ""
-        put(self._control, content=sentence(text, "info" if self.in_control else "warning"))
-        put(self._take, visible=not self.in_control)
-        self.page.update()
+    def _offer_hands(self, frame: SimulationFrame | None) -> None:
+        """Let this viewer pull at the cloth and guide the robot while that has an effect."""
+        session = self.workstation.session
+        acts = frame is not None and frame is session.frame and session.alive and self.workstation.in_control(self.name)
+        guides = acts and session.status.source == "kinesthetic" and session.status.state in GUIDED
+        before, self._hands = self._hands, (acts and session.status.can_drag, guides)
+        for name, offer, had, has in zip(
+            ("drag", "hand"), (self.scene.let_drag, self.scene.let_guide), before, self._hands, strict=True
+        ):
+            if had != has:
+                offer(partial(self._moved, name) if has else None)  # type: ignore[operator]
+
+    def _moved(self, name: str, client_id: int, value: Any) -> None:
+        self._post(lambda: setattr(self.workstation.inputs, name, value), client_id)
+
+
+def configure_theme(gui: viser.GuiApi, *, dark: bool) -> None:
+    """Choose the theme of the page."""
+    gui.configure_theme(dark_mode=dark, control_width="large", show_logo=False, show_share_button=False)
+
+
+class Page:
+    """One tab of one viewer. A page overrides what it needs."""
+
+    name = ""
+
+    def __init__(self, viewer: Viewer) -> None:
+        self.viewer = viewer
+        self.workstation = viewer.workstation
+        self.folder: Folder = viewer.workstation.folder
+        self.gui: viser.GuiApi = viewer.client.gui
+
+    def build(self) -> None:
+        """Add the page's parts."""
+
+    def update(self) -> None:
+        """Show the newest numbers."""
+
+    def frames(self) -> Sequence[SimulationFrame]:
+        """Return what the scene shows, one or two frames: what runs, unless the page has something of its own."""
+        frame = self.workstation.session.frame
+        return () if frame is None else (frame,)
+
+    def close(self) -> None:
+        """Handle that another page is shown."""
+
+    # Parts
+
+    def note(self, text: str) -> None:
+        """Add a sentence."""
+        self.gui.add_html(sentence(text))
+
+    def button(
+        self, label: str, work: Callable[[], None], *, control: bool = False, color: Any = None, hint: str | None = None
+    ) -> None:
+        """Add a button; ``control``: it changes what all viewers share."""
+        self.viewer.on_click(self.gui.add_button(label, color=color, hint=hint), work, control=control)
+
+    def choice(
+        self, label: str, options: Sequence[str], value: str = "", change: Callable[[str], None] = lambda _: None,
+        hint: str | None = None,
+    ) -> viser.GuiDropdownHandle[str]:  # fmt: skip
+        """Add a list to choose from; the first option is taken where ``value`` is none of them."""
+        first = value if value in options else options[0]
+        handle = self.gui.add_dropdown(label, tuple(options), initial_value=first, hint=hint)
+        # What a browser sends need not be one of the options.
+        self.viewer.on_change(handle, lambda: change(handle.value) if handle.value in options else None)
+        return handle
+
+    def setting(self, name: str, handle: Any) -> None:
+        """Keep the value of a part of the page as a setting of the workstation."""
+        kind = type(getattr(self.workstation.settings, name))
+        self.viewer.on_change(handle, lambda: self.workstation.change_settings(**{name: kind(handle.value)}))
+
+    def session_choice(self) -> str:
+        """Add a list of sessions; return the chosen one, or "" where there is none, which is then said."""
+        names = self.folder.sessions()
+        if not names:
+            self.note("There is no session in this folder; record one first.")
+            return ""
+        return str(self.choice("Session", names, self.viewer.shown_session, self._choose_session).value)
+
+    def _choose_session(self, name: str) -> None:
+        self.viewer.shown_session, self.viewer.shown_episode = name, ""
+        self.viewer.rebuild()
+
+    def episode_names(self, session: str) -> list[str]:
+        """Return the names of a session's episodes; none where it cannot be read, which is shown."""
+        try:
+            with open_session(self.folder.session(session)) as opened:
+                return list(opened.names)
+        except Exception as error:
+            self.viewer.say(str(error), "error")
+            return []

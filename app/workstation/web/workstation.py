@@ -1,48 +1,36 @@
-"""Workstation: everything that the viewers of one server share, advanced in one thread."""
+"""Workstation: everything that the viewers of one server share, advanced in one thread that never waits."""
 
 from __future__ import annotations
 
 import queue
 import time
 import traceback
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NoReturn, TypeVar
 
 from layflat.app.support.errors import LayflatError, UsageError, format_error
 from layflat.app.workstation import settings as settings_file
 from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
-from layflat.app.workstation.session.status import Level, Message
+from layflat.app.workstation.session.status import Level
 from layflat.app.workstation.settings import Settings
 from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.inputs import Inputs
+from layflat.app.workstation.web.operations import Commands
 
+T = TypeVar("T")
 ROUND_S = 0.01
 """Longest time until an input is read."""
 PAGE_S = 0.1
 """Time between two updates of the pages' numbers."""
 RUNNING = ("countdown", "still", "running")
-
-
-class View(Protocol):
-    """A viewer as the workstation needs it."""
-
-    name: str
-
-    def open(self, name: str) -> None:
-        """Show a page."""
-
-    def say(self, text: str, level: Level = "info") -> None:
-        """Show a sentence above the page."""
-
-    def update(self, *, whole: bool) -> None:
-        """Show the newest frame, and, where ``whole``, the newest numbers."""
 
 
 @dataclass
@@ -52,10 +40,14 @@ class Workstation:
     folder: Folder
     scratch: Path
     """Folder for films and plots that are shown and not kept."""
-    make_viewer: Callable[[Workstation, Any], View]
-    """Makes the viewer of a client."""
+    make_viewer: Callable[[Workstation, Any], Any]
+    """Makes the `Viewer` of a client."""
     debug: bool = False
     """Whether errors are printed with their traceback, too."""
+    commands: Commands = field(default_factory=dict)
+    """Commands of `layflat data` by name."""
+    holder: str = ""
+    """Name of the viewer in control; empty: the first one who acts gets it."""
     settings: Settings = field(init=False)
     session: SessionClient = field(default_factory=SessionClient)
     inputs: Inputs = field(default_factory=Inputs)
@@ -63,10 +55,11 @@ class Workstation:
     """Newest command in the background, by the page that started it."""
     series: TimeSeries = field(default_factory=TimeSeries)
     """Curves of the current take."""
-    viewers: dict[int, View] = field(default_factory=dict)
-    log: deque[Message] = field(default_factory=lambda: deque(maxlen=5))
-    """Newest lines about takes."""
+    viewers: dict[int, Any] = field(default_factory=dict)
+    _next: SessionRequest | None = None
+    """Session to start once the one before has ended."""
     _work: queue.SimpleQueue[tuple[int | None, Callable[[], None]]] = field(default_factory=queue.SimpleQueue)
+    _pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, "background"))
     _updated_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -77,39 +70,35 @@ class Workstation:
     def connect(self, client: Any) -> None:
         """Show the pages to a client."""
         viewer = self.viewers[client.client_id] = self.make_viewer(self, client)
-        viewer.open(
-            "Place" if self.session.alive and self.session.request and self.session.request.policy else "Record"
-        )
+        request = self.session.request
+        viewer.open("Place" if self.session.alive and request is not None and request.policy else "Record")
 
     def disconnect(self, client_id: int) -> None:
         """Forget a client; what it was in control of pauses."""
         viewer = self.viewers.pop(client_id, None)
-        if viewer is None:
+        if viewer is None or self.holder != viewer.name:
             return
-        if self.session.control.holder == viewer.name:
-            self.inputs.hand = self.inputs.drag = None
-            if self.session.alive and self.session.status.state in RUNNING:
-                self.session.send_command(Command.PAUSE, viewer.name)
-                self.note(f"{viewer.name}, who was in control, is gone; the take is paused", "warning")
-            self.session.control.release(viewer.name)
+        self.take_control("")
+        if self.session.alive and self.session.status.state in RUNNING:
+            self.session.send_command(Command.PAUSE)
+            self.note(f"{viewer.name}, who was in control, is gone; the take is paused", "warning")
+
+    def take_control(self, viewer: str) -> None:
+        """Give control to a viewer, or to the first one who acts (""); what a hand did ends."""
+        self.holder, self.inputs.hand, self.inputs.drag = viewer, None, None
 
     def in_control(self, viewer: str) -> bool:
         """Return whether a viewer may change what runs."""
-        return self.session.control.holder in ("", viewer)
+        return self.holder in ("", viewer)
 
     def require_control(self, viewer: str) -> None:
         """Give control to a viewer; LayflatError where another one has it."""
-        if not self.session.control.take(viewer):
-            holder = self.session.control.holder
-            raise LayflatError(f"{holder} is in control; press Take control to act yourself")
-
-    def post(self, work: Callable[[], None], client_id: int | None = None) -> None:
-        """Have the workstation's thread do this; an error is shown to the viewer."""
-        self._work.put((client_id, work))
+        if not self.in_control(viewer):
+            raise LayflatError(f"{self.holder} is in control; press Take control to act yourself")
+        self.holder = viewer
 
     def note(self, text: str, level: Level = "info") -> None:
         """Show a line to all viewers."""
-        self.log.append(Message(text=text, level=level))
         for viewer in self.viewers.values():
             viewer.say(text, level)
 
@@ -117,26 +106,21 @@ class Workstation:
 
     def change_settings(self, **values: Any) -> None:
         """Take new settings, and keep them where the folder can be written."""
-        new = self.settings
-        for name, value in values.items():
-            new = new.with_value(name, value)
+        new = replace(self.settings, **values)
         if new != self.settings:
             self.settings = new
             if not self.folder.read_only:
                 settings_file.save(self.folder.path, new)
 
     def start(self, request: SessionRequest) -> None:
-        """Start a session."""
+        """Start a session, once the one before has ended."""
         self.stop()
-        self.inputs.open(request.source, request.sim_config.robot_spec)
-        self.series = TimeSeries()
-        self.session.start(request)
+        self._next = request
 
     def stop(self) -> None:
-        """End the session, with everything saved."""
-        for event in self.session.end():
-            self.note(event.text, event.level)
-        self.inputs.close()
+        """Ask the session to end, with everything saved; a few rounds later it has."""
+        self._next = None
+        self.session.ask_end()
 
     def run(self, page: str, arguments: list[str]) -> None:
         """Start a command in the background, one a page."""
@@ -144,9 +128,26 @@ class Workstation:
             if job.running:
                 raise UsageError("a command is running here; cancel it first")
             job.close()
-        self.jobs[page] = SubprocessCommand(arguments, folder=self.folder.path)
+        self.jobs[page] = SubprocessCommand(arguments)
 
     # Rounds
+
+    def post(self, work: Callable[[], None], client_id: int | None = None) -> None:
+        """Have the workstation's thread do this; an error is shown to the viewer."""
+        self._work.put((client_id, work))
+
+    def work(self, job: Callable[[], T], done: Callable[[T], None], client_id: int) -> None:
+        """Do something that takes long beside the rounds, and then ``done`` with its result as one of them."""
+
+        def run() -> None:
+            try:
+                result = job()
+            except Exception as error:
+                self.post(partial(_raise, error), client_id)
+            else:
+                self.post(lambda: done(result), client_id)
+
+        self._pool.submit(run)
 
     def round(self) -> None:
         """Do what was posted, read the inputs and show what is new."""
@@ -158,6 +159,11 @@ class Workstation:
             self.inputs.close()
             if self.session.problem:
                 self.note(self.session.problem, "error")
+        if self._next is not None and not self.session.alive:
+            request, self._next = self._next, None
+            self.inputs.open(request.source, request.sim_config.robot_spec)
+            self.series = TimeSeries()
+            self.session.start(request)
         self.inputs.send(self.session)
         if self.session.frame is not None:
             self.series.add(self.session.frame)
@@ -165,10 +171,10 @@ class Workstation:
         whole = now - self._updated_s >= PAGE_S
         self._updated_s = now if whole else self._updated_s
         for client_id, viewer in list(self.viewers.items()):
-            self._guarded(client_id, lambda viewer=viewer: viewer.update(whole=whole))  # type: ignore[misc]
+            self._guarded(client_id, partial(viewer.update, whole=whole))
 
     def _do_work(self) -> None:
-        timeout: float = ROUND_S
+        timeout = ROUND_S
         while True:
             try:
                 client_id, work = self._work.get(timeout=timeout) if timeout else self._work.get_nowait()
@@ -189,9 +195,16 @@ class Workstation:
                 viewer.say(format_error(error)[0], "error")
 
     def close(self) -> None:
-        """End everything, with all results saved."""
+        """End everything, with all results saved; the only thing that waits."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
         for job in self.jobs.values():
             job.cancel()
-        self.stop()
+        for event in self.session.end():
+            self.note(event.text, event.level)
+        self.inputs.close()
         for job in self.jobs.values():
             job.close()
+
+
+def _raise(error: Exception) -> NoReturn:
+    raise error

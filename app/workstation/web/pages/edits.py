@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from layflat.app.support.errors import UsageError
-from layflat.app.workstation.web.folder import Folder
-from layflat.app.workstation.web.viewer import Viewer
+from layflat.app.workstation.web.viewer import Page
 from layflat.app.workstation.web.widgets import output, put
 from layflat.data.session.editor import SessionEditor
 from layflat.data.tools.episode_index import EpisodeRow
@@ -19,19 +18,17 @@ LOG_LINES = 12
 class EditForm:
     """Edits of the chosen episode; each is durable at once and can be undone."""
 
-    def __init__(
-        self, viewer: Viewer, folder: Folder, session: str, chosen: Callable[[], str], changed: Callable[[], None]
-    ) -> None:
+    def __init__(self, page: Page, session: str, chosen: Callable[[], str], changed: Callable[[], None]) -> None:
         """``chosen`` returns the episode's name; ``changed`` is called after each edit."""
-        self._viewer = viewer
-        self._folder = folder
+        self._page = page
         self._session = session
         self._chosen = chosen
         self._changed = changed
-        gui = viewer.client.gui
-        with gui.add_folder("Edit", visible=not folder.read_only):
-            self._label = gui.add_button_group("Label as", OUTCOMES)
-            viewer.on_click(self._label, self._relabel, control=True)
+        gui = page.gui
+        with gui.add_folder("Edit", visible=not page.folder.read_only):
+            label = gui.add_button_group("Label as", OUTCOMES)
+            relabel = lambda: self._edit(lambda editor: editor.relabel(self._episode(), str(label.value)))  # noqa: E731
+            page.viewer.on_click(label, relabel, control=True)
             self._note = gui.add_text("Note", "")
             self._button("Keep the note", lambda editor: editor.note(self._episode(), self._note.value))
             self._keep = gui.add_vector2("Keep steps", (0, 0), min=(0, 0), step=1)
@@ -43,21 +40,17 @@ class EditForm:
             self._log = gui.add_html("")
 
     def _button(self, label: str, edit: Callable[[SessionEditor], object]) -> None:
-        handle = self._viewer.client.gui.add_button(label)
-        self._viewer.on_click(handle, lambda: self._edit(edit), control=True)
+        self._page.button(label, lambda: self._edit(edit), control=True)
 
     def _episode(self) -> str:
         if not self._chosen():
             raise UsageError("no episode is chosen; click on one")
         return self._chosen()
 
-    def _relabel(self) -> None:
-        self._edit(lambda editor: editor.relabel(self._episode(), str(self._label.value)))
-
     def _edit(self, edit: Callable[[SessionEditor], object]) -> None:
-        editor = SessionEditor(self._folder.session(self._session))
+        editor = SessionEditor(self._page.folder.session(self._session))
         edit(editor)
-        self._viewer.say(f"{editor.log().edits[-1].text}: done; Undo takes it back", "success")
+        self._page.viewer.say(f"{editor.log().edits[-1].text}: done; Undo takes it back", "success")
         self._changed()
 
     def choose(self, row: EpisodeRow) -> None:
@@ -67,7 +60,7 @@ class EditForm:
 
     def show(self, dropped: Iterable[str]) -> None:
         """Show the newest edits, and what has been dropped."""
-        log = SessionEditor(self._folder.session(self._session)).log()
+        log = SessionEditor(self._page.folder.session(self._session)).log()
         undone = log.undone()
         lines = [
             f"{edit.number} {edit.when_utc[:16].replace('T', ' ')} {edit.who}: {edit.text}"

@@ -9,8 +9,9 @@ import time
 from layflat.app.evaluation.suites import shipped
 from layflat.app.support.errors import UsageError
 from layflat.app.support.seeds import EVALUATION_SEED
+from layflat.app.workstation.web.folder import foreign_policy
 from layflat.app.workstation.web.job_view import JobView
-from layflat.app.workstation.web.pages.page import Page
+from layflat.app.workstation.web.viewer import Page
 from layflat.app.workstation.web.widgets import put, sentence, table
 from layflat.policy.spec import SCRIPTED
 from layflat.sim.disturbances.presets import DISTURBANCES
@@ -29,14 +30,14 @@ class EvaluatePage(Page):
     name = "Evaluate"
 
     def build(self) -> None:
-        """Add the page's parts."""
         if not self.folder.read_only:
+            names = (*self.folder.models()[:MODELS_MAX], SCRIPTED)
             with self.gui.add_folder("Policies"):
-                self._policies = {
-                    name: self.gui.add_checkbox(name, False) for name in (*self.folder.models()[:MODELS_MAX], SCRIPTED)
-                }
+                self._policies = {name: self.gui.add_checkbox(name, False) for name in names}
+                hint = "package.module:factory, names of entry points, or ws://HOST:PORT, with spaces between them"
+                self._own = self.gui.add_text("Your own", "", hint=hint)
             suites = [NONE, *shipped(), *(name for name in DISTURBANCES if name not in (NONE, *shipped()))]
-            self._suite = self.choice("Disturbed by", suites, NONE, lambda _: None)
+            self._suite = self.choice("Disturbed by", suites)
             self._episodes = self.gui.add_number("Starts", 10, min=1, max=10_000, step=1)
             self._videos = self.gui.add_checkbox("Films", False, hint="Best, median and worst of each policy.")
             self._name = self.gui.add_text("Folder", f"evaluation-{time.strftime('%m%d-%H%M')}")
@@ -51,19 +52,14 @@ class EvaluatePage(Page):
 
     def _evaluate(self) -> None:
         chosen = [name for name, box in self._policies.items() if box.value]
-        if not chosen:
+        policies = [name if name == SCRIPTED else str(self.folder.model(name)) for name in chosen]
+        policies += [foreign_policy(text) for text in self._own.value.split()]
+        if not policies:
             raise UsageError("no policy is chosen; tick at least one")
-        out = self.folder.new(self._name.value)
-        arguments = [
-            *(name if name == SCRIPTED else str(self.folder.model(name)) for name in chosen),
-            "--episodes",
-            str(int(self._episodes.value)),
-            "--seed",
-            str(EVALUATION_SEED),
-        ]
+        arguments = [*policies, "--episodes", str(int(self._episodes.value)), "--seed", str(EVALUATION_SEED)]
         arguments += ["--disturb", str(self._suite.value)] if self._suite.value != NONE else []
         arguments += ["--videos"] if self._videos.value else []
-        self._job.start(["evaluate", *arguments, "--out", str(out)])
+        self._job.start(["evaluate", *arguments, "--out", str(self.folder.new(self._name.value))])
 
     def update(self) -> None:
         """Show the command, and its results when it has ended."""
@@ -93,8 +89,7 @@ class EvaluatePage(Page):
         if path.stat().st_size > REPORT_MAX:
             raise UsageError(f"{path} is too large to be shown here; open it in a browser")
         page = html.escape(path.read_text(encoding="utf-8"), quote=True)
-        modal = self.gui.add_modal(f"Report of {path.parent.name}")
-        with modal:
+        with self.gui.add_modal(f"Report of {path.parent.name}"):
             self.gui.add_html(f'{WIDE}<iframe title="Report" sandbox srcdoc="{page}"></iframe>')
 
 

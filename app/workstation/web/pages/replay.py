@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.playback import Playback, episode_facts, open_playback
 from layflat.app.workstation.session.frame_channel import SimulationFrame
+from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.job_view import JobView
-from layflat.app.workstation.web.pages.page import Page
-from layflat.app.workstation.web.widgets import facts, put
+from layflat.app.workstation.web.viewer import Page
+from layflat.app.workstation.web.widgets import facts, mark, put
 from layflat.data.format.schema import demo_number
 from layflat.data.session.reader import open_session
 
@@ -25,41 +27,35 @@ class ReplayPage(Page):
     name = "Replay"
 
     def build(self) -> None:
-        """Add the page's parts."""
         self._playbacks: list[Playback] = []
-        self._at, self._playing, self._due_s = 0, False, 0.0
-        self._session = self.session_choice(self.viewer.shown_session, self._choose_session)
+        self._at, self._last, self._playing, self._due_s = 0, 0, False, 0.0
+        self._session = self.session_choice()
         names = self.episode_names(self._session) if self._session else []
         if not names:
             return
-        episode = self.viewer.shown_episode
-        self._episode = self.choice(
-            "Episode", names, episode if episode in names else names[-1], lambda _: self._load()
-        )
-        self._other_session = self.choice(
-            "Beside it, of", self.folder.sessions(), self._session, lambda _: self._choose_other()
-        )
-        self._other = self.choice("Beside it", [NONE, *names], NONE, lambda _: self._load())
-        self._time = self.gui.add_slider("Step", 0, 1, 1, 0)
+        episode = self.viewer.shown_episode if self.viewer.shown_episode in names else names[-1]
+        self._episode = self.choice("Episode", names, episode, lambda _: self._load())
+        sessions = self.folder.sessions()
+        self._other_session = self.choice("Beside it, of", sessions, self._session, self._choose_other)
+        self._other = self.choice("Beside it", [NONE, *names], NONE)
+        # Its options change with the session beside.
+        self.viewer.on_change(self._other, self._load)
+        self.gui.add_html(mark("step"))
+        self._time = self.gui.add_slider("Step", 0, 1, 1, 0, hint="A click into the curves goes there, too.")
         self.viewer.on_change(self._time, lambda: self._jump(int(self._time.value)))
         self._moves = self.gui.add_button_group("", (PREVIOUS, BACK, PLAY, AHEAD, NEXT))
         self.viewer.on_click(self._moves, lambda: self._move(self._moves.value))
         self._events = self.gui.add_button_group("Go to", ("start", "end"))
-        self.viewer.on_click(self._events, lambda: self._go_to(self._events.value))
-        self._speed = self.choice("Speed", SPEEDS, "1x", lambda _: None)
+        self.viewer.on_click(self._events, lambda: self._jump(self._moments().get(self._events.value, 0)))
+        self._speed = self.choice("Speed", SPEEDS, "1x")
         self._loop = self.gui.add_checkbox("Loop", False)
         self._facts = self.gui.add_html("")
         self.button("Run the actions again", self._check, hint="Whether physics repeats the recording.")
         self._job = JobView(self.viewer, "replay")
         self._load()
 
-    def _choose_session(self, name: str) -> None:
-        self.viewer.shown_session, self.viewer.shown_episode = name, ""
-        self.viewer.rebuild()
-
-    def _choose_other(self) -> None:
-        names = self.episode_names(str(self._other_session.value))
-        self._other.options = (NONE, *names)
+    def _choose_other(self, session: str) -> None:
+        self._other.options = (NONE, *self.episode_names(session))
         put(self._other, value=NONE)
         self._load()
 
@@ -68,20 +64,15 @@ class ReplayPage(Page):
         self.viewer.shown_session, self.viewer.shown_episode = self._session, str(self._episode.value)
         self.viewer.say("")
         chosen = [(self._session, str(self._episode.value)), (str(self._other_session.value), str(self._other.value))]
-        self._playbacks = [self._read(*one) for one in chosen if one[1] != NONE]
-        self._last = max(playback.last for playback in self._playbacks)
+        self.viewer.background(partial(read_playbacks, self.folder, chosen), self._begin)
+
+    def _begin(self, playbacks: list[Playback]) -> None:
+        self._playbacks = playbacks
+        self._last = max(playback.last for playback in playbacks)
         put(self._time, max=max(self._last, 1))
-        moments = self._moments()
-        put(self._events, options=tuple(moments))
+        put(self._events, options=tuple(self._moments()))
         self._show(0)
         self._playing = True
-
-    def _read(self, session: str, name: str) -> Playback:
-        with open_session(self.folder.session(session)) as opened:
-            playback = open_playback(f"{session} {name}", opened.episode(name))
-        if isinstance(playback, str):
-            raise LayflatError(playback)
-        return playback
 
     def _moments(self) -> dict[str, int]:
         """Return the steps that one wants to see, by what happens there."""
@@ -93,9 +84,6 @@ class ReplayPage(Page):
             steps = [k for k, step in enumerate(episode.steps) if getattr(step, happens)]
             found |= {name: steps[0]} if steps else {}
         return found | {"end": self._playbacks[0].last}
-
-    def _go_to(self, name: str) -> None:
-        self._jump(self._moments().get(name, 0))
 
     def _jump(self, step: int) -> None:
         self._playing = False
@@ -135,12 +123,11 @@ class ReplayPage(Page):
         if not self._playbacks:
             return
         self._job.update()
-        self.viewer.monitor.show(self._playbacks[0].frame(self._at), *(playback.series for playback in self._playbacks))
-        if not self._playing:
-            return
-        now = time.monotonic()
-        step_s = self._playbacks[0].episode.step_s / float(str(self._speed.value)[:-1])
-        if now < self._due_s:
+        first, step_s = self._playbacks[0], self._playbacks[0].episode.step_s
+        series = [playback.series for playback in self._playbacks]
+        self.viewer.monitor(first.frame(self._at), *series, at_s=self._at * step_s, step_s=step_s)
+        now, step_s = time.monotonic(), step_s / float(str(self._speed.value)[:-1])
+        if not self._playing or now < self._due_s:
             return
         n_steps = max(int((now - self._due_s) / step_s), 1) if now - self._due_s < 1.0 else 1
         self._due_s = max(self._due_s, now - step_s) + n_steps * step_s
@@ -157,3 +144,17 @@ class ReplayPage(Page):
         """Run the recorded actions again, as `layflat replay --mode action` does."""
         number = str(demo_number(str(self._episode.value)))
         self._job.start(["replay", str(self.folder.session(self._session)), "--episode", number, "--mode", "action"])
+
+
+def read_playbacks(folder: Folder, chosen: Sequence[tuple[str, str]]) -> list[Playback]:
+    """Return episodes by session and name; LayflatError where one cannot be shown."""
+    found = []
+    for session, name in chosen:
+        if name == NONE:
+            continue
+        with open_session(folder.session(session)) as opened:
+            playback = open_playback(f"{session} {name}", opened.episode(name))
+        if isinstance(playback, str):
+            raise LayflatError(playback)
+        found.append(playback)
+    return found

@@ -57,7 +57,7 @@ class Person:
         self.teleop = REST
 
     def give(self, command: Command) -> None:
-        assert self.client.send_command(command)
+        self.client.send_command(command)
 
 
 @pytest.fixture
@@ -177,21 +177,6 @@ def test_a_new_session_ends_the_one_before(person):
     first = psutil.Process(person.client.pid)
     person.start(None)
     assert not first.is_running()
-
-
-def test_of_several_viewers_one_is_in_control():
-    client = SessionClient()
-    assert client.send_command(Command.START, "ann")
-    assert not client.send_command(Command.START, "bob")
-    assert not client.disturb("push", "bob")
-    assert not client.answer(True, "bob")
-    assert client.send_input(REST, viewer="bob") == 0.0
-    assert client.control.take("bob", force=True)
-    assert not client.control.take("ann")
-    client.control.release("ann")
-    assert client.control.holder == "bob"
-    client.control.release("bob")
-    assert client.control.take("ann")
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ import numpy as np
 
 from layflat.app.workstation.session.frame_channel import SimulationFrame, frame_of
 from layflat.app.workstation.web.folder import Folder
-from layflat.app.workstation.web.pages.registry import PAGES
+from layflat.app.workstation.web.pages import PAGES
 from layflat.app.workstation.web.server import AppConfig, serve
 from layflat.app.workstation.web.viewer import Viewer
 from layflat.app.workstation.web.workstation import Workstation

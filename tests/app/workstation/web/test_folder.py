@@ -7,8 +7,7 @@ import os
 import pytest
 
 from layflat.app.support.errors import UsageError
-from layflat.app.workstation.web.folder import MODEL, SESSION, Folder
-from layflat.app.workstation.web.operations import OPERATIONS, arguments_of
+from layflat.app.workstation.web.folder import MODEL, SESSION, Folder, foreign_policy
 from layflat.tests.factories import make_episode, write_session
 
 OUTSIDE = ("../secret.h5", "/etc/passwd", "sub/x.h5", "..", ".", "", ".hidden.h5", "a\0b.h5")
@@ -66,14 +65,14 @@ def test_a_read_only_folder_can_be_looked_at(folder):
         folder.path.chmod(0o755)
 
 
-@pytest.mark.parametrize("value", ["../x.h5", "/tmp/x.h5", "--force", "-o"])
-def test_a_command_writes_nowhere_else(folder, value):
-    for operation, fields in OPERATIONS.items():
-        if any(item.name == "out" for item in fields):
-            with pytest.raises(UsageError):
-                arguments_of(operation, folder, "demos.h5", {"out": value}, force=False)
+@pytest.mark.parametrize("text", ["package.module:factory", "ws://127.0.0.1:8000?replan=2", "m:Policy+recovery"])
+def test_a_policy_of_ones_own_is_known_by_its_form(text):
+    assert foreign_policy(f" {text} ") == text
 
 
-def test_a_second_session_is_one_of_the_folder(folder):
-    with pytest.raises(UsageError):
-        arguments_of("merge", folder, "demos.h5", {"with": "../secret.h5", "out": "both.h5"}, force=False)
+@pytest.mark.parametrize(
+    "text", ["", "model.npz", "../m.npz", "/etc/passwd", "~/x", "a=b:c", "scripted", "file:///etc"]
+)
+def test_no_file_can_be_named_as_a_policy(text):
+    with pytest.raises(UsageError, match="is not package"):
+        foreign_policy(text)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from layflat.app.workstation.session.client import ControlToken
 from layflat.app.workstation.session.status import SessionStatus
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.app.workstation.web.inputs import Inputs, gamepad_plugged
@@ -24,22 +23,19 @@ class SeenSession:
     alive: bool = True
     robot: Any = HANGER
     status: SessionStatus = field(default_factory=lambda: SessionStatus(can_drag=True))
-    control: ControlToken = field(default_factory=ControlToken)
-    commands: list[tuple[Command, str]] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
     newest: tuple[Any, ...] = ()
 
-    def send_command(self, command: Command, viewer: str = "") -> bool:
-        self.commands.append((command, viewer))
-        return True
+    def send_command(self, command: Command) -> None:
+        self.commands.append(command)
 
     def send_input(self, *values: Any) -> float:
         self.newest = values
         return 0.0
 
 
-def test_a_gamepad_moves_and_commands_for_the_viewer_in_control(plug):
+def test_a_gamepad_moves_and_commands(plug):
     session, inputs = SeenSession(), Inputs()
-    session.control.take("viewer 2")
     pad = plug()
     assert gamepad_plugged(HANGER)
     inputs.open("gamepad", HANGER)
@@ -47,10 +43,10 @@ def test_a_gamepad_moves_and_commands_for_the_viewer_in_control(plug):
     pad.axis("left_x", 1.0)
     pad.tap("cross")
     inputs.send(session)
-    teleop, drag, viewer = session.newest
+    teleop, drag = session.newest
     assert HANGER.unpack(teleop.motion)[0].tolist() == [1.0, 0.0, 0.0]
-    assert (drag, viewer, teleop.connected) == (None, "viewer 2", True)
-    assert session.commands == [(Command.START, "viewer 2")]
+    assert (drag, teleop.connected) == (None, True)
+    assert session.commands == [Command.START]
     pad.unplug()
     inputs.send(session)
     assert not session.newest[0].connected
@@ -68,7 +64,7 @@ def test_a_hand_in_the_scene_is_sent_while_it_fits_the_robot():
     inputs.hand = np.full(HANGER.hand_shape, 0.2)
     inputs.drag = DragTarget(node=3, target_m=np.zeros(3))
     inputs.send(session)
-    teleop, drag, _ = session.newest
+    teleop, drag = session.newest
     assert teleop.moving
     assert np.array_equal(teleop.hand, inputs.hand)
     assert drag is inputs.drag
