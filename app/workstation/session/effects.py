@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-
-from layflat.app.workstation.session.status import YOU, Message, SessionStatus, State
+from layflat.app.workstation.session.status import YOU, Message, SessionStatus
 from layflat.app.workstation.teleop.teleop_input import Command
 from layflat.data.types import Outcome
 
@@ -105,26 +102,3 @@ def _running(at: SessionStatus) -> str:
         return f"you are in control; stop moving to return control to {at.policy}"
     doing = "repairs" if at.phase == "repair" else "places"
     return f"{at.policy} {doing}" + ("; move to take over" if at.mode == "correct" else "")
-
-
-class Notes:
-    """The last event in words, which is said until the state changes, or only for a moment."""
-
-    def __init__(self, clock: Callable[[], float]) -> None:
-        self._clock = clock
-        self.clear()
-
-    def clear(self) -> None:
-        """Say the present state."""
-        self._message, self._until_s = Message(), 0.0
-        self._of: tuple[str, int] = "", 0
-
-    def say(self, message: Message, state: State, seed: int, *, stays: bool) -> None:
-        """Say what has happened in this state; ``stays``: not only for a moment."""
-        self._message, self._of = message, (state, seed)
-        self._until_s = math.inf if stays else self._clock() + NOTE_S
-
-    def message(self, at: SessionStatus) -> Message:
-        """Return what is said now."""
-        fits = self._message.text and self._of == (at.state, at.seed) and self._clock() < self._until_s
-        return self._message if fits else describe(at)

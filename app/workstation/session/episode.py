@@ -8,10 +8,9 @@ from typing import Any, TypeAlias
 
 from layflat.app.support.errors import LayflatError
 from layflat.app.workstation.session.status import Verdict
-from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data.environment_spec import StepLimits
 from layflat.data.session.saved_episode import SavedEpisode
-from layflat.data.types import DragTarget, Outcome, Phase, StoppedBy
+from layflat.data.types import StoppedBy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +43,9 @@ class EpisodeHandle:
     status: EpisodeStatus | None = None
     """Newest state; None while the cloth is being hung."""
     ended: bool = False
-    """Whether `save` is done."""
+    """Whether ``save`` is done."""
     saved: SavedEpisode | None = None
-    """What `save` has saved; None where the episode had no steps."""
+    """What was saved; None where the episode had no steps."""
 
     @property
     def busy(self) -> bool:
@@ -54,7 +53,12 @@ class EpisodeHandle:
         raise NotImplementedError
 
     def ask(self, name: str, *details: Any) -> None:
-        """Ask for something by its name."""
+        """Ask for something by its name; `poll` takes the answer.
+
+        ``step`` (phase, input, drag); ``disturb`` (name, number of those before) with the next step;
+        ``release_control`` to the policy, unless the person still moves; ``proceed`` after a disturbance; ``show`` the newest frame again;
+        ``save`` (outcome, reason of the stop), which ends the episode.
+        """
         raise NotImplementedError
 
     def poll(self) -> bool:
@@ -68,30 +72,6 @@ class EpisodeHandle:
     def discard(self) -> None:
         """End the episode and delete its steps; may be called twice."""
         raise NotImplementedError
-
-    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> None:
-        """Begin a step."""
-        self.ask("step", phase, teleop, drag)
-
-    def disturb(self, name: str, repeat: int) -> None:
-        """Start a named disturbance with the next step; ``repeat`` is the number of those before it."""
-        self.ask("disturb", name, repeat)
-
-    def release_control(self) -> None:
-        """Return control to the policy with the next step, unless the person still moves."""
-        self.ask("release_control")
-
-    def proceed(self) -> None:
-        """Have the policy continue after a disturbance."""
-        self.ask("proceed")
-
-    def show(self) -> None:
-        """Publish the newest frame again."""
-        self.ask("show")
-
-    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> None:
-        """End the episode and save it."""
-        self.ask("save", outcome, stopped_by)
 
 
 class EpisodeLost(LayflatError):

@@ -144,24 +144,18 @@ class EpisodeWorker:
 
     def __init__(self, config: EpisodeConfig) -> None:
         request = config.request
-        self._config, self._journal = config, None
+        self._config = config
+        self._journal: JournalWriter | None = None
         self._teleop = zero_input(request.sim_config.robot_spec)
         self._trigger = MotionTakeoverTrigger(lambda: self._teleop.moving)
         self._sim = ClothSimulation(request.sim_config)
         self._sim.reset(config.seed)
         self._policy = None if request.policy is None else request.policy.make(self._sim)
         journal = config.journal
-        self._run = EpisodeRunner(
-            self._sim,
-            self._decider(),
-            seed=config.seed,
-            keep_images=journal is not None and journal.save_images,
-            on_start=None if journal is None else self._open_journal,
-        )
+        images, on_start = (False, None) if journal is None else (journal.save_images, self._open_journal)
+        self._run = EpisodeRunner(self._sim, self._decider(), seed=config.seed, keep_images=images, on_start=on_start)
         self._n_interventions, self._work_s = 0, 0.0
-        self.show()
-
-    _journal: JournalWriter | None
+        self._show()
 
     def _open_journal(self, beginning: Episode) -> JournalWriter:
         assert self._config.journal is not None
@@ -181,25 +175,34 @@ class EpisodeWorker:
 
     def answer(self, name: str, *details: Any) -> EpisodeStatus | SavedEpisode | None:
         """Do what was asked for, by its name, and return the answer for the session."""
-        if name == "save":
-            return self.save(*details)
-        known = (self.step, self.disturb, self.release_control, self.proceed, self.show)
-        stopped_by = {method.__name__: method for method in known}[name](*details)
+        stopped_by = None
+        match name:
+            case "save":
+                return self._save(*details)
+            case "step":
+                stopped_by = self._step(*details)
+            case "disturb":
+                self._run.disturb(*details)
+            case "release_control":
+                self._trigger.release()
+            case "proceed":
+                continue_after_disturbance(self._run.policy)
+            case "show":
+                self._show()
         return self.status(stopped_by)
 
     def status(self, stopped_by: StoppedBy | None = None) -> EpisodeStatus:
         """Return the state after the last step."""
         run, seen, policy = self._run, self._run.observation, self._policy
         flat_area = 0.0 if run.ground_truth is None else run.ground_truth.flat_area
+        success = stopped_by != "unstable" and self._sim.success()
         limits, extra = self._sim.spec.limits, 0 if policy is None else max_extra_steps(policy)
         return EpisodeStatus(
             n_steps=run.n_steps,
             time_s=seen.time_s,
             contact_portion=seen.contact_portion,
             flat_area=flat_area,
-            verdict=judge(
-                seen.contact_portion, flat_area, stopped_by != "unstable" and self._sim.success(), self._nodes()
-            ),
+            verdict=judge(seen.contact_portion, flat_area, success, self._nodes()),
             stopped_by=stopped_by,
             disturbed=run.disturbed,
             human_in_control=isinstance(run.policy, TakeoverPolicy) and run.policy.human_in_control,
@@ -215,35 +218,21 @@ class EpisodeWorker:
             return None
         return np.reshape(truth.nodes, (shape.rows, shape.columns, 3))
 
-    def step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> StoppedBy | None:
-        """Run one step."""
+    def _step(self, phase: Phase, teleop: TeleopInput, drag: DragTarget | None) -> StoppedBy | None:
         self._teleop, n_steps, started_s = teleop, self._run.n_steps, time.monotonic()
         stopped_by = self._run.step(phase, drag)
         if self._run.n_steps > n_steps:
             self._work_s = time.monotonic() - started_s
             self._n_interventions += self._run.steps[-1].intervention
-            self.show()
+            self._show()
         return stopped_by
 
-    def disturb(self, name: str, repeat: int) -> None:
-        """Start a disturbance."""
-        self._run.disturb(name, repeat)
-
-    def release_control(self) -> None:
-        """Return control to the policy, unless the person still moves."""
-        self._trigger.release()
-
-    def proceed(self) -> None:
-        """Have the policy continue."""
-        continue_after_disturbance(self._run.policy)
-
-    def show(self) -> None:
-        """Publish the newest frame."""
+    def _show(self) -> None:
         if self._config.frames is not None:
             stamp_s = self._teleop.stamp_s if self._run.steps else 0.0
             self._config.frames.write(frame_of(self._sim, self._run, input_s=stamp_s, work_s=self._work_s))
 
-    def save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
+    def _save(self, outcome: Outcome, stopped_by: StoppedBy) -> SavedEpisode | None:
         """Save the episode, durable on return; None where it has no steps."""
         if self._journal is None or self._config.journal is None or not self._run.n_steps:
             return None

@@ -17,15 +17,9 @@ class Ledger:
     """Takes of one session that are over."""
 
     def __init__(
-        self,
-        request: SessionRequest,
-        *,
-        n_episodes: int,
-        emit: Callable[[SessionEvent], None],
-        clock: Callable[[], float],
+        self, request: SessionRequest, n_episodes: int, emit: Callable[[SessionEvent], None], clock: Callable[[], float]
     ) -> None:
-        self._path, self._target = request.session, request.episodes
-        self._emit, self._clock = emit, clock
+        self._path, self._target, self._emit, self._clock = request.session, request.episodes, emit, clock
         self._saving: list[EpisodeHandle] = []
         self._first_start_s: float | None = None
         self.counts = dict.fromkeys(COUNTED, 0)
@@ -52,7 +46,7 @@ class Ledger:
 
     def save(self, take: Take, outcome: Outcome, stopped_by: StoppedBy) -> None:
         """Begin to save a take."""
-        take.handle.save(outcome, stopped_by)
+        take.handle.ask("save", outcome, stopped_by)
         self._saving.append(take.handle)
 
     def poll(self) -> list[SavedEpisode]:

@@ -7,12 +7,13 @@ It knows no device, no window and no simulator: inputs come by `handle_input` an
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from layflat.app.support.session_lines import copy_note
-from layflat.app.workstation.session.effects import OUTCOMES, Notes, effects, nothing_to, summary
+from layflat.app.workstation.session.effects import NOTE_S, OUTCOMES, describe, effects, nothing_to, summary
 from layflat.app.workstation.session.episode import EpisodeLost, HandleFactory
 from layflat.app.workstation.session.ledger import Ledger
 from layflat.app.workstation.session.rate_limiter import RateLimiter
@@ -51,7 +52,7 @@ class Session:
         """
         self._request, self._make_episode, self._clock = request, make_episode, clock
         self._used_seeds, self._seed, self._over = frozenset(used_seeds), seed, False
-        self._ledger = Ledger(request, n_episodes=n_episodes, emit=emit, clock=clock)
+        self._ledger = Ledger(request, n_episodes, emit, clock)
         self._teleop = zero_input(request.sim_config.robot_spec)
         self._drag: DragTarget | None = None
         self._held: Take | None = None
@@ -60,7 +61,8 @@ class Session:
         """State in which the device was disconnected."""
         self._verdict: Verdict | None = None
         """Judgement of the last take."""
-        self._notes = Notes(clock)
+        self._note: tuple[Message, State, int, float] = Message(), "over", 0, 0.0
+        """What has just happened, in which state and with which seed, and until when it is said."""
         self._countdown_end_s = 0.0
         self._take: Take | None = None
         self._limiter = self._paced(request.speed)
@@ -86,7 +88,7 @@ class Session:
             before, self._lost_in = self._lost_in, None
             if self.state == "paused" and before != "paused":
                 self._continue(before)
-            self._notes.clear()
+            self._say("")
             self._say(f"{teleop.device or 'the device'} is connected again; {self.status().message.text}")
 
     def handle_command(self, command: Command) -> None:
@@ -111,7 +113,7 @@ class Session:
         elif take.state in ("waiting", "paused"):
             self._continue("countdown" if take.state == "waiting" else "paused")
         elif command is Command.START and take.state == "running":
-            take.handle.release_control()
+            take.handle.ask("release_control")
         else:
             take.pause()
             self._lost_in = None if self._lost_in is None else "paused"
@@ -276,7 +278,7 @@ class Session:
         self._take, self._held, self._lost_in = self._held, None, None
         self._seed = self._take.seed
         self._ledger.counts["discarded"] -= 1
-        self._take.handle.show()
+        self._take.handle.ask("show")
         self._say(f"seed {self._seed} is back with its {self._take.status.n_steps} steps", "success")
 
     def _release_held(self) -> None:
@@ -289,7 +291,8 @@ class Session:
     # What is shown
 
     def _say(self, text: str, level: Level = "info", *, stays: bool = False) -> None:
-        self._notes.say(Message(text=text, level=level), self.state, self._seed, stays=stays)
+        until_s = math.inf if stays else self._clock() + NOTE_S
+        self._note = Message(text=text, level=level), self.state, self._seed, until_s
 
     def status(self) -> SessionStatus:
         """Return the state, as it is shown."""
@@ -312,4 +315,7 @@ class Session:
             shown = replace(shown, countdown_s=left_s)
             if self._held is not None and not take.status.n_steps:
                 shown = replace(shown, discarded=(self._held.seed, self._held.status.n_steps))
-        return replace(shown, message=self._notes.message(shown), effects=effects(shown))
+        message, state, seed, until_s = self._note
+        if not message.text or (state, seed) != (shown.state, shown.seed) or self._clock() >= until_s:
+            message = describe(shown)
+        return replace(shown, message=message, effects=effects(shown))

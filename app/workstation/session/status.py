@@ -49,11 +49,6 @@ class Verdict:
     """Such as "77 %, folded over at the free edge"."""
 
 
-def question(outcome: Outcome, verdict: Verdict) -> str:
-    """Return the question about a label that the verdict does not agree with."""
-    return f"{verdict.words}: keep as {outcome}?"
-
-
 @dataclass(frozen=True, kw_only=True)
 class SessionEvent:
     """Something that must be shown once: a take that is durable, or one that is gone for good."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeStatus
-from layflat.app.workstation.session.status import YOU, SessionStatus, State, question
+from layflat.app.workstation.session.status import YOU, SessionStatus, State
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data.types import DragTarget, Outcome, Phase, StoppedBy
 
@@ -84,7 +84,7 @@ class Take:
         self.stopped_by, self._drag = None, drag
         self._phase_steps += 1
         self.drag_steps += drag is not None
-        self.handle.step(self.phase, teleop, drag)
+        self.handle.ask("step", self.phase, teleop, drag)
         return True
 
     def follow(self) -> None:
@@ -122,7 +122,7 @@ class Take:
 
     def disturb(self, name: str) -> None:
         """Start a named disturbance; a policy that has stopped waits for it and then repairs."""
-        self.handle.disturb(name, self.n_disturbances)
+        self.handle.ask("disturb", name, self.n_disturbances)
         self.n_disturbances += 1
         if self.has_policy and (self.state == "stopped" or self.phase == "disturb"):
             self._enter("disturb")
@@ -154,7 +154,7 @@ class Take:
             verdict=verdict,
             stopped_by=self.stopped_by,
             asked=self.asked,
-            question="" if self.asked is None or verdict is None else question(self.asked, verdict),
+            question="" if self.asked is None or verdict is None else f"{verdict.words}: keep as {self.asked}?",
         )
 
     def _at_limit(self) -> bool:
@@ -173,7 +173,7 @@ class Take:
                 self.proceed()
 
     def _repair(self) -> None:
-        self.handle.proceed()
+        self.handle.ask("proceed")
         self._enter("repair")
 
     def _enter(self, phase: Phase) -> None:

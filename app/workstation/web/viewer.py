@@ -28,9 +28,11 @@ div:has(> .lf-tabs) + div button:nth-of-type({number}) {{background: #0f766e !im
 @media (max-width: 600px) {{
 .mantine-Paper-root:has(.lf-tabs), .mantine-Paper-root:has(.lf-tabs) div[style*="width: 20em"]
 {{width: 100% !important; max-width: 100vw}}
+.mantine-Paper-root:has(.lf-tabs) {{min-height: 58vh !important}}
+div:has(> div > div > canvas) {{height: 42vh !important}}
 }}
 </style><span class="lf-tabs"></span>"""
-"""The library's row of buttons does not show which one is chosen, and its sheet on a phone leaves a third unused."""
+"""The library's row of buttons does not show which one is chosen, and its sheet on a phone hides the scene."""
 BESIDE_M = (0.0, 1.3, 0.0)
 """Place of the second of two scenes: the tables do not touch."""
 FARTHER = 1.9

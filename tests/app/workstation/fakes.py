@@ -88,6 +88,9 @@ class FakeEpisode(EpisodeHandle):
             stepped = self._asked.pop(0)[1]() or stepped
         return stepped
 
+    def ask(self, name: str, *details: object) -> None:
+        getattr(self, name)(*details)
+
     def _ask(self, do: Callable[[], object], after_s: float = 0.0) -> None:
         assert not self.gone
         self._asked.append((self._clock() + after_s, lambda: do() is True))

@@ -47,11 +47,11 @@ class Driver:
         return self.episode.status
 
     def step(self, teleop: TeleopInput = DOWN, drag: DragTarget | None = None) -> EpisodeStatus:
-        self.episode.step("place", teleop, drag)
+        self.episode.ask("step", "place", teleop, drag)
         return self.wait()
 
     def save(self, *arguments: str):
-        self.episode.save(*arguments)
+        self.episode.ask("save", *arguments)
         self.wait()
         return self.episode.saved
 
@@ -111,9 +111,9 @@ def test_no_call_waits(begin):
     one = begin()
     started_s = time.monotonic()
     for _ in range(5):
-        one.episode.step("place", DOWN, None)
-    one.episode.disturb("push", 0)
-    one.episode.save("partial", "interrupted")
+        one.episode.ask("step", "place", DOWN, None)
+    one.episode.ask("disturb", "push", 0)
+    one.episode.ask("save", "partial", "interrupted")
     assert one.episode.busy
     assert time.monotonic() - started_s < 0.05
     one.wait()
@@ -152,7 +152,7 @@ def test_the_hanger_follows_the_hand_and_what_it_did_is_the_action(begin, tmp_pa
 def test_disturbances_and_drags_are_saved_with_the_episode(begin, tmp_path):
     one = begin()
     one.step()
-    one.episode.disturb("push", 0)
+    one.episode.ask("disturb", "push", 0)
     assert one.step().disturbed
     target = np.array([0.1, 0.0, 0.1])
     one.step(DOWN, DragTarget(node=0, target_m=target))
@@ -172,7 +172,7 @@ def test_the_person_takes_over_and_without_the_device_never(begin, tmp_path):
     assert human == [False, *[True] * REST_STEPS, False, True, False, False]
     assert one.episode.status.intervention_steps == sum(human)
     one.step()
-    one.episode.release_control()
+    one.episode.ask("release_control")
     assert not one.step(REST).human_in_control
     one.save("failure", "converged")
     found = recorded(one, tmp_path / "s.h5")
@@ -200,7 +200,7 @@ def test_a_take_that_is_being_saved_survives_a_kill_at_any_moment(begin, tmp_pat
     for _ in range(4):
         one.step()
     time.sleep(0.7)
-    one.episode.save("success", "converged")
+    one.episode.ask("save", "success", "converged")
     time.sleep(delay_s)
     with contextlib.suppress(ProcessLookupError):  # A fast machine has saved it by then.
         os.kill(one.episode.pid, signal.SIGKILL)
@@ -216,6 +216,6 @@ def test_a_take_that_is_being_saved_survives_a_kill_at_any_moment(begin, tmp_pat
 
 def test_an_unknown_disturbance_is_one_sentence(begin):
     one = begin()
-    one.episode.disturb("hurricane", 0)
+    one.episode.ask("disturb", "hurricane", 0)
     with pytest.raises(EpisodeLost, match="hurricane"):
         one.wait()
