@@ -56,8 +56,8 @@ class EpisodeHandle:
         """Ask for something by its name; `poll` takes the answer.
 
         ``step`` (phase, input, drag); ``disturb`` (name, number of those before) with the next step;
-        ``release_control`` to the policy, unless the person still moves; ``proceed`` after a disturbance; ``show`` the newest frame again;
-        ``save`` (outcome, reason of the stop), which ends the episode.
+        ``release_control`` to the policy, unless the person still moves; ``proceed`` after a disturbance; ``show`` the
+        newest frame again; ``save`` (outcome, reason of the stop), which ends the episode.
         """
         raise NotImplementedError
 
