@@ -107,10 +107,12 @@ def _draw_box(axis: Axes, center: float, values: FloatArray, width: float, style
             medianprops={**line, "linewidth": 2.5}, whiskerprops=line, capprops=line,
         )  # fmt: skip
     else:
-        axis.hlines(np.median(values), center - 0.42 * width, center + 0.42 * width, colors=color, linewidth=2.5)
+        # Light, so that a dot that is the median is seen on it.
+        ends = center - 0.42 * width, center + 0.42 * width
+        axis.hlines(np.median(values), *ends, colors=color, linewidth=2.5, alpha=0.4)
     # Side by side in the order of the episodes, so that equal values do not hide each other.
     dots = center + 0.66 * width * (np.arange(len(values)) + 0.5 - len(values) / 2) / max(len(values), 4)
-    size = 6 if len(values) <= FEW else 4
+    size = 7 if len(values) <= FEW else 4
     axis.plot(dots, values, style["marker"], color=color, markersize=size, markeredgecolor=CARD, markeredgewidth=0.6,
               zorder=3)  # fmt: skip
 

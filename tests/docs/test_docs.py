@@ -62,6 +62,43 @@ def test_named_tests_exist() -> None:
     assert named <= {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
 
 
+def dead_references(text: str) -> list[str]:
+    """Return modules that cannot be run, targets of make, and files in backticks that do not exist."""
+    modules = re.findall(r"python3? -m (layflat(?:\.\w+)+)", text)
+    files = [ROOT.joinpath(*module.split(".")[1:]) for module in modules]
+    runs = [(path / "__main__.py").is_file() or '"__main__"' in _text(path.with_suffix(".py")) for path in files]
+    targets = set(re.findall(r"^([\w-]+):", _text(ROOT / "Makefile"), re.M))
+    made = re.findall(r"`(?:\w+=\S+ )*make ([a-z][\w-]*)", text)
+    paths = re.findall(r"`((?:app|data|docs|perception|policy|sim|tests)/[\w./-]+)`", text)
+    return [
+        *(module for module, run in zip(modules, runs, strict=True) if not run),
+        *(target for target in made if target not in targets),
+        *(path for path in paths if not (ROOT / path).exists()),
+    ]
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def test_modules_targets_and_files_that_are_named_exist() -> None:
+    pages = [page for page in (*PAGES, *ROOT.glob("*.md")) if page.name != "CHANGELOG.md"]
+    code = [path for folder in (*generated.PACKAGES, "app", "docs", "tests") for path in (ROOT / folder).rglob("*.py")]
+    texts = {path: _text(path) for path in (*pages, *code) if path != Path(__file__)}
+    assert {str(path.relative_to(ROOT)): dead_references(text) for path, text in texts.items()} == {
+        str(path.relative_to(ROOT)): [] for path in texts
+    }
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["python -m layflat.tests.no_such_module FOLDER", "`python -m layflat.data.types`", "`make no-such-target`",
+     "in `app/workstation/window/no_such.py`"],
+)  # fmt: skip
+def test_dead_references_are_found(wrong: str) -> None:
+    assert len(dead_references(wrong)) == 1
+
+
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "CHANGELOG.md"])
 def test_examples_compile_and_command_lines_parse(name: str) -> None:
     assert examples.faults((ROOT / name).read_text(encoding="utf-8")) == []

@@ -131,7 +131,7 @@ class Contents:
             KeyHint("M", f"sound {'on' if self.inputs.tone.on else 'off'}", do["sound"]),
             KeyHint("Ctrl + -", "letters"),
             KeyHint("F11", "full screen", do["full screen"]),
-            KeyHint("Esc", self.status.effect(Command.QUIT) or "end", do["end"]),
+            KeyHint("Esc", "end", do["end"]),
         ]
 
     def view_hints(self) -> list[KeyHint]:

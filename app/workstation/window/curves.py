@@ -49,7 +49,8 @@ def _draw(
     canvas.surface.fill(style.BACKGROUND)
     canvas.card()
     canvas.text(title, (px(12), px(7)), 13, style.QUIET)
-    canvas.text(text, (area.right - px(12), px(4)), 18, color, bold=True, align="topright")
+    shown = style.QUIET if text == "none" else color
+    canvas.text(text, (area.right - px(12), px(4)), 18, shown, bold=True, align="topright")
     width, height = area.width - px(_LEFT) - px(_RIGHT), area.height - px(_TOP) - px(_BOTTOM)
     plot = pygame.Rect(px(_LEFT), px(_TOP), max(width, 10), max(height, 10))
     picture = np.full((plot.height, plot.width, 3), style.CARD, np.uint8)

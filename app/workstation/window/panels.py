@@ -60,9 +60,9 @@ def headline(status: SessionStatus) -> tuple[str, str, style.Color]:
     if status.state == "waiting":
         return ("○", "Ready", style.TEXT) if status.ready else ("○", "Hanging the cloth", style.QUIET)
     if status.state == "running":
-        if status.controller not in ("", YOU):
-            doing = {"disturb": "is disturbed", "repair": "repairs"}.get(status.phase, "places")
-            return "●", f"{status.controller} {doing}", style.ACCENT
+        if status.policy and status.controller != YOU:
+            doing = {"disturb": "waits until the cloth rests", "repair": "repairs"}.get(status.phase, "places")
+            return "●", f"{status.policy} {doing}", style.ACCENT
         return "●", "You are in control" if status.policy else "Recording", style.HUMAN if status.policy else style.TEXT
     if status.state in ("stopped", "finished") and verdict is not None:
         color = style.CONTACT if verdict.success else style.WORD

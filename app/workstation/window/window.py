@@ -52,6 +52,7 @@ class Window:
         self.inputs.tone.on = self.memory.sound
         self.contents = Contents(request, self.client, self.inputs, self.ghost, self._actions())
         self.painter = Painter(surface, self.contents, self._display_scale * self.memory.zoom)
+        self.painter.draw()  # The session takes a second to start.
         self.client.start(request)
 
     # Rounds

@@ -21,6 +21,7 @@ from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.window import display
 from layflat.app.workstation.window.display import WindowMemory
 from layflat.app.workstation.window.window import Window
+from layflat.policy.spec import PolicySpec
 from layflat.tests.app.workstation.person import Person, headless, unplug_all
 
 COLORS = 224
@@ -36,12 +37,12 @@ def shoot(window: Window, path: Path) -> None:
     print(f"{path} {path.stat().st_size // 1000} kB", flush=True)
 
 
-def open_window(folder: Path, robot: str, source: str, size: tuple[int, int]) -> Person:
+def open_window(folder: Path, robot: str, source: str, size: tuple[int, int], **options: object) -> Person:
     """Open a window of some size that records as fast as possible."""
     display.save_memory(WindowMemory(width=size[0], height=size[1]))
     request = SessionRequest(
         sim_config=sim_config(robot=robot, cloth="towel"), source=source, session=folder / f"{robot}-{source}.h5",
-        episodes=20, seed=0, speed=0.0, countdown_s=0.3,
+        episodes=20, seed=0, speed=0.0, countdown_s=0.3, **options,  # type: ignore[arg-type]
     )  # fmt: skip
     return Person(Window(request, on_event=print))
 
@@ -76,6 +77,18 @@ def by_hand(folder: Path, out: Path) -> None:
     person.window.close()
 
 
+def disturbed(folder: Path, out: Path) -> None:
+    """A hand pushes a placed cloth, which a policy will repair."""
+    person = open_window(folder, "hanger", "mouse", (1280, 720), policy=PolicySpec(builtin="scripted"))
+    person.wait(lambda: person.state == "waiting" and person.status.ready, "the cloth")
+    person.key(pygame.K_RETURN)
+    person.wait(lambda: person.state == "stopped", "the placing", 240)
+    person.key(pygame.K_b)
+    person.wait(lambda: len(person.seen().hands) > 0 and np.linalg.norm(person.seen().force_n) > 0.3, "the push")
+    shoot(person.window, out / "workstation-place-disturbed.png")
+    person.window.close()
+
+
 def small(folder: Path, out: Path) -> None:
     """The window on a screen of 800 x 600."""
     person = open_window(folder, "pickers", "keyboard", (800, 560))
@@ -90,5 +103,5 @@ if __name__ == "__main__":
     os.environ["LAYFLAT_OPERATOR"] = "operator"
     with tempfile.TemporaryDirectory() as name:
         os.environ["XDG_CONFIG_HOME"] = name
-        for part in (by_gamepad, by_hand, small):
+        for part in (by_gamepad, by_hand, disturbed, small):
             part(Path(name), Path(sys.argv[1]))

@@ -17,6 +17,7 @@ import psutil
 import pytest
 from PIL import ImageGrab
 
+from layflat.app.media.cloth_colors import HOLDER
 from layflat.data.session.reader import open_session
 from layflat.data.tools.validate import validate
 
@@ -139,10 +140,19 @@ class Recorder:
         size = sum(one.stat().st_size for one in self.journals())
         self.display.xdotool("keydown", "Down")
         eventually(lambda: sum(one.stat().st_size for one in self.journals()) > size + 2000, "some steps")
-        if state == "paused":
+        if state in ("paused", "asking"):
             self.display.xdotool("keyup", "Down")
-            self.display.key("space")
+            self.display.key("space" if state == "paused" else "y")  # It hangs, and is no success.
             time.sleep(0.5)
+
+    def guide(self) -> None:
+        """Take hold of the hanger, which is yellow, and guide it down."""
+        size = sum(one.stat().st_size for one in self.journals())
+        rows, columns = np.nonzero(np.abs(self.display.picture().astype(int) - HOLDER).max(axis=-1) < 40)
+        middle = np.argmin(np.abs(columns - np.median(columns)) + np.abs(rows - rows.min()))
+        x, y = int(columns[middle]), int(rows[middle])
+        self.display.xdotool("mousemove", x, y, "mousedown", 1, "sleep", "0.2", "mousemove", x, y + 60)
+        eventually(lambda: sum(one.stat().st_size for one in self.journals()) > size + 2000, "some steps")
 
     def signal(self, number: int) -> None:
         self._process.send_signal(number)

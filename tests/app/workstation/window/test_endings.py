@@ -11,14 +11,16 @@ from pathlib import Path
 
 import pytest
 
+from layflat.app.benchmarks.measure import random_model
 from layflat.app.workstation.window.launch import NO_DISPLAY
 from layflat.data.session.recorder import SessionRecorder
-from layflat.tests.app.workstation.x_display import BASE, ROOT, Display, Recorder, x_display
+from layflat.policy import model_io
+from layflat.tests.app.workstation.x_display import BASE, ROOT, Display, Recorder, eventually, x_display
 from layflat.tests.factories import PICKERS
 
 pytestmark = pytest.mark.timeout(300)
 OPTIONS = ("--source", "keyboard", "--robot", "pickers", "--episodes", "5")
-STATES = ("starting", "waiting", "countdown", "still", "running", "paused")
+STATES = ("starting", "waiting", "countdown", "still", "running", "paused", "asking")
 ENDS: dict[str, Callable[[Recorder], None]] = {
     "X": lambda recorder: recorder.display.close_window(),
     "Alt+F4": lambda recorder: recorder.display.key("alt+F4"),
@@ -36,21 +38,28 @@ def display() -> Iterator[Display]:
         yield made
 
 
-def check_ending(display: Display, folder: Path, state: str, end: str) -> None:
-    recorder = Recorder(display, folder, *OPTIONS)
+def check_ending(display: Display, folder: Path, state: str, end: str, model: Path | None = None) -> None:
+    recorder = Recorder(display, folder, *(OPTIONS if model is None else (*OPTIONS, "--correct", str(model))))
     try:
-        recorder.go(state)
-        ENDS[end](recorder)
-        status, lines, errors = recorder.ended()
-        display.xdotool("keyup", "Down")
+        recorder.go("waiting" if model else state)
+        if model is not None:
+            display.key("Return")
+            eventually(lambda: any(one.stat().st_size > 20_000 for one in recorder.journals()), "the policy to place")
+        check_end(recorder, state, end)
     finally:
+        display.xdotool("keyup", "Down")
         recorder.kill()
+
+
+def check_end(recorder: Recorder, state: str, end: str) -> None:
+    ENDS[end](recorder)
+    status, lines, errors = recorder.ended()
     assert (status, errors.count("layflat:"), "Traceback" in errors) == (0, 0, False), errors
-    kept = ["partial"] if state in ("running", "paused") else []
+    kept = ["partial"] if state in ("running", "paused", "asking", "placing", "guided") else []
     assert recorder.outcomes() == kept
     assert [line.split()[:3] for line in lines] == [["kept", "demo_0", "partial"]] * len(kept)
     assert not recorder.journals()
-    assert {path.name for path in folder.iterdir()} <= {"demos.h5", "demos.h5.parts", "config", "stderr"}
+    assert {path.name for path in recorder.path.parent.iterdir()} <= {"demos.h5", "demos.h5.parts", "config", "stderr"}
 
 
 @pytest.mark.parametrize(("state", "end"), [("starting", "SIGTERM"), ("waiting", "X"), ("running", "Esc")])
@@ -63,6 +72,29 @@ def test_the_window_ends(display, tmp_path, state, end):
 @pytest.mark.parametrize("end", ENDS)
 def test_the_window_ends_in_every_state(display, tmp_path, state, end):
     check_ending(display, tmp_path, state, end)
+
+
+FOUR = [pytest.param("X"), *(pytest.param(end, marks=pytest.mark.slow) for end in ("Esc", "Ctrl-C", "SIGTERM"))]
+
+
+@pytest.mark.parametrize("end", FOUR)
+def test_the_window_ends_while_the_mouse_guides_the_hanger(display, tmp_path, end):
+    recorder = Recorder(display, tmp_path, "--source", "kinesthetic", "--robot", "hanger", "--episodes", "5")
+    try:
+        recorder.go("still")
+        recorder.guide()
+        check_end(recorder, "guided", end)
+    finally:
+        display.xdotool("mouseup", 1)
+        recorder.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("end", ["X", "Esc", "Ctrl-C", "SIGTERM"])
+def test_the_window_ends_while_a_policy_places(display, tmp_path_factory, tmp_path, end):
+    model = tmp_path_factory.mktemp("model") / "m.npz"
+    model_io.save(random_model("pickers", 20), model)
+    check_ending(display, tmp_path, "placing", end, model)
 
 
 def test_a_killed_window_leaves_no_process_and_no_loss(display, tmp_path):

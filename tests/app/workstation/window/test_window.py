@@ -344,6 +344,9 @@ def test_the_window_shows_who_is_in_control(sit_down):
     assert (band == style.HUMAN).all(axis=-1).any()
     pad.axis("left_x", 0.0)
     person.wait(lambda: person.status.controller == "scripted", "its return")
+    pad.tap("up")
+    person.wait(lambda: person.status.phase == "disturb" and person.state == "running", "the disturbance")
+    assert panels.headline(person.status)[1] == "scripted waits until the cloth rests"
     person.window.close()
     (episode,) = stored_episodes(contents.request.session)
     assert episode.source == "scripted+gamepad"
