@@ -103,7 +103,7 @@ class Calibration:
         self._rests: list[tuple[float, ...]] = []
         """Axes after each stick was let go."""
         self.done = False
-        self._steps = self._all_steps(() if only_sticks else TRIGGERS, () if only_sticks else BUTTONS)
+        self._steps = self._all_steps(STICKS if only_sticks else (*TRIGGERS, *STICKS, *BUTTONS))
 
     def update(self, gamepad: RawGamepadState) -> None:
         """Read the gamepad; LayflatError where nothing was pressed for too long."""
@@ -128,17 +128,38 @@ class Calibration:
         dead = min(max(DEAD_FACTOR * farthest + DEAD_MARGIN, DEAD_LEAST), DEAD_ZONE_MAX)
         return StickRest(dead_zone=round(dead, 3), middle={name: round(value, 3) for name, value in middle.items()})
 
-    def _all_steps(self, triggers: Iterable[str], buttons: Iterable[str]) -> Iterator[None]:
+    def _all_steps(self, names: Iterable[str]) -> Iterator[None]:
         """Yield whenever a new reading is needed."""
         self._prompt("lay the gamepad down and touch nothing")
         yield from self._wait_until_still()
         self._rest = self._raw.axes
-        for name in triggers:
-            yield from self._find_trigger(name)
-        for name in STICKS:
-            yield from self._find_stick(name)
-        for name in buttons:
-            yield from self._find_button(name)
+        for name in names:
+            yield from self._find(name)
+
+    def _find(self, name: str) -> Iterator[None]:
+        """Ask for an input and wait for it; one that a gamepad may lack is left out after a while."""
+        required, is_trigger = name in REQUIRED, name in TRIGGERS
+        ask = f"pull {label(name)} all the way and hold it" if is_trigger else f"press {label(name)}"
+        ask = _PROMPTS.get(name, ask).replace("press d-pad", "press the d-pad")
+        self._prompt(ask + ("" if required else " (or wait, if there is none)"))
+        began, before = self._clock(), self._raw.axes if is_trigger else self._rest
+        while required or self._clock() - began <= OPTIONAL_S:
+            yield
+            axis = self._moved_axis(STIRRED if is_trigger else MOVED, before) if name not in BUTTONS[:-4] else None
+            press = None if name in STICKS else self._new_press()
+            if axis is not None and name in BUTTONS:  # Half an axis as a button of the d-pad.
+                half = f"{'+' if self._raw.axes[axis] > self._rest[axis] else '-'}a{axis}"
+                press = press or (None if half in self._known else half)
+            elif axis is not None:
+                yield from (self._measure_trigger if is_trigger else self._measure_stick)(name, axis)
+                return
+            if press is not None and (not is_trigger or self._clock() - began > STILL_S):
+                yield from self._accept(name, press)
+                return
+            if required and self._clock() - began > REQUIRED_S:
+                what = name.replace("_", " ")
+                raise LayflatError(f"nothing was pressed for {what} in {REQUIRED_S:.0f} s; nothing was written")
+        self._prompt(f"{label(name)} is left out")
 
     def _wait_until_still(self) -> Iterator[None]:
         since, axes = self._clock(), self._raw.axes
@@ -148,21 +169,8 @@ class Calibration:
             if now.pressed or not axes or max(abs(a - b) for a, b in zip(axes, now.axes, strict=True)) > SETTLED:
                 since, axes = self._clock(), now.axes
 
-    def _find_trigger(self, name: str) -> Iterator[None]:
-        self._prompt(f"pull {label(name)} all the way and hold it (or wait, if there is none)")
-        began, before = self._clock(), self._raw.axes
-        while self._clock() - began <= OPTIONAL_S:
-            yield
-            axis, pressed = self._moved_axis(STIRRED, before), self._new_press()
-            if axis is not None:
-                yield from self._measure_trigger(name, axis)
-                return
-            if pressed is not None and self._clock() - began > STILL_S:
-                yield from self._accept(name, pressed)
-                return
-        self._prompt(f"{label(name)} is left out")
-
     def _measure_trigger(self, name: str, axis: int) -> Iterator[None]:
+        """Find out where a trigger rests, after it was held, as it is now."""
         full, since = self._raw.axes[axis], self._clock()
         while self._clock() - since < STILL_S:
             yield
@@ -172,50 +180,27 @@ class Calibration:
         self._prompt("release it")
         while abs(self._raw.axes[axis] - full) < MOVED:
             yield
-        yield from self._wait_until_still()
-        rest = self._raw.axes[axis]
-        self._rest = (*self._rest[:axis], rest, *self._rest[axis + 1 :])
+        yield from self._note_rest(axis)
+        rest = self._rest[axis]
         whole = abs(rest) > 0.5
         half = "" if whole else "+" if full > rest else "-"
         self._found[name] = f"{half}a{axis}" + ("~" if whole and full < rest else "")
-        self._known_axes.add(axis)
 
-    def _find_stick(self, name: str) -> Iterator[None]:
-        self._prompt(_PROMPTS[name])
-        began = self._clock()
-        axis = None
-        while axis is None:
-            yield
-            self._check_patience(began, name)
-            axis = self._moved_axis(MOVED, self._rest)
+    def _measure_stick(self, name: str, axis: int) -> Iterator[None]:
+        """Wait until a stick is let go."""
         sign = 1 if self._raw.axes[axis] > self._rest[axis] else -1
         self._found[name] = f"a{axis}" + ("~" if sign < 0 else "")
-        self._known_axes.add(axis)
         farthest = -math.inf
         while farthest - sign * self._raw.axes[axis] < CAME_BACK:
             farthest = max(farthest, sign * self._raw.axes[axis])
             yield
-        yield from self._wait_until_still()
-        self._rest = (*self._rest[:axis], self._raw.axes[axis], *self._rest[axis + 1 :])
+        yield from self._note_rest(axis)
         self._rests.append(self._raw.axes)
 
-    def _find_button(self, name: str) -> Iterator[None]:
-        required = name in REQUIRED
-        what = _PROMPTS.get(name, f"press {label(name).replace('d-pad', 'the d-pad')}")
-        self._prompt(what + ("" if required else " (or wait, if there is none)"))
-        began = self._clock()
-        while required or self._clock() - began <= OPTIONAL_S:
-            yield
-            place = self._new_press()
-            axis = self._moved_axis(MOVED, self._rest) if place is None and name in BUTTONS[-4:] else None
-            if axis is not None:
-                place = f"{'+' if self._raw.axes[axis] > self._rest[axis] else '-'}a{axis}"
-            if place is not None and place not in self._known:
-                yield from self._accept(name, place)
-                return
-            if required:
-                self._check_patience(began, name)
-        self._prompt(f"{label(name)} is left out")
+    def _note_rest(self, axis: int) -> Iterator[None]:
+        self._known_axes.add(axis)
+        yield from self._wait_until_still()
+        self._rest = (*self._rest[:axis], self._raw.axes[axis], *self._rest[axis + 1 :])
 
     def _accept(self, name: str, place: str) -> Iterator[None]:
         """Note an input, and wait until everything is released."""
@@ -233,8 +218,3 @@ class Calibration:
     def _new_press(self) -> str | None:
         """Return a pressed button that stands for nothing yet."""
         return min(self._raw.pressed - self._known, default=None)
-
-    def _check_patience(self, began: float, name: str) -> None:
-        if self._clock() - began > REQUIRED_S:
-            what = name.replace("_", " ")
-            raise LayflatError(f"nothing was pressed for {what} in {REQUIRED_S:.0f} s; nothing was written")

@@ -147,6 +147,30 @@ def test_missing_buttons_are_left_out(plug):
     assert sum("left out" in text for text in person.asked) == len(OPTIONAL) + len(TRIGGERS)
 
 
+def test_a_d_pad_of_half_axes_is_found(plug):
+    """The first press for down goes up again, which is known already."""
+    import pygame
+
+    pad = plug(6, 9, 0, known=False, name="Half axes")
+    axes = {name: index for index, name in enumerate(STICKS)}
+    names = ("cross", "circle", "square", "triangle", "share", "options", "l1", "r1")
+    places = _places(pad, axes, {name: k for k, name in enumerate(names)})
+    for name, axis, sign in (("up", 5, -1), ("down", 5, 1), ("left", 4, -1), ("right", 4, 1)):
+        places[name] = lambda on, axis=axis, sign=sign: pad.axis(axis, sign * float(on))
+    person = Person(pad, places)
+    ask = person.ask
+
+    def confused(text: str) -> None:
+        ask(text)
+        if "d-pad down" in text:
+            person._due.insert(0, (person.now + 0.1, lambda: pad.axis(5, -1.0)))
+            person._due.insert(1, (person.now + 0.3, lambda: pad.axis(5, 0.0)))
+
+    person.ask = confused
+    layout = person.calibrate(pygame.joystick.Joystick(0), DeviceCapabilities(6, 9, 0))
+    assert {name: layout[name] for name in BUTTONS[-4:]} == {"up": "-a5", "down": "+a5", "left": "-a4", "right": "+a4"}
+
+
 def test_a_calibration_without_input_ends(plug):
     import pygame
 
