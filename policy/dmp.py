@@ -59,7 +59,7 @@ class DmpModel(TrainedModel):
     def __post_init__(self) -> None:
         freeze(self, "goal", (len(self.outputs),))
         freeze(self, "weights", (len(self.outputs), None))
-        if self.layout != input_set(self.layout.robot, "position"):
+        if self.layout.names != input_set(self.layout.robot, "position").names:
             raise PolicyError(f"a primitive sees the position only, not {', '.join(self.layout.names)}")
         if self.weights.shape[1] < 2:
             raise PolicyError(f"weights have shape {self.weights.shape}; at least 2 basis functions are needed")

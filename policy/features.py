@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import Observation, Step
 from layflat.policy.base import PolicyError
 
+Frame: TypeAlias = Literal["cloth", "world"]
+"""Coordinates of a model: of a cloth as large as the towel (`layflat.data.cloth_frame`), or the thesis's, of the
+world."""
+CLOTH, WORLD = get_args(Frame)
 ObservationColumns: TypeAlias = Mapping[str, FloatArray]
 """Rows (T, ...) by attribute of Observation, flat as in a session's file."""
 
@@ -55,9 +59,13 @@ class FeatureLayout:
 
     robot: RobotSpec
     names: tuple[str, ...]
+    frame: Frame = "world"
+    """Coordinates of positions and actions."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
+        if self.frame not in get_args(Frame):
+            raise PolicyError(f"frame is {self.frame!r}; it must be cloth or world")
         known = columns_of(self.robot)
         unknown = [name for name in self.names if name not in known]
         if unknown:
@@ -115,8 +123,8 @@ def observation_columns(observations: Sequence[Observation], keys: Sequence[str]
     }
 
 
-def input_set(robot: RobotSpec, name: str) -> FeatureLayout:
+def input_set(robot: RobotSpec, name: str, frame: Frame = "world") -> FeatureLayout:
     """Return the layout of a named input set: position, position+contact, position+word or all."""
     if name not in INPUT_SETS:
         raise PolicyError(f"input set {name!r} is unknown; it must be one of {', '.join(INPUT_SETS)}")
-    return FeatureLayout(robot=robot, names=robot.coordinates + INPUT_SETS[name])
+    return FeatureLayout(robot=robot, names=robot.coordinates + INPUT_SETS[name], frame=frame)

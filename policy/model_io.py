@@ -25,7 +25,7 @@ from layflat.data.robot import RobotSpec
 from layflat.data.system_errors import os_reason
 from layflat.data.types import Provenance
 from layflat.policy.base import PolicyError
-from layflat.policy.features import FeatureLayout
+from layflat.policy.features import WORLD, FeatureLayout
 from layflat.policy.registry import LEARNERS
 from layflat.policy.trained_model import TrainedModel
 
@@ -123,6 +123,8 @@ def _header_of(model: TrainedModel, arrays: Mapping[str, FloatArray]) -> dict[st
         "robot": model.layout.robot.name,
         "action_axes": model.layout.robot.axes_json(),
         "features": list(model.layout.names),
+        "frame": model.layout.frame,
+        "cloths": [list(cloth) for cloth in model.cloths],
         "shapes": {name: list(array.shape) for name, array in arrays.items()},
         "heldout_rmse_m": None if model.heldout_rmse_m is None else list(model.heldout_rmse_m),
         "taught": [list(each) for each in model.taught],
@@ -136,9 +138,10 @@ def _model_of(header: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> Tr
     """Make a model from a checked header; the model itself checks the numbers."""
     kind, robot = FORMATS[header["format"]], RobotSpec.from_json(header["robot"], header["action_axes"])
     shared = {
-        "layout": FeatureLayout(robot=robot, names=tuple(header["features"])),
+        "layout": FeatureLayout(robot=robot, names=tuple(header["features"]), frame=header.get("frame", WORLD)),
+        "cloths": header.get("cloths", ()),
         "heldout_rmse_m": header["heldout_rmse_m"],
-        "taught": header.get("taught", ()),  # absent in models of earlier versions
+        "taught": header.get("taught", ()),  # as frame and cloths absent in models of earlier versions
         "provenance": Provenance(**header["provenance"]),
         **{name: _scalar(header, name, of) for name, of in _SCALARS.items()},
     }

@@ -11,6 +11,7 @@ from layflat.data.robot import RobotSpec
 from layflat.data.types import Episode, Provenance
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.dmp import DmpModel, DmpPolicy
+from layflat.policy.features import Frame
 from layflat.policy.gmr import GmrModel
 from layflat.policy.gp.finishing_policy import FinishingPolicy
 from layflat.policy.gp.model import GpModel
@@ -80,12 +81,15 @@ def train(
     provenance: Provenance | None = None,
     progress: Progress | None = None,
     intervention_weight: int = 1,
+    frame: Frame | None = None,
 ) -> TrainedModel:
     """Train a model of one of TRAINABLE_POLICIES; `from_model` makes its policy.
 
     The caller chooses which demonstrations are worth learning from; steps of the phase ``disturb`` are left out.
-    Gaussian processes may give steps in which a person corrected a policy a larger ``intervention_weight``. PolicyError
-    if the policy cannot be trained, or the demonstrations are too few or do not belong together.
+    ``frame`` is that of positions and actions: None is the cloth's, in which the policy lays cloths of any size, where
+    every cloth's size is known; ``world`` is the thesis's. Gaussian processes may give steps in which a person
+    corrected a policy a larger ``intervention_weight``. PolicyError if the policy cannot be trained, or the
+    demonstrations are too few or do not belong together.
     """
     learner = _known("trainable policy", name, LEARNERS)
     options: dict[str, Any] = {}
@@ -95,7 +99,9 @@ def train(
         from layflat.policy.gp.fit import FitOptions
 
         options["options"] = FitOptions(intervention_weight=intervention_weight)
-    training = build_training_set(demonstrations, learner.inputs, policy=name, seed=seed, provenance=provenance)
+    training = build_training_set(
+        demonstrations, learner.inputs, policy=name, frame=frame, seed=seed, provenance=provenance
+    )
     fit: Callable[..., TrainedModel] = import_module(f"layflat.policy.{learner.fit}").fit
     return fit(training, progress or ignore_progress, **options)
 

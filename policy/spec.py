@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from layflat.data.cloth_frame import NOMINAL_M, ClothFrame
+from layflat.data.environment_spec import EnvironmentSpec
 from layflat.data.robot import RobotSpec
+from layflat.data.types import GroundTruth
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.base import Policy, PolicyError
 from layflat.policy.environment import Environment
+from layflat.policy.features import WORLD
 from layflat.policy.foreign.factory import PolicyFactory
 from layflat.policy.foreign.remote import PolicyServer
 from layflat.policy.scripted import wrinkle_removal
-from layflat.policy.scripted.demonstrator import NO_GROUND_TRUTH, ScriptedDemonstrator
+from layflat.policy.scripted.demonstrator import NO_GROUND_TRUTH, SMALL_M, ScriptedDemonstrator
 from layflat.policy.trained_model import TrainedModel
+from layflat.policy.wrappers.cloth_frame import ClothFramePolicy
 from layflat.policy.wrappers.sequential import SequentialPolicy
 
 SCRIPTED = ScriptedDemonstrator.name
@@ -74,9 +80,25 @@ class PolicySpec:
     def make(self, env: Environment) -> Policy:
         """Make the policy for an environment; PolicyError where it was trained for another robot."""
         policy = self._make_first(env)
+        frame = self._frame(env.spec)
         if self.builtin is not None and policy is not None:
-            policy = SequentialPolicy(policy, _builtin(self.builtin, env), name=f"{policy.name}+{self.builtin}")
-        return registry.wrap(policy or _builtin(str(self.builtin), env), self.wrappers)
+            rule = _builtin(self.builtin, env, frame)
+            policy = SequentialPolicy(policy, rule, name=f"{policy.name}+{self.builtin}")
+        policy = registry.wrap(policy or _builtin(str(self.builtin), env, frame), self.wrappers)
+        return policy if frame is None else ClothFramePolicy(policy, frame)
+
+    def _frame(self, spec: EnvironmentSpec) -> ClothFrame | None:
+        """Return the coordinates in which the policy acts; None: the world's."""
+        if self.foreign is not None or spec.task == SMOOTH or (self.model and self.model.layout.frame == WORLD):
+            return None
+        shape = spec.cloth_shape
+        if shape is not None:
+            frame = ClothFrame(length_m=shape.length_m, width_m=shape.width_m)
+        elif self.model is not None and self.model.cloths:  # Not measured: as the cloth that it was taught on.
+            frame = ClothFrame(length_m=self.model.cloths[0].length_m, width_m=self.model.cloths[0].width_m)
+        else:
+            return None
+        return None if frame.is_world else frame
 
     def _make_first(self, env: Environment) -> Policy | None:
         """Make the model's policy or the user's; None for a built-in one."""
@@ -140,7 +162,7 @@ def builtin_names(task: str) -> tuple[str, ...]:
     return (SCRIPTED, *(wrinkle_removal.CONTROLLERS if task == SMOOTH else registry.BUILTIN_POLICIES))
 
 
-def _builtin(name: str, env: Environment) -> Policy:
+def _builtin(name: str, env: Environment, frame: ClothFrame | None) -> Policy:
     if name == SCRIPTED:
         name = env.spec.demonstrator
     if name == SCRIPTED:
@@ -149,16 +171,30 @@ def _builtin(name: str, env: Environment) -> Policy:
             raise PolicyError(f"the scripted demonstrator needs the size of cloth {env.spec.cloth}, which is not known")
         if env.ground_truth() is None:
             raise PolicyError(NO_GROUND_TRUTH)
+        length, width, ground_truth = shape.length_m, shape.held_width_m, env.ground_truth
+        if frame is not None:
+            length, width, ground_truth = NOMINAL_M, NOMINAL_M * width / shape.width_m, _framed(ground_truth, frame)
         return ScriptedDemonstrator(
             env.spec.robot,
-            length_m=shape.length_m,
+            length_m=length,
             columns=shape.columns,
-            held_width_m=shape.held_width_m,
-            ground_truth=env.ground_truth,
+            held_width_m=width,
+            ground_truth=ground_truth,
+            taut=shape.length_m < SMALL_M,
         )
     if env.spec.task == SMOOTH:  # whose controllers share names with those of other tasks
         return wrinkle_removal.controller(name, env.spec.robot)
     return registry.make(name, env.spec.robot)
+
+
+def _framed(ground_truth: Callable[[], GroundTruth | None], frame: ClothFrame) -> Callable[[], GroundTruth | None]:
+    """Return the ground truth whose nodes near the table are in the frame."""
+
+    def framed() -> GroundTruth | None:
+        truth = ground_truth()
+        return None if truth is None else replace(truth, nodes=frame.on_table(truth.nodes))
+
+    return framed
 
 
 def _split(text: str) -> list[str]:

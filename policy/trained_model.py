@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,14 @@ Progress: TypeAlias = Callable[[int, int, str], None]
 
 def ignore_progress(done: int, total: int, message: str) -> None:
     """Do nothing: the default of a fit's ``progress``."""
+
+
+class TaughtCloth(NamedTuple):
+    """A cloth of the demonstrations."""
+
+    name: str
+    length_m: float
+    width_m: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +61,9 @@ class TrainedModel:
     layout: FeatureLayout
     """Robot, and features that the model takes as input."""
     cloth: str
+    """Cloth that it was taught on, the first of ``cloths``."""
+    cloths: tuple[TaughtCloth, ...] = ()
+    """All of them, as far as their sizes are known."""
     task: str = "place"
     descriptor: str = DEFAULT_DESCRIPTOR
     """Source of the observations' WORD."""
@@ -82,6 +93,7 @@ class TrainedModel:
             raise PolicyError("a model must name its policy, its cloth and its task")
         if self.descriptor not in DESCRIPTORS:
             raise PolicyError(f"descriptor is {self.descriptor!r}; it must be one of {', '.join(DESCRIPTORS)}")
+        object.__setattr__(self, "cloths", tuple(taught_cloth(*cloth) for cloth in self.cloths))
         object.__setattr__(self, "taught", tuple((str(start), int(seed)) for start, seed in self.taught))
         if self.heldout_rmse_m is not None:
             object.__setattr__(self, "heldout_rmse_m", tuple(float(v) for v in self.heldout_rmse_m))
@@ -147,6 +159,14 @@ class RegressionModel(TrainedModel):
         if queries.ndim != 2 or queries.shape[1] != self.layout.size:
             raise PolicyError(f"inputs have shape {queries.shape}; they must be (M, {self.layout.size})")
         return queries / self.input_scale
+
+
+def taught_cloth(name: Any, length_m: Any, width_m: Any) -> TaughtCloth:
+    """Return a checked cloth; PolicyError for a size that no cloth has."""
+    sizes = float(length_m), float(width_m)
+    if not all(0.01 < size < 10.0 for size in sizes):
+        raise PolicyError(f"cloth {name} is {length_m} x {width_m} m; it must be 0.01 to 10")
+    return TaughtCloth(str(name), *sizes)
 
 
 def freeze(instance: object, name: str, shape: tuple[int | None, ...]) -> None:

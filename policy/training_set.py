@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from platform import python_version
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray, frozen_array
+from layflat.data.cloth_frame import ClothFrame
 from layflat.data.format.content import content_of_episode, copies_among, repeated_steps
 from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
 from layflat.data.types import Episode, Provenance
 from layflat.policy.base import PolicyError
 from layflat.policy.features import (
+    CLOTH,
+    WORLD,
     FeatureLayout,
+    Frame,
     ObservationColumns,
     input_set,
     observation_columns,
@@ -30,6 +34,10 @@ OUTPUT_SCALE_M = 0.01
 """Usual move in one step, to which learners' bounds are relative. A constant, so that no data set changes a prior."""
 MIN_POINTS = 10
 _AGREED = {"task": "the tasks", "cloth": "the cloths", "step_s": "steps of", "descriptor": "the descriptors"}
+SIZE_KEYS = ("cloth_length_m", "cloth_width_m")
+"""Settings of a recorded simulation that say how large its cloth is."""
+SizeOf: TypeAlias = Callable[[str, Mapping[str, Any]], ClothFrame | None]
+"""Returns the size of a cloth, by its name and the settings of its simulation; None where it is not known."""
 
 Predict = Callable[[FloatArray], FloatArray]
 """(M, D) inputs in natural units -> (M, A) m per step."""
@@ -37,20 +45,25 @@ Predict = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstrations:
-    """Steps of whole demonstrations of one robot, task, cloth, step and descriptor; T steps of E demonstrations.
+    """Steps of whole demonstrations of one robot, task, step and descriptor; T steps of E demonstrations.
 
-    A demonstration that is there twice by its content is taken once.
+    A demonstration that is there twice by its content is taken once. Cloths may differ where their sizes are known.
     """
 
     robot: RobotSpec
     task: str
     cloth: str
+    """Cloth of the first."""
     descriptor: str
     step_s: float
     seeds: tuple[int, ...]
     """Seed of each demonstration."""
     starts: tuple[str, ...]
     """Name of each demonstration's start, such as hanging; empty where it is not known."""
+    sizes: tuple[ClothFrame | None, ...]
+    """Size of each demonstration's cloth; None where it is not known."""
+    cloths: tuple[str, ...]
+    """Name of each demonstration's cloth."""
     observations: ObservationColumns
     """Rows (T, ...) before each step."""
     next_positions: ObservationColumns
@@ -82,8 +95,9 @@ class Demonstrations:
         return len(self.seeds)
 
     @classmethod
-    def from_session(cls, session: Session, names: Sequence[str]) -> Demonstrations:
+    def from_session(cls, session: Session, names: Sequence[str], size_of: SizeOf | None = None) -> Demonstrations:
         """Read the episodes with these names; no step or observation objects are made."""
+        size_of = size_of or recorded_size
         _check_any(names)
         copies = session.copies(names)
         names = [name for name in names if name not in copies]
@@ -95,6 +109,8 @@ class Demonstrations:
             **_shared(session),
             seeds=tuple(session.info(name).seed for name in names),
             starts=tuple(str(session.settings(name).get("start", "")) for name in names),
+            sizes=tuple(size_of(session.cloth, session.settings(name)) for name in names),
+            cloths=(session.cloth,) * len(names),
             observations={key: rows[f"obs/{key}"] for key in keys},
             next_positions={position: rows[f"next_obs/{position}"]},
             actions=rows["action_m"],
@@ -111,9 +127,10 @@ class Demonstrations:
         for number, episode in enumerate(episodes):
             if episode.robot != first.robot:
                 raise PolicyError(f"demonstration {number} is of robot {episode.robot}; the first is of {first.robot}")
+            sized = recorded_size(episode.cloth, episode.sim_config) and recorded_size(first.cloth, first.sim_config)
             for attribute, noun in _AGREED.items():
                 found, wanted = getattr(episode, attribute), getattr(first, attribute)
-                if found != wanted:
+                if found != wanted and not (attribute == "cloth" and sized):
                     raise PolicyError(f"demonstrations mix {noun} {wanted} and {found}; choose one")
         copies = copies_among({str(k): content_of_episode(episode) for k, episode in enumerate(episodes)})
         episodes = [episode for k, episode in enumerate(episodes) if str(k) not in copies]
@@ -123,6 +140,8 @@ class Demonstrations:
             **_shared(first),
             seeds=tuple(episode.seed for episode in episodes),
             starts=tuple(str(episode.sim_config.get("start", "")) for episode in episodes),
+            sizes=tuple(recorded_size(episode.cloth, episode.sim_config) for episode in episodes),
+            cloths=tuple(episode.cloth for episode in episodes),
             observations=observation_columns([step.observation for step in steps], observation_keys(first.robot)),
             next_positions=observation_columns(after, (position_key(first.robot),)),
             actions=np.array([step.action for step in steps]).reshape(len(steps), first.robot.size),
@@ -130,6 +149,54 @@ class Demonstrations:
             interventions=np.array([step.intervention for step in steps], dtype=bool),
             numbers=np.repeat(np.arange(len(episodes)), [len(episode.steps) for episode in episodes]),
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Demonstrations]) -> Demonstrations:
+        """Return the demonstrations of several sessions as one set; PolicyError where they do not belong together."""
+        first, *rest = parts
+        for other in rest:
+            for name, noun in {"robot": "robots", **_AGREED}.items():
+                found, wanted = getattr(other, name), getattr(first, name)
+                if found != wanted and not (name == "cloth" and None not in (*first.sizes, *other.sizes)):
+                    raise PolicyError(f"demonstrations mix {noun} {wanted} and {found}; choose one")
+        before = np.cumsum([0, *(len(part) for part in parts)])
+        values: dict[str, Any] = {name: sum((getattr(part, name) for part in parts), ()) for name in _PER_DEMONSTRATION}
+        values |= {name: np.concatenate([getattr(part, name) for part in parts]) for name in _PER_STEP}
+        values |= {
+            name: {key: np.concatenate([getattr(part, name)[key] for part in parts]) for key in getattr(first, name)}
+            for name in ("observations", "next_positions")
+        }
+        numbers = np.concatenate([part.numbers + start for part, start in zip(parts, before, strict=False)])
+        return replace(first, **values, numbers=numbers)
+
+    def in_cloth_frame(self) -> Demonstrations:
+        """Return the same steps as if every cloth were as large as the towel; every size must be known."""
+        if all(size is not None and size.is_world for size in self.sizes):
+            return self
+        points, key = self.robot.n_points, position_key(self.robot)
+        seen, after, actions = dict(self.observations), dict(self.next_positions), self.actions.copy()
+        seen[key], after[key] = seen[key].copy(), after[key].copy()
+        for number, size in enumerate(self.sizes):
+            rows = self.numbers == number
+            if size is None:
+                raise PolicyError(f"the size of cloth {self.cloths[number]} is not known; train with --frame world")
+            at = seen[key][rows].reshape(-1, points, 3)
+            slopes = np.array([self.robot.pack(slope) for slope in size.slopes(at)])
+            actions[rows] *= slopes.reshape(actions[rows].shape)
+            seen[key][rows] = size.held(at).reshape(-1, 3 * points)
+            after[key][rows] = size.held(after[key][rows].reshape(-1, points, 3)).reshape(-1, 3 * points)
+        return replace(self, observations=seen, next_positions=after, actions=actions)
+
+
+_PER_DEMONSTRATION = ("seeds", "starts", "sizes", "cloths")
+_PER_STEP = ("actions", "phases", "interventions")
+
+
+def recorded_size(cloth: str, settings: Mapping[str, Any]) -> ClothFrame | None:
+    """Return the size of an episode's cloth by the settings of its simulation; None where they do not say it."""
+    length, width = (settings.get(key) for key in SIZE_KEYS)
+    known = isinstance(length, float) and isinstance(width, float) and 0.01 < length < 10.0 and 0.01 < width < 10.0
+    return ClothFrame(length_m=float(length), width_m=float(width)) if known else None  # type: ignore[arg-type]
 
 
 def _shared(source: Session | Episode) -> dict[str, Any]:
@@ -167,6 +234,13 @@ class TrainingSet:
         return {
             **{name: getattr(self, name) for name in ("policy", "layout", "seed")},
             **{name: getattr(self.demonstrations, name) for name in _AGREED},
+            "cloths": tuple(
+                dict.fromkeys(
+                    (name, size.length_m, size.width_m)
+                    for name, size in zip(self.demonstrations.cloths, self.demonstrations.sizes, strict=True)
+                    if size is not None
+                )
+            ),
             "demonstrations": len(self.demonstrations),
             "taught": tuple(zip(self.demonstrations.starts, self.demonstrations.seeds, strict=True)),
             "points_available": len(self.inputs),
@@ -179,16 +253,25 @@ def build_training_set(
     inputs: str,
     *,
     policy: str,
+    frame: Frame | None = None,
     seed: int = 0,
     provenance: Provenance | None = None,
 ) -> TrainingSet:
     """Return all steps but those of phase ``disturb``, each once, with a named input set.
 
+    ``frame`` None is the cloth's where every cloth's size is known, else the world's.
+
     The caller chooses which episodes are worth learning from (no failures, no folds). PolicyError where the steps are
     too few or the demonstrations do not belong together.
     """
     known = source if isinstance(source, Demonstrations) else Demonstrations.from_episodes(source)
-    layout = input_set(known.robot, inputs)
+    if frame is None:
+        frame = WORLD if None in known.sizes else CLOTH
+    if frame == CLOTH:
+        known = known.in_cloth_frame()
+    elif len(set(known.cloths)) > 1:
+        raise PolicyError(f"demonstrations mix the cloths {' and '.join(sorted(set(known.cloths)))}; choose one")
+    layout = input_set(known.robot, inputs, frame)
     rows = (known.phases != b"disturb") & ~known.repeated
     count = int(rows.sum())
     if count < MIN_POINTS:

@@ -8,7 +8,7 @@ from layflat.data.environment_spec import ClothShape, EnvironmentSpec
 from layflat.data.robot import RobotSpec
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
-from layflat.sim.cloth.registry import cloth_settings, cloth_spec, remember
+from layflat.sim.cloth.registry import PREFIX, cloth_settings, cloth_spec, remember
 from layflat.sim.cloth.spec import DEFAULT_CLOTH, ClothSpec
 from layflat.sim.errors import SimError, look_up
 from layflat.sim.physics.registry import DEFAULT_PHYSICS, PHYSICS
@@ -72,6 +72,7 @@ class SimConfig:
         """Return the part of the settings that policies and recorders need."""
         own = {item.name for item in fields(EnvironmentSpec)}
         names = [item.name for item in fields(self) if item.init and item.name not in (*own, "own_cloth")]
+        sizes = {f"{PREFIX}{name}": getattr(self.cloth_spec, name) for name in ("length_m", "width_m")}
         shape = {item.name: getattr(self.cloth_spec, item.name) for item in fields(ClothShape)}
         return EnvironmentSpec(
             robot=self.robot_spec,
@@ -83,7 +84,7 @@ class SimConfig:
             descriptor=self.descriptor,
             step_s=self.step_s,
             cloth_shape=ClothShape(**shape),
-            config={name: getattr(self, name) for name in names} | cloth_settings(self.cloth_spec),
+            config={name: getattr(self, name) for name in names} | cloth_settings(self.cloth_spec) | sizes,
         )
 
     @property

@@ -40,7 +40,7 @@ class ClothSimulation:
         self.world: World | None = None
         self.cloth_state: ClothState | None = None
         """Output of the perception for the last observation; None without a camera."""
-        self._pinhole = default_pinhole()
+        self._pinhole = default_pinhole(config.cloth_spec)
         camera = CameraModel(**asdict(self._pinhole)) if config.camera else None
         self.spec = replace(config.environment_spec(), camera=camera)
         self._perception = PerceptionPipeline(
@@ -85,7 +85,8 @@ class ClothSimulation:
         """Make the camera, and measure P_flat of Eq. 4-7 through it: the cloth as it would lie flat."""
         noise = D435_NOISE if self.config.noise else None
         self.camera = Camera(self.cloth, pinhole=self._pinhole, noise=noise, seed=seed)
-        flat = self._perception.perceive(*self.camera.capture(self.config.cloth_spec.flat_nodes()))
+        spec = self.config.cloth_spec
+        flat = self._perception.perceive(*self.camera.capture(spec.flat_nodes(x_m=spec.home_x_m)))
         self._calibrated = self._perception.with_flat_pixels(flat.cloth_pixels)
 
     def _describe_start(self) -> dict[str, float]:

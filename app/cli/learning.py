@@ -97,6 +97,17 @@ def train(
     intervention_weight: Annotated[
         int, typer.Option(min=1, metavar="W", help="Weight of steps in which a person corrected a policy.")
     ] = 1,
+    also: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.h5", help="Further session, also of another cloth; repeatable."),
+    ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option(
+            show_default="cloth",
+            help="Coordinates: cloth, in which the model lays cloths of any size, or world, as in the thesis.",
+        ),
+    ] = None,
     seed: Seed = 0,
     force: Force = False,
     debug: Debug = False,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -14,12 +16,16 @@ from layflat.app.support.console import print_table
 from layflat.app.support.errors import UsageError, say
 from layflat.app.support.progress import Progress
 from layflat.app.support.session_lines import copies_text, pairs_text
+from layflat.data.cloth_frame import ClothFrame
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.policy import model_io, registry
+from layflat.policy.features import Frame
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import TrainedModel
-from layflat.policy.training_set import Demonstrations
+from layflat.policy.training_set import Demonstrations, recorded_size
+from layflat.sim.cloth.registry import recorded_cloth
+from layflat.sim.errors import SimError
 
 EXPECTED_S = 30.0
 
@@ -33,13 +39,19 @@ class TrainConfig:
     policy: str = registry.TRAINABLE_POLICIES[0]
     seed: int = 0
     intervention_weight: int = 1
+    also: tuple[Path, ...] = ()
+    """Further sessions, of the same robot and task."""
+    frame: Frame | None = None
+    """Coordinates of the model; None: the cloth's where every cloth's size is known."""
 
 
 def train(config: TrainConfig, *, force: bool) -> TrainedModel:
     """Train a policy from the successful demonstrations of a session, save the model and print its numbers."""
     validators.one_of("policy", config.policy, registry.TRAINABLE_POLICIES)
     validators.writable_file(config.model, suffix=".npz", force=force)
-    demonstrations = successful_demonstrations(config.data)
+    if config.frame is not None:
+        validators.one_of("frame", config.frame, get_args(Frame))
+    demonstrations = Demonstrations.joined([successful_demonstrations(path) for path in (config.data, *config.also)])
     corrected, weight = int(demonstrations.interventions.sum()), config.intervention_weight
     if weight != 1 and not corrected:
         raise UsageError(f"{config.data} has no intervention steps; remove --intervention-weight")
@@ -53,6 +65,7 @@ def train(config: TrainConfig, *, force: bool) -> TrainedModel:
             provenance=capture_provenance(),
             progress=lambda done, of, clause: progress.within(done / of, clause),
             intervention_weight=weight,
+            frame=config.frame,
         )
     model_io.save(model, config.model, force=force)
     print_results(model)
@@ -71,7 +84,7 @@ def successful_demonstrations(path: Path) -> Demonstrations:
             raise UsageError(f"{path} holds no demonstrations; record some with `layflat record {path}`")
         if not names:
             raise UsageError(f"none of the {len(session)} demonstrations in {path} succeeded; record more")
-        copies, found = session.copies(names), Demonstrations.from_session(session, names)
+        copies, found = session.copies(names), Demonstrations.from_session(session, names, cloth_size)
     if copies:
         say(f"{path}: {copies_text(copies)}; each counts once")
     single = [name for name in names if name not in copies]
@@ -79,6 +92,15 @@ def successful_demonstrations(path: Path) -> Demonstrations:
     if related:
         say(f"{path}: {pairs_text(related, 'shares steps with')}; these steps count once, and are held out together")
     return found
+
+
+def cloth_size(cloth: str, settings: Mapping[str, object]) -> ClothFrame | None:
+    """Return the size of a recorded cloth: as recorded, or that of the preset of its name."""
+    try:
+        spec = recorded_cloth(cloth, settings)
+    except SimError:
+        return recorded_size(cloth, settings)
+    return ClothFrame(length_m=spec.length_m, width_m=spec.width_m)
 
 
 def print_results(model: TrainedModel) -> None:
@@ -92,12 +114,13 @@ def print_results(model: TrainedModel) -> None:
         ]
         for a, name in enumerate(model.outputs)
     ]
-    title = f"{model.policy}, {model.layout.robot} robot, {model.cloth}"
+    names = ", ".join(cloth.name for cloth in model.cloths) or model.cloth
+    title = f"{model.policy}, {model.layout.robot} robot, {names}"
     print_table(("output", *columns, "held-out error (mm)"), rows, title=title, left=1)
     kernel = f"kernel {model.hyper.kernel}; " if isinstance(model, GpModel) else ""
     print(
         f"{model.n_points} {model.point_name} of {model.points_available} steps in {model.demonstrations} "
-        f"demonstrations; inputs {', '.join(model.layout.names)}; {kernel}seed {model.seed}"
+        f"demonstrations; inputs {', '.join(model.layout.names)}, {model.layout.frame} frame; {kernel}seed {model.seed}"
     )
 
 

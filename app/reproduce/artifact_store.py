@@ -19,6 +19,7 @@ from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
+from layflat.policy.features import WORLD
 from layflat.policy.trained_model import TrainedModel
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import robot_spec
@@ -103,4 +104,5 @@ class ArtifactStore:
     def _train(self, spec: ModelSpec) -> TrainedModel:
         episodes = self.demonstrations(spec.robot, spec.cloth, spec.demonstrations)
         with redirect_stdout(sys.stderr):  # GPy prints when it is interrupted; stdout is for results
-            return registry.train(spec.policy, episodes, seed=self._seed, provenance=capture_provenance())
+            provenance = capture_provenance()
+            return registry.train(spec.policy, episodes, seed=self._seed, provenance=provenance, frame=WORLD)

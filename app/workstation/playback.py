@@ -40,8 +40,9 @@ class Playback:
         self.number = hash((name, episode.seed, self.last, episode.provenance.created_utc)) % 2**31
         self.series = TimeSeries.of(episode, self.number)
         self._observations, self._truths = episode.observations(), episode.ground_truths()
-        self._meshes = MeshMaker(recorded_cloth(episode.cloth, episode.sim_config))
-        pinhole = default_pinhole()
+        self._cloth = recorded_cloth(episode.cloth, episode.sim_config)
+        self._meshes = MeshMaker(self._cloth)
+        pinhole = default_pinhole(self._cloth)
         self._perception = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=make_descriptor(episode.descriptor)))
         self._renderer = Renderer(pinhole)
         self._shape = (pinhole.height, pinhole.width)
@@ -80,7 +81,7 @@ class Playback:
             nodes=nodes,
             corners=seen.corner_positions,
             holder=seen.holder_position,
-            joints=arm_joints(episode.robot.name, seen.holder_position),
+            joints=arm_joints(episode.robot.name, seen.holder_position, self._cloth),
             force_n=np.zeros(3) if step is None else step.force_n,
             drag=None if step is None else step.drag,
             word=seen.word,

@@ -240,6 +240,7 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
     set_trusted_attributes(data, attributes)
     data.attrs[schema.TOTAL] = total
     versions = json.loads(str(first[schema.PROVENANCE]))["versions"]
+    settings = json.loads(str(first[schema.SIM_CONFIG]))
     env_args = {
         "type": schema.ENV_TYPE_GYM,
         # robomimic's documentation says env_type where its code reads type.
@@ -247,7 +248,7 @@ def write_session_attributes(data: h5py.Group, first: Mapping[str, Attribute], *
         "env_name": schema.ENV_NAME,
         "env_version": versions.get("layflat", "unknown"),
         "env_kwargs": {key: first[key] for key in (schema.ROBOT, schema.CLOTH, schema.TASK, schema.PHYSICS)}
-        | json.loads(str(first[schema.SIM_CONFIG])),
+        | {key: value for key, value in settings.items() if not key.startswith(f"{schema.CLOTH}_")},
     }
     # As others expect it, of variable length; never read here.
     data.attrs[schema.ENV_ARGS] = json.dumps(env_args)

@@ -52,7 +52,8 @@ class ScriptedDemonstrator:
     """Demonstrates in phases: aside, descend until the free edge trails behind, lay, drag until flat, hold.
 
     The flat cloth is ``length_m`` long along x. ``columns`` is the number of nodes along its free edge, which are the
-    first of the mesh; the robot holds the two corners ``held_width_m`` apart.
+    first of the mesh; the robot holds the two corners ``held_width_m`` apart. All lengths are for the towel: on another
+    cloth it acts in the cloth's frame (`layflat.data.cloth_frame`).
     """
 
     name = "scripted"
@@ -65,8 +66,11 @@ class ScriptedDemonstrator:
         columns: int,
         held_width_m: float,
         ground_truth: Callable[[], GroundTruth | None],
+        taut: bool | None = None,
     ) -> None:
+        """``taut``: whether the cloth is laid tautly; None: if it is shorter than SMALL_M."""
         self.robot = robot
+        self._taut = length_m < SMALL_M if taut is None else taut
         self._length_m, self._columns, self._held_width_m = length_m, columns, held_width_m
         self._ground_truth = ground_truth
         self.reset(0)
@@ -134,9 +138,7 @@ class ScriptedDemonstrator:
         dx, dz = to_go * min(1.0, LAY_STEP_M / float(np.linalg.norm(to_go)))
         # The last centimetres are rounded off into the drag: a smooth kernel learns a corner in the path worst.
         dx, dz = float(max(dx, DRAG_STEP_M[0])), float(max(dz, -max(LAND_GAIN * height, LAND_STEP_M)))
-        if self._length_m >= SMALL_M:
-            return dx, dz
-        return keep_taut(dx, dz, x - free_edge_x, height, TAUT * self._length_m)
+        return keep_taut(dx, dz, x - free_edge_x, height, TAUT * self._length_m) if self._taut else (dx, dz)
 
     def _drag(self, observation: Observation, x: float) -> Decision:
         contact = observation.contact_portion

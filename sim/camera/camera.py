@@ -13,6 +13,7 @@ from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 from layflat.sim.camera.renderer import LIGHT, Framebuffer, Renderer
 from layflat.sim.cloth.mesh import MeshMaker
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Cloth, SolidRenderer
 
@@ -31,12 +32,17 @@ PICKER_RGB = (240.0, 130.0, 30.0)
 MARKER_RGB = (200.0, 40.0, 40.0)
 
 
-def default_pinhole(*, width: int = 320, height: int = 240) -> PinholeCamera:
+def default_pinhole(cloth: ClothSpec | None = None, *, width: int = 320, height: int = 240) -> PinholeCamera:
     """Return the camera at the robot's right side, tilted, so that neither arm nor hanger stands before the cloth.
 
-    On the table it sees x from -0.15 to 0.75 m and y from -0.25 to 0.25 m, where cloth lies and is dragged.
+    On the table it sees x from -0.15 to 0.75 m and y from -0.25 to 0.25 m, where cloth lies and is dragged. For a cloth
+    larger than the towel it sees as much more, most of it by a wider lens: depth noise grows with the distance.
     """
-    return PinholeCamera.look_at(POSITION_M, TARGET_M, width=width, height=height, fx=FOCAL_PX * width / 320)
+    size, home = (1.0, 0.0) if cloth is None else (cloth.size, cloth.home_x_m)
+    away = size**0.25
+    position = np.array(POSITION_M) * [size, away, away] + [home, 0.0, 0.0]
+    target = np.array(TARGET_M) * size + [home, 0.0, 0.0]
+    return PinholeCamera.look_at(position, target, width=width, height=height, fx=FOCAL_PX * width / 320 * away / size)
 
 
 class Camera:
@@ -48,7 +54,7 @@ class Camera:
         """``noise`` None gives the true depth; ``seed`` determines the noise."""
         self._world = cloth.world
         self._cloth = cloth
-        self._renderer = Renderer(pinhole or default_pinhole())
+        self._renderer = Renderer(pinhole or default_pinhole(cloth.spec))
         self._solids: WeakKeyDictionary[Renderer, SolidRenderer] = WeakKeyDictionary()
         self._render_views: dict[tuple[int, int, bool], Renderer] = {}
         self._sensor = None if noise is None else DepthSensor(noise, seed=seed)

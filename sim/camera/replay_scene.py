@@ -53,4 +53,4 @@ class ReplayScene:
         if nodes.shape != wanted:
             raise SimError(f"the cloth has nodes of shape {nodes.shape}; a {self.spec.name} has {wanted}")
         if self._arm is not None:
-            self._arm.reset_joints(self._robot.joint_angles_at(holder))
+            self._arm.reset_joints(self._robot.joint_angles_at(holder, self.spec))

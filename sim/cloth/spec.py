@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.cloth_frame import NOMINAL_M, home_x_m
 from layflat.sim.errors import SimError
 
 HELD_STRETCH = 1.03
@@ -60,6 +61,16 @@ class ClothSpec:
     def held_width_m(self) -> float:
         """Distance at which a robot holds the two corners."""
         return HELD_STRETCH * self.width_m
+
+    @property
+    def home_x_m(self) -> float:
+        """World x over which the free edge hangs before a start's moves."""
+        return home_x_m(self.length_m)
+
+    @property
+    def size(self) -> float:
+        """How much longer or wider than the towel it is, at least 1: by so much more the camera sees."""
+        return max(1.0, self.length_m / NOMINAL_M, self.width_m / NOMINAL_M)
 
     @property
     def corners(self) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.cloth_frame import NOMINAL_M
 from layflat.data.robot import RobotSpec
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.base import Arm, Cloth, World
@@ -30,9 +31,9 @@ class Robot(ABC):
     start_step_m: ClassVar[float]
     """Largest random displacement along each axis in one of the start's steps."""
     workspace_low_m: ClassVar[tuple[float, float, float]]
-    """Lowest coordinates of a held point, world."""
+    """Lowest coordinates of a held point, world, with a cloth that is no longer than the towel."""
     workspace_high_m: ClassVar[tuple[float, float, float]]
-    """Highest coordinates of a held point, world."""
+    """Highest coordinates of a held point, likewise."""
 
     @abstractmethod
     def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
@@ -74,15 +75,22 @@ class Robot(ABC):
     def within_reach(cls, corners: FloatArray, cloth: ClothSpec) -> FloatArray:
         """Return the corners (2, 3) m that are nearest to the wanted ones within workspace and cloth."""
         centre = corners.mean(axis=0)
-        return corners - centre + np.clip(centre, cls.workspace_low_m, cls.workspace_high_m)
+        return corners - centre + np.clip(centre, *cls.workspace(cloth))
+
+    @classmethod
+    def workspace(cls, cloth: ClothSpec) -> tuple[FloatArray, FloatArray]:
+        """Return lowest and highest coordinates of a held point, (3,) m, world: further out for a longer cloth."""
+        longer, home = max(0.0, cloth.length_m - NOMINAL_M), np.array([cloth.home_x_m, 0.0, 0.0])
+        low, high = np.array(cls.workspace_low_m), np.array(cls.workspace_high_m)
+        return home + low - [0.1 * longer, 0.0, 0.0], home + high + [longer, 0.0, 0.85 * longer]
 
     def joint_angles(self) -> FloatArray:
         """Return the joint angles of the arm, (J,) rad; empty without an arm."""
         return np.zeros(0)
 
     @classmethod
-    def joint_angles_at(cls, position: FloatArray) -> FloatArray:
-        """Return the joint angles (J,) rad at which `position` is (3,) m; empty without an arm."""
+    def joint_angles_at(cls, position: FloatArray, cloth: ClothSpec) -> FloatArray:
+        """Return the joint angles (J,) rad at which `position` is (3,) m with ``cloth``; empty without an arm."""
         return np.zeros(0)
 
     @classmethod

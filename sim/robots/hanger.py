@@ -8,10 +8,11 @@ from typing import ClassVar, get_args
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.cloth_frame import NOMINAL_M
 from layflat.data.robot import RobotSpec, one_point
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.base import Arm, Cloth, World
+from layflat.sim.physics.base import Arm, Cloth, Vector, World
 from layflat.sim.robots.arm_shape import ArmShape, shape_from_urdf
 from layflat.sim.robots.base import Control, Robot
 from layflat.sim.robots.hand_guiding import WALL_STIFFNESS_N_M, HandGuiding
@@ -24,6 +25,8 @@ MAX_SIDE_M = 0.02
 MAX_LEAD_M = 0.030
 """The set point stays this close to the real hanger along each axis (12 N of spring): a blocked arm cannot wind up."""
 FIT_TOLERANCE_M = 0.001
+BASE_CLEARANCE_M = 0.12
+"""Least distance along y between the arm's axis and the hanger's end."""
 _AXES = [0, 2]
 
 
@@ -48,14 +51,15 @@ class PandaHanger(Robot):
         self._cloth = cloth
         self._world = cloth.world
         self._control = control
-        self._low, self._high = (np.array(b)[_AXES] for b in (self.workspace_low_m, self.workspace_high_m))
+        self._low, self._high = (bound[_AXES] for bound in self.workspace(cloth.spec))
+        self._base_m = base_position_m(cloth.spec)
         self._clips = 0.5 * cloth.spec.held_width_m * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
         centre = self._checked_centre(np.asarray(corner_positions, dtype=float))
         self.set_point = centre
         """Where the springs pull the corners' midpoint now, (3,) m, world."""
         self._target = centre.copy()
         self._velocity = np.zeros(3)
-        self._posture = inverse_kinematics(centre)
+        self._posture = inverse_kinematics(centre, self._base_m)
         self._posture_speed = np.zeros(JOINTS)
         self._set_point_step = np.zeros(3)
         """Change of the set point in one substep."""
@@ -68,15 +72,15 @@ class PandaHanger(Robot):
 
     @classmethod
     def add_arm(cls, world: World, cloth: ClothSpec) -> Arm:
-        return world.add_arm(arm_urdf(cloth.held_width_m), BASE_POSITION_M, joints=JOINTS, tool_m=TOOL_M)
+        return world.add_arm(arm_urdf(cloth.held_width_m), base_position_m(cloth), joints=JOINTS, tool_m=TOOL_M)
 
     @classmethod
-    def joint_angles_at(cls, position: FloatArray) -> FloatArray:
-        return inverse_kinematics(position)
+    def joint_angles_at(cls, position: FloatArray, cloth: ClothSpec) -> FloatArray:
+        return inverse_kinematics(position, base_position_m(cloth))
 
     @classmethod
     def arm_shape(cls, cloth: ClothSpec) -> ArmShape:
-        return _arm_shape(cloth.held_width_m)
+        return _arm_shape(cloth.held_width_m, base_position_m(cloth))
 
     def _checked_centre(self, corners: FloatArray) -> FloatArray:
         centre = corners.mean(axis=0)
@@ -126,8 +130,12 @@ class PandaHanger(Robot):
         substep_s = self._world.substep_s
         self._impedance.substep_s = substep_s
         duration = substeps * substep_s
+        try:
+            posture = inverse_kinematics(self._target, self._base_m)
+        except SimError:  # The workspace's upper corner behind a cloth longer than 0.5 m.
+            self._target, posture = self.set_point.copy(), self._posture
         self._velocity = (self._target - self.set_point) / duration
-        self._posture_speed = (inverse_kinematics(self._target) - self._posture) / duration
+        self._posture_speed = (posture - self._posture) / duration
         self._set_point_step = self._velocity * substep_s
         self._posture_step = self._posture_speed * substep_s
 
@@ -186,6 +194,12 @@ class PandaHanger(Robot):
         self._holding = True
 
 
+def base_position_m(cloth: ClothSpec) -> Vector:
+    """Return where the arm stands: on a block for a cloth longer than the towel, further aside for a wide one."""
+    x, y, z = BASE_POSITION_M
+    return x, max(y, cloth.held_width_m / 2 + BASE_CLEARANCE_M), z + max(0.0, cloth.length_m - NOMINAL_M)
+
+
 @lru_cache(maxsize=8)
-def _arm_shape(held_width_m: float) -> ArmShape:
-    return shape_from_urdf(arm_urdf(held_width_m), BASE_POSITION_M, JOINTS)
+def _arm_shape(held_width_m: float, base_m: Vector) -> ArmShape:
+    return shape_from_urdf(arm_urdf(held_width_m), base_m, JOINTS)

@@ -13,6 +13,7 @@ import numpy as np
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.errors import SimError
+from layflat.sim.physics.base import Vector
 
 JOINTS = 7
 TORQUE_LIMIT_N_M = np.array([87.0] * 4 + [12.0] * 3)
@@ -39,15 +40,15 @@ TOOL_M = FLANGE_M + GRIP_DEPTH_M + CLIP_DROP_M
 """Distance from the last link's frame to the corners' midpoint, along its z."""
 
 
-def inverse_kinematics(centre: FloatArray) -> FloatArray:
+def inverse_kinematics(centre: FloatArray, base_m: Vector = BASE_POSITION_M) -> FloatArray:
     """Return the joint angles (7,) rad: hand straight down, bar along y, corners' midpoint at ``centre`` (3,) m world.
 
     Exact, elbow up. Joints 3 and 5 stay at zero, so that shoulder, elbow and wrist lie in one vertical plane and the
-    law of cosines gives the elbow. Limits are not checked, reach is: SimError.
+    law of cosines gives the elbow. The arm stands at ``base_m``. Limits are not checked, reach is: SimError.
     """
-    x, y = centre[0] - BASE_POSITION_M[0], centre[1] - BASE_POSITION_M[1]
+    x, y = centre[0] - base_m[0], centre[1] - base_m[1]
     out = math.hypot(x, y) - WRIST_OFFSET_M
-    up = centre[2] + TOOL_M - BASE_POSITION_M[2] - SHOULDER_HEIGHT_M
+    up = centre[2] + TOOL_M - base_m[2] - SHOULDER_HEIGHT_M
     upper, fore = math.hypot(UPPER_ARM_M, ELBOW_OFFSET_M), math.hypot(FOREARM_M, ELBOW_OFFSET_M)
     reach = math.hypot(out, up)
     if not abs(upper - fore) < reach < upper + fore:

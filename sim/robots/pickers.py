@@ -72,7 +72,7 @@ class FreePickers(Robot):
 
     @classmethod
     def within_reach(cls, corners: FloatArray, cloth: ClothSpec) -> FloatArray:
-        target: FloatArray = np.clip(corners, cls.workspace_low_m, cls.workspace_high_m)
+        target: FloatArray = np.clip(corners, *cls.workspace(cloth))
         limit = MAX_SPREAD * cloth.width_m
         apart = target[0] - target[1]
         distance = float(np.linalg.norm(apart))

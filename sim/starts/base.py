@@ -67,8 +67,8 @@ class Start:
 
 
 def home_corners(spec: ClothSpec) -> FloatArray:
-    """Return the corners (2, 3) m before a start's moves; the free edge hangs over x = 0."""
-    return spec.corners_at(0.0, spec.length_m + START_CLEARANCE_M)
+    """Return the corners (2, 3) m before a start's moves."""
+    return spec.corners_at(spec.home_x_m, spec.length_m + START_CLEARANCE_M)
 
 
 def attach(cloth: Cloth, corners: FloatArray) -> None:

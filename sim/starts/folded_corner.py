@@ -12,7 +12,7 @@ from layflat.sim.robots.base import Robot
 from layflat.sim.starts.base import InitialState, Start, StartScene
 
 LAID_FREE_EDGE_M = (-0.04, 0.14)
-"""Range of the free edge's x after a demonstration."""
+"""Range of the free edge's x after a demonstration, from where it hung at the start."""
 LAID_HEIGHT_M = 0.0065
 """Height of the held hem after a demonstration."""
 LAID_STRETCH = 1.01
@@ -26,7 +26,7 @@ CALM_STEPS = 3
 
 
 def _laid_taut(spec: ClothSpec, robot: type[Robot], rng: np.random.Generator) -> InitialState:
-    x = rng.uniform(*LAID_FREE_EDGE_M)
+    x = spec.home_x_m + rng.uniform(*LAID_FREE_EDGE_M)
     corners = spec.corners_at(x + LAID_STRETCH * spec.length_m, LAID_HEIGHT_M)
     return InitialState(corners=corners, nodes=spec.flat_nodes(x_m=x))
 

@@ -77,7 +77,7 @@ def test_an_arm_reaches_its_pose_holds_nodes_and_is_drawn(world: World) -> None:
     assert not world.has_solids()
     arm = PandaHanger.add_arm(world, spec)
     centre = np.array([0.2, 0.0, 0.4])
-    arm.reset_joints(PandaHanger.joint_angles_at(centre))
+    arm.reset_joints(PandaHanger.joint_angles_at(centre, spec))
     place, rotation = arm.tool_pose()
     np.testing.assert_allclose(place, centre, atol=1e-6)
     np.testing.assert_allclose(rotation, np.diag([1, -1, -1]), atol=1e-6)
