@@ -1,0 +1,238 @@
+"""StationEnvironment: the real arm and camera as an environment; a twin puts a simulated cloth under them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields
+from typing import Any, Protocol
+
+import numpy as np
+
+from layflat.app.hardware.franka_arm import FrankaArm
+from layflat.app.hardware.realsense_camera import RealSenseCamera
+from layflat.app.hardware.safety_limits import SafetyLimits
+from layflat.app.hardware.station_config import StationConfig, StationError
+from layflat.data.arrays import FloatArray
+from layflat.data.camera import CameraModel
+from layflat.data.environment_spec import ClothShape, EnvironmentSpec
+from layflat.data.types import STEP_S, DisturbanceRecord, GroundTruth, Observation
+from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
+from layflat.perception.cloth.segmentation import HsvRange
+from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, make_descriptor
+from layflat.policy.environment import Environment
+from layflat.sim.robots.hanger import PandaHanger
+from layflat.sim.simulation import START_STREAM
+from layflat.sim.starts.base import home_corners
+from layflat.sim.starts.hanging import START_MOVES
+from layflat.sim.tasks import TASKS
+
+PHYSICS = "station"
+"""What episodes of a real station have in place of an engine's name."""
+SETTLE_S = 1.0
+"""Time in which the cloth comes to rest before an episode."""
+JOINTS_WAY_M = 0.05
+
+
+class Scene(Protocol):
+    """What lies under the arm: nothing to do at a real station; a simulated cloth in the twin."""
+
+    physics: str
+
+    def begin(self, corners: FloatArray, seed: int) -> None:
+        """Hang the cloth at ``corners``, (2, 3) m world."""
+
+    def follow(self, path: list[FloatArray], axes: FloatArray) -> None:
+        """Let a control step pass while the held point goes along ``path``, (3,) m each."""
+
+    def ground_truth(self) -> GroundTruth | None:
+        """Return what only a simulator knows."""
+
+    def disturb(self, disturbance: Any, repeat: int) -> DisturbanceRecord | None:
+        """Start a disturbance."""
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether a disturbance still acts."""
+
+    def close(self) -> None:
+        """Free what the scene holds."""
+
+
+class StationEnvironment(Environment):
+    """A station in which a policy acts. Observations have the same keys, units and frames as the simulation's.
+
+    ``ready`` is called before an episode, once the arm is at its start: a person hangs the cloth and confirms.
+    """
+
+    def __init__(
+        self,
+        config: StationConfig,
+        arm: FrankaArm,
+        camera: RealSenseCamera,
+        *,
+        scene: Scene | None = None,
+        descriptor: str = DEFAULT_DESCRIPTOR,
+        flat_pixels: int | None = None,
+        ready: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.config, self.arm, self.camera, self.scene = config, arm, camera, scene
+        self.descriptor, self._ready = descriptor, ready
+        self._limits = SafetyLimits(config.robot)
+        self._cloth = config.cloth_spec()
+        seen = config.camera
+        pinhole = camera.intrinsics.camera_at(seen.cam_to_world())
+        color = HsvRange(
+            hue_min=seen.hue_deg[0],
+            hue_max=seen.hue_deg[1],
+            saturation_min=seen.saturation_min,
+            value_min=seen.value_min,
+        )
+        self._perception = PerceptionPipeline(
+            pinhole,
+            PerceptionConfig(descriptor=make_descriptor(descriptor), color=color),
+            flat_pixels=flat_pixels or seen.flat_pixels or None,
+        )
+        shape = {item.name: getattr(self._cloth, item.name) for item in fields(ClothShape)}
+        task = TASKS["place"]
+        self._spec = EnvironmentSpec(
+            robot=PandaHanger.spec,
+            cloth=self._cloth.name,
+            demonstrator=task.demonstrator,
+            physics=PHYSICS if scene is None else scene.physics,
+            descriptor=descriptor,
+            limits=task.limits,
+            cloth_shape=ClothShape(**shape),
+            camera=CameraModel(**asdict(pinhole)),
+            config={"station": config.name, "stiffness_n_m": config.robot.stiffness_n_m},
+        )
+        self.cloth_state: ClothState | None = None
+        self.commands: list[dict[str, Any]] = []
+        """Every command of the episode: time, wanted, sent and measured positions, m world."""
+        self._start: Mapping[str, float] = {}
+        self._stepped_s = -np.inf
+
+    @property
+    def spec(self) -> EnvironmentSpec:
+        """Properties that are the same in every episode."""
+        return self._spec
+
+    def reset(self, seed: int) -> None:
+        """Go slowly to the bench's start of this seed, and wait until the cloth hangs still."""
+        self.commands.clear()
+        home = home_corners(self._cloth).mean(axis=0)
+        self.arm.check()
+        self.arm.move_slowly(home)
+        self._ready("hang the cloth into the clips")
+        if self.scene is not None:
+            self.scene.begin(self.corner_positions(), seed)
+        self._set_point = home
+        self._soft = False
+        self._began_s = self.arm.time_s()
+        self._next_s = self._began_s
+        moves = np.random.default_rng([seed, START_STREAM])
+        for _ in range(START_MOVES):
+            self.step(moves.uniform(-1.0, 1.0, self.spec.robot.size) * PandaHanger.start_step_m)
+        for _ in range(round(SETTLE_S / STEP_S) if self.scene is None else 0):
+            self.step(self.spec.robot.zeros())
+        self.commands.clear()
+        self._began_s = self.arm.time_s()
+        x, _, z = self.arm.position()
+        self._start = {"holder_x_m": float(x), "holder_z_m": float(z)}
+
+    def corner_positions(self) -> FloatArray:
+        """Return where the clips hold the corners, (2, 3) m world; row 0 at +y."""
+        return corners_at(*self.arm.pose(), self._cloth.held_width_m)
+
+    def observe(self) -> Observation:
+        """Return what a policy may see now: the arm's pose, and the newest frame of the step's end."""
+        frame = self.camera.frame(after_s=self._stepped_s)
+        state = self.cloth_state = self._perception.perceive(frame.rgb, frame.depth)
+        return Observation(
+            time_s=self.arm.time_s() - self._began_s,
+            corner_positions=self.corner_positions(),
+            holder_position=self.arm.position(),
+            word=state.word,
+            word_strength=state.strength,
+            contact_portion=min(1.0, state.contact_portion),
+            rgb=frame.rgb,
+            depth=frame.depth,
+            free_edge_m=state.free_edge_m,
+        )
+
+    def step(self, action: FloatArray) -> None:
+        """Move the set point by ``action``, (2,) m dx and dz, within the limits; returns when the step is over."""
+        wanted = self._set_point + self.spec.robot.unpack(action)[0]
+        measured = self.arm.position()
+        try:
+            target = self._limits.allowed(self._set_point, wanted, measured, STEP_S)
+        except StationError:
+            self.arm.hold()
+            raise
+        if self._soft:
+            self.arm.yield_to_hand(False)
+            self._soft = False
+        self.arm.move(target, STEP_S)
+        self.commands.append(
+            {"time_s": self.arm.time_s() - self._began_s, "wanted_m": wanted.tolist(), "sent_m": target.tolist(),
+             "measured_m": measured.tolist()}
+        )  # fmt: skip
+        self._set_point = target
+        self._pass_step()
+
+    def _pass_step(self) -> None:
+        """Wait for the end of the step by the robot's clock; a step that came late does not shorten the next one."""
+        self._next_s = max(self._next_s, self.arm.time_s() - STEP_S) + STEP_S
+        self.arm.wait_until(self._next_s)
+        self._stepped_s = time.monotonic()
+        if self.scene is not None:
+            self.scene.follow(self.arm.path() or [self.arm.position()], self.arm.pose()[1])
+
+    def guide(self, hand_m: FloatArray | None) -> FloatArray:
+        """Let a hand move the arm for one step; return what it did, (2,) m. Where the hand is, only the arm knows."""
+        if not self._soft:
+            self.arm.yield_to_hand(True)
+            self._soft = True
+        before = self.arm.position()
+        self._pass_step()
+        after = self.arm.position()
+        self._set_point = after
+        return self.spec.robot.pack(after - before)
+
+    def ground_truth(self) -> GroundTruth | None:
+        """Return the twin's mesh; None at a real station."""
+        return None if self.scene is None else self.scene.ground_truth()
+
+    def disturb(self, disturbance: Any, repeat: int = 0) -> DisturbanceRecord | None:
+        """Disturb the twin's cloth; at a real station a person does it, for as long as the phase lasts."""
+        if self.scene is not None:
+            return self.scene.disturb(disturbance, repeat)
+        self._ready("disturb the cloth, then step back")
+        return DisturbanceRecord(name=str(getattr(disturbance, "name", disturbance)), first_step=0)
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether the twin's disturbance still acts."""
+        return self.scene is not None and self.scene.disturbed
+
+    @property
+    def start(self) -> Mapping[str, float]:
+        """Where the episode began."""
+        return self._start
+
+    def joint_angles(self) -> FloatArray:
+        """Return the joint angles of the arm, (7,) rad."""
+        return self.arm.joint_angles()
+
+    def close(self) -> None:
+        """Hold the arm, end control and stop the camera; may be called twice."""
+        self.arm.stop()
+        self.camera.close()
+        if self.scene is not None:
+            self.scene.close()
+
+
+def corners_at(place: FloatArray, axes: FloatArray, held_width_m: float) -> FloatArray:
+    """Return the corners (2, 3) m of a hanger at ``place`` (3,) whose hand has ``axes`` (3, 3) as columns."""
+    clips = 0.5 * held_width_m * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    return place - clips @ axes.T  # The hand's y points to -y when it looks down.
