@@ -25,6 +25,7 @@ from layflat.app.cli.gamepad import gamepad_cli
 from layflat.app.cli.learning import flatten, place, record, replay, train
 from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, count, expand_home
 from layflat.app.cli.policy import policy_cli
+from layflat.app.cli.station import station_cli
 from layflat.app.support import validators
 from layflat.app.support.errors import INTERRUPTED, USAGE_ERROR, run_command
 
@@ -135,6 +136,7 @@ cli.add_typer(data_cli)
 cli.add_typer(gamepad_cli)
 cli.add_typer(policy_cli)
 cli.add_typer(cloth_cli)
+cli.add_typer(station_cli)
 expand_home(cli)
 
 

@@ -63,6 +63,7 @@ class StationEnvironment(Environment):
     """A station in which a policy acts. Observations have the same keys, units and frames as the simulation's.
 
     ``ready`` is called before an episode, once the arm is at its start: a person hangs the cloth and confirms.
+    ``slow`` stretches every control step by this factor: the same path, for a first run.
     """
 
     def __init__(
@@ -74,10 +75,12 @@ class StationEnvironment(Environment):
         scene: Scene | None = None,
         descriptor: str = DEFAULT_DESCRIPTOR,
         flat_pixels: int | None = None,
+        slow: float = 1.0,
         ready: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.config, self.arm, self.camera, self.scene = config, arm, camera, scene
         self.descriptor, self._ready = descriptor, ready
+        self._step_s = STEP_S * slow
         self._limits = SafetyLimits(config.robot)
         self._cloth = config.cloth_spec()
         seen = config.camera
@@ -120,7 +123,7 @@ class StationEnvironment(Environment):
     def reset(self, seed: int) -> None:
         """Go slowly to the bench's start of this seed, and wait until the cloth hangs still."""
         self.commands.clear()
-        home = home_corners(self._cloth).mean(axis=0)
+        home = self.home()
         self.arm.check()
         self.arm.move_slowly(home)
         self._ready("hang the cloth into the clips")
@@ -139,6 +142,10 @@ class StationEnvironment(Environment):
         self._began_s = self.arm.time_s()
         x, _, z = self.arm.position()
         self._start = {"holder_x_m": float(x), "holder_z_m": float(z)}
+
+    def home(self) -> FloatArray:
+        """Return where the held point is before a start's moves, (3,) m world."""
+        return home_corners(self._cloth).mean(axis=0)
 
     def corner_positions(self) -> FloatArray:
         """Return where the clips hold the corners, (2, 3) m world; row 0 at +y."""
@@ -165,14 +172,14 @@ class StationEnvironment(Environment):
         wanted = self._set_point + self.spec.robot.unpack(action)[0]
         measured = self.arm.position()
         try:
-            target = self._limits.allowed(self._set_point, wanted, measured, STEP_S)
+            target = self._limits.allowed(self._set_point, wanted, measured, self._step_s)
         except StationError:
             self.arm.hold()
             raise
         if self._soft:
             self.arm.yield_to_hand(False)
             self._soft = False
-        self.arm.move(target, STEP_S)
+        self.arm.move(target, self._step_s)
         self.commands.append(
             {"time_s": self.arm.time_s() - self._began_s, "wanted_m": wanted.tolist(), "sent_m": target.tolist(),
              "measured_m": measured.tolist()}
@@ -182,7 +189,7 @@ class StationEnvironment(Environment):
 
     def _pass_step(self) -> None:
         """Wait for the end of the step by the robot's clock; a step that came late does not shorten the next one."""
-        self._next_s = max(self._next_s, self.arm.time_s() - STEP_S) + STEP_S
+        self._next_s = max(self._next_s, self.arm.time_s() - self._step_s) + self._step_s
         self.arm.wait_until(self._next_s)
         self._stepped_s = time.monotonic()
         if self.scene is not None:

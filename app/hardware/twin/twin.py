@@ -16,20 +16,20 @@ from layflat.data.camera import CameraModel
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.sim.camera.camera import default_pinhole
-from layflat.sim.robots.panda import inverse_kinematics
+from layflat.sim.robots.panda import BASE_POSITION_M, inverse_kinematics
 from layflat.sim.starts.base import home_corners
 
 
 class Twin:
     """A station whose arm, cloth and camera are simulated; `env` is made of the same classes as the real one."""
 
-    def __init__(self, config: StationConfig | None = None, *, descriptor: str = DEFAULT_DESCRIPTOR) -> None:
+    def __init__(
+        self, config: StationConfig | None = None, *, descriptor: str = DEFAULT_DESCRIPTOR, slow: float = 1.0
+    ) -> None:
         """Start all of it; ``config`` gives cloth, stiffness, limits; its host and camera are not used."""
         config = config or StationConfig(robot=RobotConfig(host="twin"))
         cloth, pinhole = config.cloth_spec(), default_pinhole()
         home = home_corners(cloth).mean(axis=0) - np.array(config.robot.base_m)
-        from layflat.sim.robots.panda import BASE_POSITION_M
-
         self.arm_process = ArmProcess(inverse_kinematics(home + np.array(BASE_POSITION_M)))
         model = CameraModel(**asdict(pinhole))
         self.cloth = ClothTwin(cloth, pinhole, model)
@@ -52,6 +52,7 @@ class Twin:
                 scene=self.cloth,
                 descriptor=descriptor,
                 flat_pixels=flat.cloth_pixels,
+                slow=slow,
             )
         except BaseException:
             self.arm_process.close()

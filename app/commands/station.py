@@ -1,0 +1,357 @@
+"""`layflat station` and `--station`: a real robot and camera, and their digital twin."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from layflat.app.commands.evaluate import print_results
+from layflat.app.commands.train import successful_demonstrations
+from layflat.app.evaluation.plan import EvaluationPlan
+from layflat.app.evaluation.run import folder_lock, run_evaluation
+from layflat.app.evaluation.suites import cases_of
+from layflat.app.hardware.calibration.cloth import calibrate_cloth
+from layflat.app.hardware.calibration.hand_eye import Board, calibrate_camera, find_board
+from layflat.app.hardware.calibration.table import FRAMES, calibrate_table
+from layflat.app.hardware.franka_arm import FrankaArm
+from layflat.app.hardware.readiness import STEPS, measure
+from layflat.app.hardware.realsense_camera import RealSenseCamera, open_camera
+from layflat.app.hardware.station_config import RobotConfig, StationConfig, StationError, read_station, update_station
+from layflat.app.hardware.station_environment import StationEnvironment
+from layflat.app.hardware.station_episode import run_station_episode, station_engine, write_commands
+from layflat.app.hardware.twin.twin import Twin
+from layflat.app.report.evaluation_page import PageOptions, write_evaluation
+from layflat.app.support import validators
+from layflat.app.support.console import print_table
+from layflat.app.support.errors import LayflatError, UsageError, say
+from layflat.app.support.metrics import episode_metrics, write_json
+from layflat.app.support.progress import Progress
+from layflat.app.support.seeds import EVALUATION_SEED
+from layflat.app.support.session_lines import kept_line
+from layflat.app.workers.work_item import NO_DISTURBANCE, DisturbanceCase
+from layflat.data.atomic_files import write_text
+from layflat.data.provenance import capture_provenance
+from layflat.data.session.reader import open_session
+from layflat.data.session.recorder import SessionRecorder
+from layflat.policy import model_io, registry
+from layflat.policy.registry import RECOMMENDED_WRAPPERS
+from layflat.policy.spec import SCRIPTED, PolicySpec
+from layflat.sim.cloth.spec import DEFAULT_CLOTH
+from layflat.sim.robots.hanger import PandaHanger
+
+FINISH = "gp-finish"
+DEMONSTRATION_S, TRAINING_S, EPISODE_S = 20.0, 20.0, 18.0
+KINDS = ("table", "camera", "cloth")
+TWIN = "twin"
+"""Name of a station that is none: its digital twin."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinConfig:
+    """Settings of one `layflat station twin` call."""
+
+    out: Path
+    policy: str | None = None
+    """POLICY text; None: `gp-finish` with its wrappers, taught on the twin itself."""
+    demonstrations: int = 5
+    episodes: int = 3
+    seed: int = EVALUATION_SEED
+    cloth: str = DEFAULT_CLOTH
+    disturb: tuple[str, ...] = ("thesis",)
+
+
+def twin(config: TwinConfig, *, force: bool) -> None:
+    """Teach, place, disturb and repair on the digital twin; write what `layflat evaluate` writes."""
+    station = StationConfig(robot=RobotConfig(host=TWIN), cloth=config.cloth)
+    seconds = {"demonstrations": DEMONSTRATION_S * config.demonstrations, "training": TRAINING_S}
+    cases = tuple(case for text in config.disturb for case in cases_of(text))
+    seconds["episodes"] = EPISODE_S * config.episodes * (1 + 2 * len(cases))
+    with folder_lock(config.out), Progress(seconds) as progress, Twin(station) as running:
+        policy = _policy(config, running.env, progress)
+        plan = EvaluationPlan(
+            policies=(policy,),
+            robots=(PandaHanger.spec.name,),
+            cloths=(config.cloth,),
+            seeds=tuple(config.seed + k for k in range(config.episodes)),
+            cases=cases,
+        )
+        progress.phase("episodes", items=plan.n_episodes)
+        results = run_evaluation(
+            plan, config.out, engine=station_engine(running.env), force=force, progress=progress, locked=True
+        )
+        page = write_evaluation(results, PageOptions(films=0))
+    print_results(results.rows)
+    print(f"results: {config.out}")
+    print(f"report: {page}")
+
+
+def _policy(config: TwinConfig, env: StationEnvironment, progress: Progress) -> PolicySpec:
+    """Return the policy to place with; without one, record demonstrations on the twin and train."""
+    if config.policy is not None:
+        return PolicySpec.parse(config.policy)
+    session, model = config.out / "demonstrations.h5", config.out / "model.npz"
+    there = 0
+    if session.exists():
+        with open_session(session) as opened:
+            there = len(opened)
+    progress.phase("demonstrations", items=config.demonstrations)
+    progress.skip(min(there, config.demonstrations), "already there")
+    with _recorder(session, env, images=False) as recorder:
+        for seed in range(there, config.demonstrations):
+            _record_one(env, recorder, PolicySpec(builtin=SCRIPTED), seed, NO_DISTURBANCE, progress.note)
+            progress.advance()
+    progress.phase("training")
+    trained = registry.train(FINISH, successful_demonstrations(session), provenance=capture_provenance())
+    model_io.save(trained, model, force=True)
+    return PolicySpec(model=trained, wrappers=RECOMMENDED_WRAPPERS, stem=model.stem)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckConfig:
+    """Settings of one `layflat station check` call."""
+
+    station: Path
+    out: Path | None = None
+    steps: int = STEPS
+
+
+def check(config: CheckConfig, *, force: bool) -> int:
+    """Measure a station at rest, and say whether it is ready; status 1 where it is not."""
+    page = None if config.out is None else validators.writable_file(config.out, suffix=".html", force=force)
+    with _station(config.station) as env:
+        readings = measure(env.arm, env.camera, steps=config.steps)
+    rows = [[r.name, f"{r.value:.3g} {r.unit}", "" if r.limit is None else f"{r.limit:g}", "" if r.good else "too much"]
+            for r in readings]  # fmt: skip
+    print_table(("quantity", "measured", "limit", ""), rows, left=1)
+    ready = all(reading.good for reading in readings)
+    verdict = "ready" if ready else "not ready"
+    print(f"the station is {verdict}")
+    if page is not None:
+        _write_check(page, verdict, rows)
+        print(f"page: {page}")
+    return 0 if ready else 1
+
+
+def _write_check(page: Path, verdict: str, rows: list[list[str]]) -> None:
+    import io
+
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("quantity", "measured", "limit", "", title=f"The station is {verdict}")
+    for row in rows:
+        table.add_row(*row)
+    console = Console(record=True, file=io.StringIO(), width=90)
+    console.print(table)
+    write_text(page, console.export_html(inline_styles=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateConfig:
+    """Settings of one `layflat station calibrate` call."""
+
+    kind: str
+    station: Path
+    poses: int = 12
+    at: tuple[int, int] | None = None
+
+
+def calibrate(config: CalibrateConfig) -> None:
+    """Measure where the camera is, or how the cloth looks, and write it into the station's file."""
+    validators.one_of("calibration", config.kind, KINDS)
+    station = read_station(config.station)
+    with closing(open_camera(station.camera)) as camera:
+        if config.kind == "table":
+            values, text = _table(station, camera)
+        elif config.kind == "cloth":
+            values, text = _cloth(station, camera, config.at)
+        else:
+            with closing_arm(FrankaArm(station.robot)) as arm:
+                values, text = _hand_eye(arm, camera, config.poses)
+    update_station(config.station, "camera", values)
+    print(text)
+    print(f"wrote {config.station}")
+
+
+def _table(station: StationConfig, camera: RealSenseCamera) -> tuple[dict[str, Any], str]:
+    depths, newest = [], camera.frame()
+    for _ in range(FRAMES):
+        depths.append(newest.depth)
+        newest = camera.frame(after_s=newest.seen_s + 1e-6)
+    found = calibrate_table(depths, camera.intrinsics, station.camera.cam_to_world())
+    text = (
+        f"turned by {found.turned_deg:.2f} degrees, raised by {1e3 * found.raised_m:.1f} mm; the depth scatters by "
+        f"{1e3 * found.rms_m:.1f} mm about the table, which holds {100 * found.inlier_share:.0f} % of it"
+    )
+    return _pose_values(found.cam_to_world), text
+
+
+def _cloth(
+    station: StationConfig, camera: RealSenseCamera, at: tuple[int, int] | None
+) -> tuple[dict[str, Any], str]:
+    frame, pose = camera.frame(), station.camera.cam_to_world()
+    found = calibrate_cloth(frame.rgb, frame.depth, camera.intrinsics.camera_at(pose), station.cloth_spec(), at)
+    values = {
+        "flat_pixels": found.flat_pixels,
+        "hue_deg": [found.color.hue_min, found.color.hue_max],
+        "saturation_min": found.color.saturation_min,
+        "value_min": found.color.value_min,
+    }
+    flat = f"{found.flat_pixels} pixels, {1e4 * found.area_m2:.0f} cm2, {100 * found.contact_portion:.0f} % of it flat"
+    return values, flat
+
+
+def _hand_eye(arm: FrankaArm, camera: RealSenseCamera, poses: int) -> tuple[dict[str, Any], str]:
+    say(f"put the board ({Board().columns} x {Board().rows} squares of {1e3 * Board().square_m:g} mm) into the hand")
+    hands, views = [], []
+    while len(views) < poses:
+        _ask(f"pose {len(views) + 1} of {poses}: guide the hand, let go, and press Enter")
+        place, axes = arm.pose()
+        view = find_board(camera.frame().rgb, Board())
+        if view is None:
+            say("the board is not seen whole enough there; try another pose")
+            continue
+        hand = np.eye(4)
+        hand[:3, :3], hand[:3, 3] = axes, place
+        hands.append(hand)
+        views.append(view)
+    found = calibrate_camera(hands, views, camera.intrinsics)
+    text = f"{found.n_poses} poses agree within {1e3 * found.rms_m:.2f} mm and {found.rms_px:.2f} px (rms)"
+    return _pose_values(found.cam_to_world), text
+
+
+def _pose_values(pose: np.ndarray) -> dict[str, Any]:
+    turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return {
+        "position_m": [round(float(value), 5) for value in pose[:3, 3]],
+        "rotation_xyzw": [round(float(value), 6) for value in turn],
+    }
+
+
+@contextmanager
+def closing_arm(arm: FrankaArm) -> Iterator[FrankaArm]:
+    """Stop an arm at the end."""
+    try:
+        yield arm
+    finally:
+        arm.stop()
+
+
+@contextmanager
+def _station(path: Path, *, slow: float = 1.0, ready: Callable[[str], None] | None = None) -> Iterator[StationEnvironment]:
+    """Open the station of a file, or the twin where ``path`` is its name."""
+    if str(path) == TWIN:
+        with Twin(slow=slow) as running:
+            yield running.env
+        return
+    config = read_station(path)
+    camera = open_camera(config.camera)
+    with ExitStack() as stack:
+        stack.callback(camera.close)
+        arm = stack.enter_context(closing_arm(FrankaArm(config.robot)))
+        arm.start_control()
+        yield StationEnvironment(config, arm, camera, slow=slow, ready=ready or _ask)
+
+
+def _ask(text: str) -> None:
+    """Ask a person for something and wait for Enter; without a terminal there is nobody to ask."""
+    if not sys.stdin.isatty():
+        raise UsageError(f"a person must {text}; run this in a terminal")
+    print(f"layflat: {text}, then press Enter (Ctrl-C stops) ", end="", file=sys.stderr, flush=True)
+    sys.stdin.readline()
+
+
+def _dry_run(env: StationEnvironment, *, yes: bool) -> None:
+    """Say where the arm will go, and ask."""
+    if env.scene is not None or yes:
+        return
+    robot = env.config.robot
+    here, home = np.round(env.arm.position(), 3).tolist(), np.round(env.home(), 3).tolist()
+    say(
+        f"the arm goes straight from {here} to {home} m and stays within {list(robot.workspace_low_m)} to "
+        f"{list(robot.workspace_high_m)}, at most at {robot.speed_m_s:g} m/s and with {robot.force_n:g} N"
+    )
+    _ask("clear that space and have the stop button at hand")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StationRun:
+    """Episodes of a policy, or of a person, on a station."""
+
+    station: Path
+    policy: PolicySpec
+    seeds: tuple[int, ...]
+    case: DisturbanceCase = NO_DISTURBANCE
+    record: Path | None = None
+    images: bool = False
+    json: Path | None = None
+    slow: float = 1.0
+    yes: bool = False
+
+
+def run_on_station(run: StationRun) -> list[dict[str, Any]]:
+    """Run the episodes one after another; each is durable when its line is printed. Return their rows.
+
+    A fault stops the arm and keeps the episode as partial; then the run ends with that sentence and status 1.
+    """
+    rows: list[dict[str, Any]] = []
+    with ExitStack() as stack:
+        env = stack.enter_context(_station(run.station, slow=run.slow))
+        _dry_run(env, yes=run.yes)
+        recorder = None if run.record is None else stack.enter_context(_recorder(run.record, env, images=run.images))
+        reason = None
+        for seed in run.seeds:
+            row, reason = _record_one(env, recorder, run.policy, seed, run.case, lambda line: print(line, flush=True))
+            rows.append(row)
+            if run.json is not None:
+                write_json(run.json, {"episodes": rows, "provenance": vars(capture_provenance())})
+            if reason is not None:
+                break
+    if reason is not None:
+        raise LayflatError(f"{reason}; the episode is kept as partial")
+    return rows
+
+
+def _recorder(path: Path, env: StationEnvironment, *, images: bool) -> SessionRecorder:
+    spec = env.spec
+    return SessionRecorder(
+        path,
+        robot=spec.robot,
+        task=spec.task,
+        cloth=spec.cloth,
+        physics=spec.physics,
+        descriptor=spec.descriptor,
+        save_images=images,
+    )
+
+
+def _record_one(
+    env: StationEnvironment,
+    recorder: SessionRecorder | None,
+    policy: PolicySpec,
+    seed: int,
+    case: DisturbanceCase,
+    show: Callable[[str], None],
+) -> tuple[dict[str, Any], str | None]:
+    """Run an episode, durable in the recorder's session; return its row, and why it is partial."""
+    if recorder is None:
+        episode, reason = run_station_episode(env, policy, seed, case)
+        return episode_metrics(episode), reason
+    writers: list[Any] = []
+
+    def start(beginning: Any) -> Any:
+        writers.append(recorder.start(replace(beginning, source=policy.label)))
+        return writers[-1]
+
+    episode, reason = run_station_episode(env, policy, seed, case, keep_images=recorder.save_images, on_start=start)
+    saved = writers[-1].save(episode)
+    write_commands(recorder.path.with_name(f"{recorder.path.stem}.{saved.name}.commands.json"), env)
+    show(kept_line(saved))
+    return episode_metrics(episode), reason
