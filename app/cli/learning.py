@@ -20,9 +20,12 @@ from layflat.app.cli.options import (
     Json,
     Robot,
     Seed,
+    Slow,
+    Station,
     Task,
     Video,
     Workers,
+    Yes,
     seed_in_range,
 )
 from layflat.app.support.seeds import EVALUATION_SEED
@@ -72,6 +75,9 @@ def record(
         Path | None,
         typer.Option(metavar="MODEL.npz", help="This model places; you take over by moving, until you rest."),
     ] = None,
+    station: Station = None,
+    slow: Slow = 1.0,
+    yes: Yes = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -156,10 +162,13 @@ def place(
     wrappers: Annotated[
         list[str] | None, typer.Option("--with", metavar="recovery|steady", help="Wrapper of the policy; repeatable.")
     ] = None,
+    station: Station = None,
+    slow: Slow = 1.0,
+    yes: Yes = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Place a cloth with a policy."""
+    """Place a cloth with a policy, in simulation or at a station."""
     call("commands.place:place", locals())
 
 

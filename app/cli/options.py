@@ -77,6 +77,12 @@ Descriptor = Annotated[
         show_default="word-axial", help="Descriptor of the wrinkles' direction: word, word-axial, how or hog."
     ),
 ]
+Station = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.toml", show_default=False, help="A real robot and camera; twin: their digital twin."),
+]
+Slow = Annotated[float, typer.Option(min=1.0, max=20.0, help="At a station: stretch every step by this factor.")]
+Yes = Annotated[bool, typer.Option("--yes", help="At a station: do not ask before the first motion.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of a failure.")]
 Workers = Annotated[

@@ -59,6 +59,10 @@ class PlaceConfig:
     video: Path | None = None
     """Video of the first episode."""
     json: Path | None = None
+    station: Path | None = None
+    """File of a real station in whose place there is no simulation; ``twin``: the digital twin."""
+    slow: float = 1.0
+    yes: bool = False
 
 
 def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactory = SimulatedEpisode) -> None:
@@ -73,6 +77,9 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
     ):  # fmt: skip
         if file is not None:
             validators.writable_file(file, suffix=suffix, force=force, append=file is config.record)
+    if config.station is not None:
+        _place_on_station(config, items)
+        return
     with tempfile.TemporaryDirectory(prefix="layflat-place-") as folder:
         collected = _run(items, config.record, Path(folder), workers, make)
         first = None if config.video is None or collected.interrupt else read_images(items[0], Path(folder))
@@ -87,6 +94,24 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
     if collected.rows:
         print_table(COLUMNS, map(_cells, collected.rows))
     collected.check()
+
+
+def _place_on_station(config: PlaceConfig, items: list[WorkItem]) -> None:
+    from layflat.app.commands.station import StationRun, run_on_station  # its libraries are optional
+
+    if config.video is not None:
+        raise UsageError("--video shows a simulation; leave it out at a station")
+    run = StationRun(
+        station=config.station or Path(),
+        policy=items[0].policy,
+        seeds=tuple(item.seed for item in items),
+        case=items[0].cases[0],
+        record=config.record,
+        json=config.json,
+        slow=config.slow,
+        yes=config.yes,
+    )
+    print_table(COLUMNS, map(_cells, run_on_station(run)))
 
 
 def work_items(config: PlaceConfig) -> list[WorkItem]:

@@ -33,6 +33,11 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
     if force and path.is_file():
         raise UsageError(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     validators.writable_file(path, force=False, append=True, suffix=validators.SESSION_SUFFIXES)
+    if config.station is not None:
+        from layflat.app.commands.station_record import record_on_station  # its libraries are optional
+
+        record_on_station(config)
+        return
     if config.source != SCRIPTED:
         from layflat.app.workstation.teleop_record import record_teleoperated
 

@@ -18,14 +18,14 @@ from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.evaluation.run import folder_lock, run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.hardware.calibration.cloth import calibrate_cloth
-from layflat.app.hardware.calibration.hand_eye import Board, calibrate_camera, find_board
+from layflat.app.hardware.calibration.hand_eye import Board, BoardView, calibrate_camera, find_board
 from layflat.app.hardware.calibration.table import FRAMES, calibrate_table
 from layflat.app.hardware.franka_arm import FrankaArm
 from layflat.app.hardware.readiness import STEPS, measure
 from layflat.app.hardware.realsense_camera import RealSenseCamera, open_camera
-from layflat.app.hardware.station_config import RobotConfig, StationConfig, StationError, read_station, update_station
+from layflat.app.hardware.station_config import RobotConfig, StationConfig, read_station, update_station
 from layflat.app.hardware.station_environment import StationEnvironment
-from layflat.app.hardware.station_episode import run_station_episode, station_engine, write_commands
+from layflat.app.hardware.station_episode import PolicyMaker, run_station_episode, station_engine, write_commands
 from layflat.app.hardware.twin.twin import Twin
 from layflat.app.report.evaluation_page import PageOptions, write_evaluation
 from layflat.app.support import validators
@@ -125,8 +125,8 @@ class CheckConfig:
 def check(config: CheckConfig, *, force: bool) -> int:
     """Measure a station at rest, and say whether it is ready; status 1 where it is not."""
     page = None if config.out is None else validators.writable_file(config.out, suffix=".html", force=force)
-    with _station(config.station) as env:
-        readings = measure(env.arm, env.camera, steps=config.steps)
+    with _station(config.station) as env, env.idle():
+        readings = measure(env, steps=config.steps)
     rows = [[r.name, f"{r.value:.3g} {r.unit}", "" if r.limit is None else f"{r.limit:g}", "" if r.good else "too much"]
             for r in readings]  # fmt: skip
     print_table(("quantity", "measured", "limit", ""), rows, left=1)
@@ -193,9 +193,7 @@ def _table(station: StationConfig, camera: RealSenseCamera) -> tuple[dict[str, A
     return _pose_values(found.cam_to_world), text
 
 
-def _cloth(
-    station: StationConfig, camera: RealSenseCamera, at: tuple[int, int] | None
-) -> tuple[dict[str, Any], str]:
+def _cloth(station: StationConfig, camera: RealSenseCamera, at: tuple[int, int] | None) -> tuple[dict[str, Any], str]:
     frame, pose = camera.frame(), station.camera.cam_to_world()
     found = calibrate_cloth(frame.rgb, frame.depth, camera.intrinsics.camera_at(pose), station.cloth_spec(), at)
     values = {
@@ -210,7 +208,8 @@ def _cloth(
 
 def _hand_eye(arm: FrankaArm, camera: RealSenseCamera, poses: int) -> tuple[dict[str, Any], str]:
     say(f"put the board ({Board().columns} x {Board().rows} squares of {1e3 * Board().square_m:g} mm) into the hand")
-    hands, views = [], []
+    hands: list[np.ndarray] = []
+    views: list[BoardView] = []
     while len(views) < poses:
         _ask(f"pose {len(views) + 1} of {poses}: guide the hand, let go, and press Enter")
         place, axes = arm.pose()
@@ -245,7 +244,9 @@ def closing_arm(arm: FrankaArm) -> Iterator[FrankaArm]:
 
 
 @contextmanager
-def _station(path: Path, *, slow: float = 1.0, ready: Callable[[str], None] | None = None) -> Iterator[StationEnvironment]:
+def _station(
+    path: Path, *, slow: float = 1.0, ready: Callable[[str], None] | None = None
+) -> Iterator[StationEnvironment]:
     """Open the station of a file, or the twin where ``path`` is its name."""
     if str(path) == TWIN:
         with Twin(slow=slow) as running:
@@ -261,7 +262,7 @@ def _station(path: Path, *, slow: float = 1.0, ready: Callable[[str], None] | No
 
 
 def _ask(text: str) -> None:
-    """Ask a person for something and wait for Enter; without a terminal there is nobody to ask."""
+    """Ask a person for something and wait for Enter; without a terminal that is an error."""
     if not sys.stdin.isatty():
         raise UsageError(f"a person must {text}; run this in a terminal")
     print(f"layflat: {text}, then press Enter (Ctrl-C stops) ", end="", file=sys.stderr, flush=True)
@@ -286,7 +287,7 @@ class StationRun:
     """Episodes of a policy, or of a person, on a station."""
 
     station: Path
-    policy: PolicySpec
+    policy: PolicyMaker
     seeds: tuple[int, ...]
     case: DisturbanceCase = NO_DISTURBANCE
     record: Path | None = None
@@ -335,7 +336,7 @@ def _recorder(path: Path, env: StationEnvironment, *, images: bool) -> SessionRe
 def _record_one(
     env: StationEnvironment,
     recorder: SessionRecorder | None,
-    policy: PolicySpec,
+    policy: PolicyMaker,
     seed: int,
     case: DisturbanceCase,
     show: Callable[[str], None],

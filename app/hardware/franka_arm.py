@@ -122,27 +122,30 @@ class FrankaArm:
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Return the corners' midpoint (3,) m and the hand's axes (3, 3) as columns, world."""
-        with self._errors("the connection to the robot is lost"):
-            matrix = np.array(self._robot.state.O_T_EE.matrix)
+        matrix = np.array(self._state().O_T_EE.matrix)
         axes = self._yaw @ matrix[:3, :3]
         place = np.array(self._config.base_m) + self._yaw @ matrix[:3, 3] + axes[:, 2] * self._config.tool_m
         return place, axes
 
     def joint_angles(self) -> FloatArray:
         """Return the joint angles, (7,) rad."""
-        return np.array(self._robot.state.q)
+        return np.array(self._state().q)
 
     def joint_torques(self) -> FloatArray:
         """Return the measured joint torques, (7,) N m."""
-        return np.array(self._robot.state.tau_J)
+        return np.array(self._state().tau_J)
 
     def force_n(self) -> FloatArray:
         """Return the force that the controller estimates at the hand, (3,) N, world axes."""
-        return self._yaw @ np.array(self._robot.state.O_F_ext_hat_K)[:3]
+        return self._yaw @ np.array(self._state().O_F_ext_hat_K)[:3]
 
     def time_s(self) -> float:
         """Return the robot's clock."""
-        return float(self._robot.state.time.to_sec())
+        return float(self._state().time.to_sec())
+
+    def _state(self) -> Any:
+        with self._errors("the connection to the robot is lost"):
+            return self._robot.state
 
     def path(self) -> list[FloatArray]:
         """Return where the held point has been since the last command, (3,) m each, oldest first."""
@@ -176,7 +179,7 @@ class FrankaArm:
             self._robot.poll_motion()
         except Exception as error:
             return " ".join(str(error).split())[:200]
-        errors = self._robot.state.last_motion_errors
+        errors = self._state().last_motion_errors
         return f"reflex {errors}" if self._robot.has_errors else "the controller ended"
 
     def _stream(self) -> None:
@@ -189,7 +192,7 @@ class FrankaArm:
                 if not self._tracker.is_running:
                     self._fault = self._fault or self._reason()
                     return
-                place, axes = self.pose()
+                place = self.position()
                 now = self.time_s()
                 with self._lock:
                     start_s, start, velocity, duration = self._segment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from layflat.app.hardware.station_config import CameraConfig, StationError
 from layflat.app.support.errors import UsageError
-from layflat.data.arrays import FloatArray
 from layflat.perception.camera.intrinsics import Intrinsics
 
 POLL_S = 0.001
@@ -36,18 +36,23 @@ class CameraFrame:
 
 
 class RealSenseCamera:
-    """Colour and depth, aligned to the colour; the newest frame is what counts."""
+    """Colour and depth, aligned to the colour; the newest frame is what counts. A thread notes when frames come."""
 
     def __init__(self, poll: Callable[[], Any], close: Callable[[], None], config: CameraConfig) -> None:
         """Use `open_camera`; ``poll`` returns the next frameset of librealsense, or None where there is none yet."""
         rs = realsense()
         self._poll, self._close, self._config = poll, close, config
         self._align = rs.align(rs.stream.color)
+        self._arrived: tuple[Any, float] | None = None
+        self._last_number = 0
         self._newest: CameraFrame | None = None
         self.dropped = 0
         """Frames that the camera counted and that never came."""
         self.repeated = 0
-        """Frames that came again with the same number."""
+        """Frames in a row that are the last one again."""
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+        self._thread.start()
         self.intrinsics = self._wait_for_first()
 
     def frame(self, *, after_s: float = -np.inf) -> CameraFrame:
@@ -57,9 +62,9 @@ class RealSenseCamera:
         """
         give_up = time.monotonic() + self._config.stale_s
         while True:
-            self._drain()
+            self._take()
             newest = self._newest
-            if newest is not None and newest.seen_s >= after_s and time.monotonic() - newest.seen_s < self._config.stale_s:
+            if newest is not None and newest.seen_s >= max(after_s, time.monotonic() - self._config.stale_s):
                 return newest
             if time.monotonic() > give_up:
                 why = "its pictures are frozen" if self.repeated else "is it unplugged?"
@@ -68,43 +73,54 @@ class RealSenseCamera:
 
     def close(self) -> None:
         """Stop the camera; may be called twice."""
+        self._over.set()
+        self._thread.join()
         close, self._close = self._close, lambda: None
         close()
 
-    def _drain(self) -> None:
-        """Take what has come since the last call; only the newest is decoded."""
-        frames = newest = self._poll()
-        while frames is not None:
-            newest, frames = frames, self._poll()
-        if newest is not None:
-            self._take(newest)
+    def _read(self) -> None:
+        while not self._over.wait(POLL_S):
+            frames = self._poll()
+            if frames is None:
+                continue
+            number = int(frames.get_color_frame().get_frame_number())
+            if number > self._last_number:
+                self.dropped += number - self._last_number - 1 if self._last_number else 0
+                self._last_number = number
+            self._arrived = frames, time.monotonic()
 
-    def _take(self, frames: Any) -> None:
-        number, last = int(frames.get_color_frame().get_frame_number()), self._newest
-        if last is not None and number <= last.number:
-            self.repeated += 1
+    def _take(self) -> None:
+        """Decode what has come since the last call; only the newest counts."""
+        arrived, self._arrived = self._arrived, None
+        if arrived is None:
             return
+        frames, seen_s = arrived
         aligned = self._align.process(frames)
-        color, depth = aligned.get_color_frame(), aligned.get_depth_frame()
-        if not color or not depth:
+        color, depth_frame = aligned.get_color_frame(), aligned.get_depth_frame()
+        if not color or not depth_frame:
+            return
+        depth = np.asanyarray(depth_frame.get_data()).astype(np.float32) * np.float32(depth_frame.get_units())
+        number = int(color.get_frame_number())
+        last = self._newest
+        if last is not None and (number <= last.number or np.array_equal(depth, last.depth)):
+            self.repeated += 1  # No two pictures of a real sensor have the same noise.
             return
         self.repeated = 0
-        self.dropped += 0 if last is None else number - last.number - 1
-        units = depth.get_units()
         self._newest = CameraFrame(
             rgb=np.array(np.asanyarray(color.get_data())[..., :3]),
-            depth=np.asanyarray(depth.get_data()).astype(np.float32) * np.float32(units),
+            depth=depth,
             number=number,
             time_s=float(color.get_timestamp()) / 1000.0,
-            seen_s=time.monotonic(),
+            seen_s=seen_s,
         )
         self._profile = color.profile.as_video_stream_profile()
 
     def _wait_for_first(self) -> Intrinsics:
         give_up = time.monotonic() + FIRST_FRAME_S
         while self._newest is None:
-            self._drain()
+            self._take()
             if time.monotonic() > give_up:
+                self._over.set()
                 raise StationError(f"the camera has sent no frame for {FIRST_FRAME_S:g} s: is it plugged in?")
             time.sleep(POLL_S)
         seen = self._profile.get_intrinsics()
@@ -148,7 +164,7 @@ def _lock_exposure(rs: Any, profile: Any, camera: RealSenseCamera, config: Camer
                 sensor.set_option(option, 0.0)
 
 
-def depth_millimetres(depth: FloatArray) -> NDArray[np.uint16]:
+def depth_millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return depth as a camera sends it, whole millimetres."""
     return np.clip(np.round(depth * 1000.0), 0, 65535).astype(np.uint16)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, fields
 from typing import Any, Protocol
 
 import numpy as np
 
 from layflat.app.hardware.franka_arm import FrankaArm
-from layflat.app.hardware.realsense_camera import RealSenseCamera
+from layflat.app.hardware.realsense_camera import CameraFrame, RealSenseCamera
 from layflat.app.hardware.safety_limits import SafetyLimits
 from layflat.app.hardware.station_config import StationConfig, StationError
 from layflat.data.arrays import FloatArray
@@ -31,11 +32,12 @@ PHYSICS = "station"
 """What episodes of a real station have in place of an engine's name."""
 SETTLE_S = 1.0
 """Time in which the cloth comes to rest before an episode."""
-JOINTS_WAY_M = 0.05
+FRAME_AGE_S = 0.05
+"""Age of the frame that stands for a step's end: to wait for a newer one would make steps uneven."""
 
 
 class Scene(Protocol):
-    """What lies under the arm: nothing to do at a real station; a simulated cloth in the twin."""
+    """The simulated cloth under the arm of a twin; a real station has none."""
 
     physics: str
 
@@ -54,6 +56,9 @@ class Scene(Protocol):
     @property
     def disturbed(self) -> bool:
         """Whether a disturbance still acts."""
+
+    def streaming(self) -> AbstractContextManager[None]:
+        """Send pictures while no step passes."""
 
     def close(self) -> None:
         """Free what the scene holds."""
@@ -154,7 +159,7 @@ class StationEnvironment(Environment):
     def observe(self) -> Observation:
         """Return what a policy may see now: the arm's pose, and the newest frame of the step's end."""
         frame = self.camera.frame(after_s=self._stepped_s)
-        state = self.cloth_state = self._perception.perceive(frame.rgb, frame.depth)
+        state = self.perceive(frame)
         return Observation(
             time_s=self.arm.time_s() - self._began_s,
             corner_positions=self.corner_positions(),
@@ -166,6 +171,11 @@ class StationEnvironment(Environment):
             depth=frame.depth,
             free_edge_m=state.free_edge_m,
         )
+
+    def perceive(self, frame: CameraFrame) -> ClothState:
+        """Return the cloth's state in a frame."""
+        state = self.cloth_state = self._perception.perceive(frame.rgb, frame.depth)
+        return state
 
     def step(self, action: FloatArray) -> None:
         """Move the set point by ``action``, (2,) m dx and dz, within the limits; returns when the step is over."""
@@ -191,12 +201,12 @@ class StationEnvironment(Environment):
         """Wait for the end of the step by the robot's clock; a step that came late does not shorten the next one."""
         self._next_s = max(self._next_s, self.arm.time_s() - self._step_s) + self._step_s
         self.arm.wait_until(self._next_s)
-        self._stepped_s = time.monotonic()
+        self._stepped_s = time.monotonic() - (FRAME_AGE_S if self.scene is None else 0.0)
         if self.scene is not None:
             self.scene.follow(self.arm.path() or [self.arm.position()], self.arm.pose()[1])
 
     def guide(self, hand_m: FloatArray | None) -> FloatArray:
-        """Let a hand move the arm for one step; return what it did, (2,) m. Where the hand is, only the arm knows."""
+        """Let a hand move the arm for one step; return the resulting action, (2,) m. ``hand_m`` is not used."""
         if not self._soft:
             self.arm.yield_to_hand(True)
             self._soft = True
@@ -205,6 +215,14 @@ class StationEnvironment(Environment):
         after = self.arm.position()
         self._set_point = after
         return self.spec.robot.pack(after - before)
+
+    def drag(self, node: int, target_m: FloatArray) -> None:
+        """Raise StationError: a real cloth is pulled by hand."""
+        raise StationError("a station's cloth cannot be dragged in a picture; pull it by hand")
+
+    def release(self) -> None:
+        """Do nothing: there is no drag."""
+        return
 
     def ground_truth(self) -> GroundTruth | None:
         """Return the twin's mesh; None at a real station."""
@@ -224,12 +242,16 @@ class StationEnvironment(Environment):
 
     @property
     def start(self) -> Mapping[str, float]:
-        """Where the episode began."""
+        """Place of the hanger when the episode began."""
         return self._start
 
     def joint_angles(self) -> FloatArray:
         """Return the joint angles of the arm, (7,) rad."""
         return self.arm.joint_angles()
+
+    def idle(self) -> AbstractContextManager[None]:
+        """Keep the camera's pictures coming while no step passes; a real camera needs no help."""
+        return nullcontext() if self.scene is None else self.scene.streaming()
 
     def close(self) -> None:
         """Hold the arm, end control and stop the camera; may be called twice."""

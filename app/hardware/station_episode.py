@@ -6,6 +6,7 @@ import uuid
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Protocol
 
 from layflat.app.hardware.station_config import StationError
 from layflat.app.hardware.station_environment import StationEnvironment
@@ -19,15 +20,27 @@ from layflat.app.workers.worker_process import Engine, NextWorkItem
 from layflat.data.atomic_files import fsync_write
 from layflat.data.session.session_writer import serialize
 from layflat.data.types import Episode, StoppedBy
+from layflat.policy.base import Policy
+from layflat.policy.environment import Environment
 from layflat.policy.rollout import run_disturbances, run_until_stop
 from layflat.policy.runner import EpisodeRunner, StepCallback
 from layflat.policy.schedule import DisturbanceScheduler
-from layflat.policy.spec import PolicySpec
+
+
+class PolicyMaker(Protocol):
+    """Makes the policy of an episode: a `PolicySpec`, or a person."""
+
+    @property
+    def label(self) -> str:
+        """Name in records."""
+
+    def make(self, env: Environment) -> Policy:
+        """Make the policy for an environment."""
 
 
 def run_station_episode(
     env: StationEnvironment,
-    policy: PolicySpec,
+    policy: PolicyMaker,
     seed: int,
     case: DisturbanceCase,
     *,
@@ -62,7 +75,7 @@ def write_commands(path: Path, env: StationEnvironment) -> None:
 
 
 def station_engine(env: StationEnvironment) -> Engine:
-    """Return the engine that runs an evaluation's items one after another on a station; and places again for each case."""
+    """Return the engine of an evaluation on a station: one item after another, a placement for each case."""
 
     def run(
         next_item: NextWorkItem, folder: Path, make: EpisodeFactory

@@ -36,3 +36,7 @@ class RecordConfig:
     """Mapping of a gamepad, written by `layflat gamepad calibrate --file`."""
     correct: Path | None = None
     """Model that places, and that the person corrects by taking over."""
+    station: Path | None = None
+    """File of a real station; ``twin``: the digital twin."""
+    slow: float = 1.0
+    yes: bool = False

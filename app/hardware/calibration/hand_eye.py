@@ -70,9 +70,7 @@ def find_board(rgb: NDArray[np.uint8], board: Board) -> BoardView | None:
     return BoardView(corners_m=corners, pixels=np.asarray(pixels, dtype=float).reshape(-1, 2))
 
 
-def calibrate_camera(
-    hands: Sequence[FloatArray], views: Sequence[BoardView], intrinsics: Intrinsics
-) -> HandEye:
+def calibrate_camera(hands: Sequence[FloatArray], views: Sequence[BoardView], intrinsics: Intrinsics) -> HandEye:
     """Return the camera's pose from poses of the hand (4, 4), world, and what the camera saw there.
 
     OpenCV's closed form (Park and Martin 1994) begins; then all corners' pixels are fitted at once. UsageError where
@@ -95,7 +93,7 @@ def calibrate_camera(
         [m[:3, 3] for m in boards],
         method=cv2.CALIB_HAND_EYE_PARK,
     )
-    pose = _matrix(Rotation.from_matrix(turn).as_rotvec(), np.asarray(place).ravel())
+    pose = _matrix(Rotation.from_matrix(turn).as_rotvec(), np.asarray(place, dtype=float).ravel())
     attached = [np.linalg.inv(hand) @ pose @ seen for hand, seen in zip(hands, boards, strict=True)]
     mean_turn = Rotation.from_matrix([m[:3, :3] for m in attached]).mean()
     start = np.concatenate([_vector(pose), mean_turn.as_rotvec(), np.mean([m[:3, 3] for m in attached], axis=0)])
@@ -127,7 +125,7 @@ def _board_pose(view: BoardView, camera: FloatArray) -> FloatArray:
     found, turn, place = cv2.solvePnP(view.corners_m, view.pixels, camera, None)
     if not found:
         raise UsageError("the board's pose cannot be told from its corners")
-    return _matrix(turn.ravel(), place.ravel())
+    return _matrix(np.asarray(turn, dtype=float).ravel(), np.asarray(place, dtype=float).ravel())
 
 
 def _matrix(turn: FloatArray, place: FloatArray) -> FloatArray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from layflat.data.arrays import FloatArray
@@ -29,7 +31,9 @@ class TableCalibration:
     inlier_share: float
 
 
-def calibrate_table(depths: list[FloatArray], intrinsics: Intrinsics, cam_to_world: FloatArray) -> TableCalibration:
+def calibrate_table(
+    depths: Sequence[NDArray[np.float32]], intrinsics: Intrinsics, cam_to_world: FloatArray
+) -> TableCalibration:
     """Fit the plane (RANSAC) to the median of ``depths`` (H, W) m, and correct tilt and height of the pose.
 
     Where x and y point and where their origin is, a plane does not tell; that stays. PerceptionError without a table.

@@ -18,7 +18,9 @@ from layflat.app.workers.process import configure_child
 START_S = 60.0
 HAND_N_M, HAND_LIMIT_N, HAND_DAMPING = 300.0, 25.0, 20.0
 """Spring, strength and damping (N s/m) of a person's hand that guides the twin's arm."""
-CHECK_TICKS = 5
+CHECK_TICKS, TICK_S = 5, 0.001
+HAND_BODY = "robot0_hand"
+"""Name that franky-sim gives the hand of its first robot."""
 
 
 class ArmProcess:
@@ -72,26 +74,29 @@ def _serve(connection: Connection, joints: list[float], parent: int) -> None:
     with MujocoSimulator() as simulator, contextlib.suppress(EOFError, OSError, KeyboardInterrupt):
         robot = simulator.add_robot(initial_q=joints)
         with SimulationServer(simulator) as server:
+            hand, target, ticks = _Hand(simulator), None, 0
             connection.send(robot.hostname)
-            hand: list[float] | None = None
-            ticks = 0
             while True:
                 ticks += 1
                 if ticks % CHECK_TICKS == 0 and connection.poll():
-                    hand = connection.recv()
-                _apply_hand(simulator, hand)
+                    target = connection.recv()
+                hand.pull(target)
                 server.run_once(True)
 
 
-def _apply_hand(simulator: Any, hand: list[float] | None) -> None:
-    data, body = simulator.data, simulator.model.body("hand").id if hand is not None else -1
-    data.xfrc_applied[:] = 0.0
-    if hand is None:
-        return
-    velocity = np.zeros(6)
-    import mujoco
+class _Hand:
+    """A person's hand at the simulated arm."""
 
-    mujoco.mj_objectVelocity(simulator.model, data, mujoco.mjtObj.mjOBJ_BODY, body, velocity, 0)
-    force = HAND_N_M * (np.array(hand) - data.xpos[body]) - HAND_DAMPING * velocity[3:]
-    size = float(np.linalg.norm(force))
-    data.xfrc_applied[body, :3] = force * min(1.0, HAND_LIMIT_N / max(size, 1e-9))
+    def __init__(self, simulator: Any) -> None:
+        self._data, self._body = simulator.data, simulator.model.body(HAND_BODY).id
+        self._before = np.array(self._data.xpos[self._body])
+
+    def pull(self, target: list[float] | None) -> None:
+        """Apply the hand's force for one tick of 1 ms; None: it is away."""
+        here = np.array(self._data.xpos[self._body])
+        speed, self._before = (here - self._before) / TICK_S, here
+        self._data.xfrc_applied[self._body, :3] = 0.0
+        if target is not None:
+            force = HAND_N_M * (np.array(target) - here) - HAND_DAMPING * speed
+            size = float(np.linalg.norm(force))
+            self._data.xfrc_applied[self._body, :3] = force * min(1.0, HAND_LIMIT_N / max(size, 1e-9))

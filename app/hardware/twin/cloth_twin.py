@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from layflat.app.hardware.station_environment import corners_at
-from layflat.app.hardware.twin.software_camera import SoftwareCamera
+from layflat.app.hardware.twin.software_camera import FPS, SoftwareCamera
 from layflat.data.arrays import FloatArray
 from layflat.data.camera import CameraModel
 from layflat.data.types import STEP_S, DisturbanceRecord, GroundTruth
@@ -83,6 +87,25 @@ class ClothTwin:
         if self._disturbance is not None and self._disturbance.done:
             self._disturbance = None
         self._send()
+
+    @contextmanager
+    def streaming(self) -> Iterator[None]:
+        """Send pictures of the resting cloth at the camera's rate from a thread, while no step passes."""
+        over = threading.Event()
+
+        def send() -> None:
+            due = time.monotonic()
+            while not over.wait(max(0.0, due - time.monotonic())):
+                self._send()
+                due += 1.0 / FPS
+
+        thread = threading.Thread(target=send, name="twin-camera", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
     def _send(self) -> None:
         self.camera.feed(*self._view.capture(self._nodes))

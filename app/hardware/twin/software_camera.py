@@ -38,6 +38,7 @@ class SoftwareCamera:
             sensor.open(profile)
             sensor.start(self._syncer)
         self._profiles = depth_profile, color_profile
+        self._open: tuple[Any, ...] = (self._depth, self._color)
         self.number = 0
         """Number of the last frame."""
 
@@ -69,8 +70,8 @@ class SoftwareCamera:
 
     def close(self) -> None:
         """Stop both sensors; may be called twice."""
-        profiles, self._profiles = self._profiles, ()
-        for sensor, _ in zip((self._depth, self._color), profiles, strict=False):
+        sensors, self._open = self._open, ()
+        for sensor in sensors:
             sensor.stop()
             sensor.close()
 

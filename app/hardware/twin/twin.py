@@ -30,7 +30,7 @@ class Twin:
         config = config or StationConfig(robot=RobotConfig(host="twin"))
         cloth, pinhole = config.cloth_spec(), default_pinhole()
         home = home_corners(cloth).mean(axis=0) - np.array(config.robot.base_m)
-        self.arm_process = ArmProcess(inverse_kinematics(home + np.array(BASE_POSITION_M)))
+        self.arm_process = ArmProcess(inverse_kinematics(home + np.array(BASE_POSITION_M)).tolist())
         model = CameraModel(**asdict(pinhole))
         self.cloth = ClothTwin(cloth, pinhole, model)
         self.config = replace(
