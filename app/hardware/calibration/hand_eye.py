@@ -124,7 +124,7 @@ def calibrate_camera(hands: Sequence[FloatArray], views: Sequence[BoardView], in
 def _board_pose(view: BoardView, camera: FloatArray) -> FloatArray:
     found, turn, place = cv2.solvePnP(view.corners_m, view.pixels, camera, None)
     if not found:
-        raise UsageError("the board's pose cannot be told from its corners")
+        raise UsageError("the board's pose does not follow from its corners")
     return _matrix(np.asarray(turn, dtype=float).ravel(), np.asarray(place, dtype=float).ravel())
 
 
