@@ -41,5 +41,5 @@ def test_a_blocked_arm_is_pulled_by_a_bounded_force() -> None:
     """12 N at 400 N/m: the set point stays within 3 cm of the hanger."""
     stuck, set_point = HERE, HERE
     for _ in range(20):
-        set_point = LIMITS.allowed(set_point, set_point + [0.01, 0.0, 0.0], stuck, 0.1)
+        set_point = LIMITS.allowed(set_point, set_point + np.array([0.01, 0.0, 0.0]), stuck, 0.1)
     assert set_point - stuck == pytest.approx([0.03, 0.0, 0.0])

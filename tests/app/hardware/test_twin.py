@@ -6,29 +6,31 @@ import json
 import threading
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("franky", reason="needs layflat[station]")
-pytest.importorskip("franky_sim", reason="needs layflat[station]")
-pytest.importorskip("pyrealsense2", reason="needs layflat[station], and libusb")
 
 from layflat.app.commands.place import PlaceConfig, place
 from layflat.app.commands.record import record
 from layflat.app.commands.station import TwinConfig
 from layflat.app.commands.station import twin as twin_command
 from layflat.app.hardware.station_config import StationError
+from layflat.app.hardware.station_environment import StationEnvironment
 from layflat.app.hardware.station_episode import run_station_episode
 from layflat.app.hardware.twin.twin import Twin
-from layflat.app.workers.work_item import NO_DISTURBANCE
 from layflat.app.workers.record_config import RecordConfig
+from layflat.app.workers.work_item import NO_DISTURBANCE
 from layflat.data.session.reader import open_session
 from layflat.policy.base import Decision
 from layflat.policy.environment import Environment
 
-pytestmark = [pytest.mark.timeout(600)]
+MISSING = [name for name in ("franky", "franky_sim", "pyrealsense2") if find_spec(name) is None]
+pytestmark = [
+    pytest.mark.timeout(600),
+    pytest.mark.skipif(bool(MISSING), reason=f"needs layflat[station]: {', '.join(MISSING)}"),
+]
 
 
 class Steps:
@@ -50,6 +52,13 @@ class Steps:
         if not self._left:
             return Decision(action=np.zeros(2), stop="converged")
         return Decision(action=np.array(self._left.pop(0)))
+
+
+def hold(env: StationEnvironment, steps: int) -> None:
+    """Stay where the arm is, and look."""
+    for _ in range(steps):
+        env.step(np.zeros(2))
+        env.observe()
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +101,7 @@ def test_a_hand_guides_the_arm_and_its_actions_are_what_it_did(twin: Twin) -> No
     start, actions = env.arm.position(), []
     for k in range(15):
         # The hand's frame is above the clips.
-        target = start + [0.01 * k, 0.0, -0.006 * k] - base + [0.0, 0.0, twin.config.robot.tool_m + 0.1034]
+        target = start - base + np.array([0.01 * k, 0.0, twin.config.robot.tool_m + 0.1034 - 0.006 * k])
         twin.arm_process.push(target.tolist())
         actions.append(env.guide(None))
     twin.arm_process.push(None)
@@ -112,9 +121,7 @@ def test_a_camera_fault_is_one_sentence_and_passes(twin: Twin, fault: str) -> No
     camera.feed = (lambda rgb, depth: last(rgb, frozen.depth)) if fault == "frozen" else (lambda rgb, depth: None)  # type: ignore[method-assign, assignment]
     try:
         with pytest.raises(StationError, match="no new frame for 2 s"):
-            for _ in range(3):
-                env.step(np.zeros(2))
-                env.observe()
+            hold(env, 3)
     finally:
         camera.feed = feed  # type: ignore[method-assign]
     env.step(np.zeros(2))
@@ -126,8 +133,7 @@ def test_a_cut_connection_is_one_sentence() -> None:
         twin.env.reset(0)
         threading.Timer(1.0, twin.arm_process.kill).start()
         with pytest.raises(StationError) as caught:
-            for _ in range(100):
-                twin.env.step(np.array([0.001, 0.0]))
+            hold(twin.env, 100)
         assert "\n" not in str(caught.value)
         assert "robot" in str(caught.value) or "arm" in str(caught.value)
 
