@@ -54,7 +54,7 @@ def app(config: AppConfig) -> int:
             if folder.read_only:
                 print(f"layflat: {config.folder} cannot be written; it can only be looked at", file=sys.stderr)
             if config.open_browser and has_display():
-                threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+                threading.Thread(target=open_browser, args=(address,), daemon=True).start()
             with stop_on_signals(impatient=False) as stopped:
                 while not stopped():
                     workstation.round()
@@ -64,6 +64,12 @@ def app(config: AppConfig) -> int:
 def make_viewer(workstation: Workstation, client: viser.ClientHandle) -> Viewer:
     """Make the viewer of a client, with all pages."""
     return Viewer(workstation, client, PAGES)
+
+
+def open_browser(address: str) -> None:
+    """Open the address in a browser; say so where there is none."""
+    if not webbrowser.open(address):
+        print("layflat: no browser could be opened; open the address above yourself", file=sys.stderr)
 
 
 def check_folder(folder: Path) -> None:

@@ -28,7 +28,7 @@ div:has(> .lf-tabs) + div button:nth-of-type({number}) {{background: #0f766e !im
 @media (max-width: 600px) {{
 .mantine-Paper-root:has(.lf-tabs), .mantine-Paper-root:has(.lf-tabs) div[style*="width: 20em"]
 {{width: 100% !important; max-width: 100vw}}
-.mantine-Paper-root:has(.lf-tabs) {{min-height: 58vh !important}}
+.mantine-Paper-root:has(.lf-tabs) {{min-height: 58vh !important; max-height: 58vh !important}}
 div:has(> div > div > canvas) {{height: 42vh !important}}
 }}
 </style><span class="lf-tabs"></span>"""

@@ -120,7 +120,8 @@ class Curves:
             x = f"(event.clientX-r.left)/r.width*{WIDE}-{LEFT}"
             step = f"Math.round(Math.min(Math.max(({x})/{RIGHT - LEFT},0),1)*{end_s / step_s:.3f})"
             script = f"const r=this.getBoundingClientRect();{write('step', step)}"
-            click = f'onclick="{html.escape(script)}" style="cursor:crosshair"'
+            # While an episode plays, the picture may be another one when the button goes up.
+            click = f'onpointerdown="{html.escape(script)}" style="cursor:crosshair"'
         contact = [(one.time_s, [100 * value for value in one.contact]) for one in series]
         word = [(one.time_s, one.angle_deg) for one in series]
         plots = _plot("contact (%)", contact, (0, 50, 100), end_s, at_s, 'stroke-width="1.6"', click)

@@ -14,7 +14,9 @@ from layflat.app.workstation.web.job_view import JobView
 from layflat.app.workstation.web.viewer import Page
 from layflat.app.workstation.web.widgets import put, sentence, table
 from layflat.policy.spec import SCRIPTED
+from layflat.sim.cloth.registry import CLOTHS
 from layflat.sim.disturbances.presets import DISTURBANCES
+from layflat.sim.robots.registry import ROBOTS
 
 NONE = "none"
 MODELS_MAX = 12
@@ -36,6 +38,9 @@ class EvaluatePage(Page):
                 self._policies = {name: self.gui.add_checkbox(name, False) for name in names}
                 hint = "package.module:factory, names of entry points, or ws://HOST:PORT, with spaces between them"
                 self._own = self.gui.add_text("Your own", "", hint=hint)
+            now, hint = self.workstation.settings, "Where no model is ticked, which brings its own."
+            self._robot = self.choice("Robot", list(ROBOTS), now.robot, hint=hint)
+            self._cloth = self.choice("Cloth", list(CLOTHS), now.cloth, hint=hint)
             suites = [NONE, *shipped(), *(name for name in DISTURBANCES if name not in (NONE, *shipped()))]
             self._suite = self.choice("Disturbed by", suites)
             self._episodes = self.gui.add_number("Starts", 10, min=1, max=10_000, step=1)
@@ -57,6 +62,8 @@ class EvaluatePage(Page):
         if not policies:
             raise UsageError("no policy is chosen; tick at least one")
         arguments = [*policies, "--episodes", str(int(self._episodes.value)), "--seed", str(EVALUATION_SEED)]
+        if set(chosen) <= {SCRIPTED}:
+            arguments += ["--robot", str(self._robot.value), "--cloth", str(self._cloth.value)]
         arguments += ["--disturb", str(self._suite.value)] if self._suite.value != NONE else []
         arguments += ["--videos"] if self._videos.value else []
         self._job.start(["evaluate", *arguments, "--out", str(self.folder.new(self._name.value))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -115,6 +116,120 @@ def test_two_episodes_are_replayed_side_by_side(folder, serve, browser):
     person.close()
 
 
+def test_a_click_into_the_curves_goes_to_its_step_in_both_episodes(folder, serve, browser):
+    person = BrowserPerson(browser, address_of(serve(folder)))
+    person.tab("Replay")
+    person.choose("Episode", "demo_0")
+    person.choose("Beside it", "demo_2")
+    curve = person.page.get_by_role("img", name="contact (%) over time")
+    wait(lambda: curve.locator("path[fill=none]").count() == 2, "a line for each of both episodes")
+    person.press("end")
+    person.sees("step 6 of 6")
+    box = curve.bounding_box()
+    for share, step in ((0.0, 0), (1.0, 6), (0.5, 3)):
+        x = box["x"] + box["width"] * (26 + share * 268) / 300
+        person.page.mouse.click(x, box["y"] + box["height"] / 2)
+        person.sees(f"step {step} of 6")
+        wait(lambda share=share: _cursor(curve) == pytest.approx(26 + share * 268, abs=0.1), "the line of the moment")
+    assert person.errors == []
+    person.close()
+
+
+def _cursor(curve: playwright.Locator) -> float:
+    found = re.match(r"M([\d.]+) ", str(curve.locator("path.lf-now").get_attribute("d")))
+    assert found is not None
+    return float(found[1])
+
+
+def test_dark_pages_are_offered_and_kept(folder, serve, browser):
+    server = serve(folder)
+    person = BrowserPerson(browser, address_of(server))
+    scheme = "document.documentElement.dataset.mantineColorScheme"
+    assert person.page.evaluate(scheme) == "light"
+    person.tab("Settings")
+    person.page.get_by_label("Dark pages").check()
+    wait(lambda: person.page.evaluate(scheme) == "dark", "the dark theme")
+    second = BrowserPerson(browser, address_of(server))
+    wait(lambda: second.page.evaluate(scheme) == "dark", "the dark theme for the next viewer")
+    assert json.loads((folder / "workstation.json").read_text())["dark"] is True
+
+
+def test_on_a_phone_scene_and_page_share_the_screen(folder, serve, browser):
+    person = BrowserPerson(browser, address_of(serve(folder)), (390, 844))
+    for name in PAGES:
+        person.tab(name)
+        scene = person.page.locator("canvas").first.bounding_box()
+        sheet = person.page.locator(".mantine-Paper-root:has(.lf-tabs)").bounding_box()
+        assert (sheet["x"], sheet["width"]) == (0, 390), name
+        assert abs(scene["y"] + scene["height"] - sheet["y"]) <= 1, name
+        assert 844 - sheet["y"] - sheet["height"] == pytest.approx(0, abs=1), name
+
+
+OWN_POLICY = """
+import numpy as np
+from layflat import Decision
+
+class Lower:
+    def __init__(self, spec):
+        self.down = np.array([-0.02 if axis.coordinate.startswith("z") else 0.0 for axis in spec.robot.axes])
+    def reset(self, seed): ...
+    def act(self, observation):
+        return Decision(action=self.down, stop="threshold" if observation.time_s > 0.4 else None)
+"""
+
+
+@pytest.fixture
+def own_policy(tmp_path, monkeypatch) -> str:
+    """Name of a policy of the user's, in the folder from which programs are started."""
+    (tmp_path / "lower_19.py").write_text(OWN_POLICY)
+    monkeypatch.chdir(tmp_path)
+    return "lower_19:Lower"
+
+
+def test_a_policy_of_ones_own_is_placed(folder, serve, browser, own_policy):
+    person = BrowserPerson(browser, address_of(serve(folder)))
+    person.tab("Place")
+    person.choose("Policy", "one of your own")
+    for text, problem in (
+        ("../secret.npz", "'../secret.npz' is not package.module:factory"),
+        ("no_such_19:Lower", "cannot be imported, ModuleNotFoundError"),
+        ("ws://127.0.0.1:9", "127.0.0.1:9"),
+    ):
+        person.write("Its name", text)
+        person.press("Place")
+        person.sees(re.escape(problem))
+        person.button("Place").wait_for()
+    person.write("Its name", own_policy)
+    person.press("Place")
+    person.sees("Stopped: 0 %, in the air", 120)
+    person.sees("lower_19.Lower")
+    assert person.errors == []
+
+
+@pytest.mark.slow
+def test_a_policy_of_ones_own_is_evaluated(folder, serve, browser, own_policy):
+    person = BrowserPerson(browser, address_of(serve(folder)))
+    person.tab("Evaluate")
+    person.write("Your own", "/etc/passwd")
+    person.press("Evaluate")
+    person.sees("'/etc/passwd' is not package.module:factory")
+    person.write("Your own", own_policy)
+    person.write("Starts", "1")
+    person.write("Folder", "own")
+    person.press("Evaluate")
+    person.sees("Show the report", 180)
+    person.sees("lower_19.Lower")
+    assert (folder / "own" / "report.html").exists()
+
+
+def test_layflat_place_takes_a_policy_of_ones_own(tmp_path, start_program, own_policy):
+    found = tmp_path / "placed.json"
+    program = start_program("layflat.app.cli.main", "place", own_policy, "--robot", "hanger", "--json", found)
+    assert program.wait(120) == 0, program.err
+    (episode,) = json.loads(found.read_text())["episodes"]
+    assert (episode["policy"], episode["stopped_by"]) == ("lower_19.Lower", "threshold")
+
+
 def test_a_file_that_vanishes_while_it_is_shown_is_a_sentence(folder, serve, browser):
     person = BrowserPerson(browser, address_of(serve(folder)))
     person.tab("Data")
@@ -125,6 +240,35 @@ def test_a_file_that_vanishes_while_it_is_shown_is_a_sentence(folder, serve, bro
     person.tab("Data")
     person.sees("There is no session in this folder; record one first")
     person.close()
+
+
+def test_a_session_a_model_or_a_result_that_vanishes_is_a_sentence_on_its_page(folder, serve, browser):
+    (folder / "model.npz").touch()
+    (folder / "compared").mkdir()
+    (folder / "compared" / "episodes.csv").touch()
+    person = BrowserPerson(browser, address_of(serve(folder)))
+    gone = "is not in .* any more; choose another one"
+    person.tab("Train")
+    person.page.wait_for_timeout(300)
+    (folder / "demos.h5").rename(folder / "demos.gone")
+    person.press("Train")
+    person.sees(f"demos.h5 {gone}")
+    (folder / "demos.gone").rename(folder / "demos.h5")
+    person.tab("Replay")
+    person.sees("step . of 6")
+    (folder / "demos.h5").unlink()
+    person.choose("Episode", "demo_0")
+    person.sees(f"demos.h5 {gone}")
+    person.tab("Evaluate")
+    (folder / "compared" / "episodes.csv").unlink()
+    person.press("Show the report")
+    person.sees(f"compared {gone}")
+    person.tab("Place")
+    person.choose("Policy", "model.npz")
+    (folder / "model.npz").unlink()
+    person.press("Place")
+    person.sees(f"model.npz {gone}")
+    assert person.errors == []
 
 
 def test_only_one_viewer_is_in_control_and_a_take_pauses_without_them(folder, serve, browser):
@@ -217,6 +361,34 @@ def test_a_port_in_use_is_a_sentence(tmp_path, serve, start_program):
     )
 
 
+@pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
+def test_a_folder_that_is_read_only_can_be_looked_at(folder, serve, browser):
+    folder.chmod(0o555)
+    try:
+        server = serve(folder)
+        person = BrowserPerson(browser, address_of(server))
+        assert f"layflat: {folder} cannot be written; it can only be looked at" in server.err
+        person.sees("cannot be written; look at it in Replay and Data")
+        person.tab("Replay")
+        person.sees("step . of 6")
+        person.tab("Train")
+        person.press("Train")
+        person.sees("cannot be written; it can only be looked at")
+        assert person.errors == []
+    finally:
+        folder.chmod(0o755)
+
+
+def test_without_a_browser_the_address_is_enough(tmp_path, start_program, monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":97")
+    monkeypatch.setenv("BROWSER", str(tmp_path / "no-such-browser"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    server = start_program("layflat.app.cli.main", "app", "--folder", tmp_path / "runs", "--port", 0)
+    address_of(server)
+    server.until("layflat: no browser could be opened; open the address above yourself")
+
+
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path, serve):
     (tmp_path / "file").touch()
     server = serve(tmp_path / "file")
@@ -240,6 +412,7 @@ def test_an_afternoon_from_an_empty_folder_to_a_repaired_cloth(tmp_path, serve, 
     person.sees("3 of 3 episodes are successes")
     person.press("Train")
     person.sees("the model is chosen on the page Place", 180)
+    person.page.get_by_role("img", name="Learned displacements").wait_for()
     assert (tmp_path / "demos-gp-word.npz").exists()
     person.tab("Place")
     assert person.field("Policy").input_value() == "demos-gp-word.npz"
