@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -43,17 +43,12 @@ class Viewport:
     dragging: Literal["", "turn", "pan", "cloth"] = ""
     """The use of a button that is down in the view."""
     _view: tuple[tuple[str, str], View3d] | None = None
-    _scene_picture: tuple[Any, pygame.Surface] | None = None
-    _image_picture: tuple[Any, pygame.Surface] | None = None
 
     def draw(self, canvas: Canvas, frame: SimulationFrame, ghost: FloatArray | None = None) -> None:
         """Fill the canvas with the 3D view; ``ghost``: nodes (N, 3) of a demonstration beside the cloth."""
         size = canvas.surface.get_size()
-        key = (id(frame), self.camera, size, self.hover, id(self.drag), id(self.hand), id(ghost))
-        if self._scene_picture is None or self._scene_picture[0] != key:
-            rgb = self._view3d(frame).draw(self._scene(frame, ghost), self.camera, size, canvas.scale)
-            self._scene_picture = (key, style.make_picture(rgb))
-        canvas.surface.blit(self._scene_picture[1], (0, 0))
+        rgb = self._view3d(frame).draw(self._scene(frame, ghost), self.camera, size, canvas.scale)
+        canvas.surface.blit(style.make_picture(rgb), (0, 0))
         for name, color, head in axis_heads():
             canvas.text(name, self.pixel_of(head, size), 12, color, align="center")
 
@@ -87,60 +82,53 @@ class Viewport:
             canvas.card()
             canvas.text("Camera", (canvas.px(12), canvas.px(7)), 13, style.QUIET)
             return
-        key = (id(frame), area.size)
-        if self._image_picture is None or self._image_picture[0] != key:
-            # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
-            scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
-            drawn = draw_cloth_state(frame.rgb, frame.cloth_state, _PINHOLE, scale=scale)
-            factor = min(area.width / drawn.shape[1], area.height / drawn.shape[0])
-            size = (round(drawn.shape[1] * factor), round(drawn.shape[0] * factor))
-            how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
-            small = np.asarray(cv2.resize(drawn, size, interpolation=how), dtype=np.uint8)
-            self._image_picture = (key, style.make_picture(small))
-        picture = self._image_picture[1]
+        # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
+        scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
+        drawn = draw_cloth_state(frame.rgb, frame.cloth_state, _PINHOLE, scale=scale)
+        factor = min(area.width / drawn.shape[1], area.height / drawn.shape[0])
+        size = (round(drawn.shape[1] * factor), round(drawn.shape[0] * factor))
+        small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
+        picture = style.make_picture(np.asarray(small, dtype=np.uint8))
         surface.blit(picture, picture.get_rect(center=area.center))
 
-    # The mouse, in pixels of the view
-
-    def press(
-        self, at: tuple[int, int], button: int, size: tuple[int, int], frame: SimulationFrame | None, drag: bool
+    def handle_mouse(
+        self, event: pygame.event.Event, view: pygame.Rect, scale: float, frame: SimulationFrame | None, drag: bool
     ) -> None:
-        """Handle a button that goes down at ``at``; ``drag``: the cloth may be dragged now."""
-        node = self._node(at, size, frame) if drag and button == 1 else None
-        if node is not None and frame is not None:
-            self.dragging = "cloth"
-            self.drag = DragTarget(node=node, target_m=frame.nodes[node])
-        else:
-            shifted = bool(pygame.key.get_mods() & pygame.KMOD_SHIFT)
-            self.dragging = "pan" if button == MIDDLE or shifted else "turn"
+        """Handle the mouse in the window, whose part ``view`` this is; ``drag``: the cloth may be dragged now."""
+        if event.type == pygame.MOUSEBUTTONUP:
+            self.dragging, self.drag = "", None
+        elif event.type == pygame.MOUSEMOTION and self.dragging:
+            self._move(event.rel, view.height, scale)
+        elif event.type in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEWHEEL):
+            pos = pygame.mouse.get_pos() if event.type == pygame.MOUSEWHEEL else event.pos
+            node = self._node((pos[0] - view.left, pos[1] - view.top), view.size, frame) if drag else None
+            if not view.collidepoint(pos):
+                return
+            if event.type == pygame.MOUSEWHEEL:
+                self.camera = self.camera.zoomed(getattr(event, "precise_y", event.y))
+            elif event.type == pygame.MOUSEMOTION:
+                self.hover = node
+            elif node is not None and frame is not None and event.button == 1:
+                self.dragging, self.drag = "cloth", DragTarget(node=node, target_m=frame.nodes[node])
+            elif event.button in (1, 2, 3):
+                shifted = bool(pygame.key.get_mods() & pygame.KMOD_SHIFT)
+                self.dragging = "pan" if event.button == MIDDLE or shifted else "turn"
 
-    def move(self, by: tuple[int, int], size: tuple[int, int], scale: float) -> None:
+    def _move(self, by: tuple[int, int], height: int, scale: float) -> None:
         """Turn or pan the view, or drag the cloth in the plane that faces the eye."""
         if self.dragging == "turn":
             self.camera = self.camera.turned(by[0] / scale, by[1] / scale)
         elif self.dragging == "pan":
-            self.camera = self.camera.panned(*by, size[1])
-        elif self.dragging == "cloth" and self.drag is not None:
-            target = self.camera.dragged(np.array(self.drag.target_m), *by, size[1])
+            self.camera = self.camera.panned(*by, height)
+        elif self.drag is not None:
+            target = self.camera.dragged(np.array(self.drag.target_m), *by, height)
             target[2] = max(target[2], TABLE_LIFT_M)
             self.drag = replace(self.drag, target_m=target)
-
-    def point(self, at: tuple[int, int], size: tuple[int, int], frame: SimulationFrame | None, drag: bool) -> None:
-        """Handle the mouse at ``at`` with no button down."""
-        self.hover = self._node(at, size, frame) if drag else None
-
-    def release(self) -> None:
-        """Handle a button that comes up."""
-        self.dragging, self.drag = "", None
 
     def end_drag(self) -> None:
         """Release the cloth, if it is dragged; a view that is being turned is left alone."""
         if self.dragging == "cloth":
-            self.release()
-
-    def zoom(self, steps: float) -> None:
-        """Zoom in by so many clicks of the wheel."""
-        self.camera = self.camera.zoomed(steps)
+            self.dragging, self.drag = "", None
 
     def _node(self, at: tuple[int, int], size: tuple[int, int], frame: SimulationFrame | None) -> int | None:
         if frame is None:

@@ -112,7 +112,8 @@ class Window:
         elif event.type in (pygame.WINDOWEXPOSED, pygame.WINDOWRESTORED):
             self.painter.forget()
         elif not (self._click(event) or self._key(event) or self.inputs.handle_event(event)):
-            self._handle_mouse(event)
+            inputs = self.inputs
+            inputs.viewport.handle_mouse(event, inputs.view, inputs.scale, self.client.frame, inputs.can_drag())
 
     def _actions(self) -> dict[str, Callable[[], None]]:
         return {
@@ -178,27 +179,6 @@ class Window:
                 hint.press()
                 return True
         return False
-
-    def _handle_mouse(self, event: pygame.event.Event) -> None:
-        """Handle the mouse over the view."""
-        view, viewport, frame = self.inputs.view, self.inputs.viewport, self.client.frame
-        if event.type == pygame.MOUSEBUTTONUP and viewport.dragging:
-            viewport.release()
-        if event.type not in (pygame.MOUSEBUTTONDOWN, pygame.MOUSEMOTION, pygame.MOUSEWHEEL):
-            return
-        if event.type == pygame.MOUSEMOTION and viewport.dragging:
-            viewport.move(event.rel, view.size, self.painter.scale)
-            return
-        pos = pygame.mouse.get_pos() if event.type == pygame.MOUSEWHEEL else event.pos
-        if not view.collidepoint(pos):
-            return
-        at, drag = (pos[0] - view.left, pos[1] - view.top), self.inputs.can_drag()
-        if event.type == pygame.MOUSEWHEEL:
-            viewport.zoom(getattr(event, "precise_y", event.y))
-        elif event.type == pygame.MOUSEBUTTONDOWN and event.button in (1, 2, 3):
-            viewport.press(at, event.button, view.size, frame, drag)
-        elif event.type == pygame.MOUSEMOTION:
-            viewport.point(at, view.size, frame, drag)
 
 
 def icon() -> pygame.Surface:
