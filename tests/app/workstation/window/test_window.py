@@ -13,6 +13,7 @@ import pytest
 
 from layflat.app.media.cloth_colors import contrast
 from layflat.app.support.errors import LayflatError
+from layflat.app.workstation.session.status import SessionStatus
 from layflat.app.workstation.window import panels, sound, style
 from layflat.app.workstation.window.display import load_memory
 from layflat.app.workstation.window.orbit_camera import PRESETS
@@ -344,13 +345,25 @@ def test_the_window_shows_who_is_in_control(sit_down):
     assert (band == style.HUMAN).all(axis=-1).any()
     pad.axis("left_x", 0.0)
     person.wait(lambda: person.status.controller == "scripted", "its return")
-    pad.tap("up")
-    person.wait(lambda: person.status.phase == "disturb" and person.state == "running", "the disturbance")
-    assert panels.headline(person.status)[1] == "scripted waits until the cloth rests"
     person.window.close()
     (episode,) = stored_episodes(contents.request.session)
     assert episode.source == "scripted+gamepad"
     assert any(step.intervention for step in episode.steps)
+
+
+@pytest.mark.parametrize(
+    ("phase", "controller", "words"),
+    [
+        ("place", "word", "word places"),
+        ("disturb", "", "word waits until the cloth rests"),
+        ("repair", "word", "word repairs"),
+        ("place", "you", "You are in control"),
+        ("repair", "you", "You are in control"),
+    ],
+)
+def test_the_headline_says_who_acts(phase, controller, words):
+    status = SessionStatus(mode="correct", state="running", phase=phase, policy="word", controller=controller)
+    assert panels.headline(status)[1] == words
 
 
 def test_the_best_demonstration_is_shown_beside_the_cloth(sit_down, tmp_path, make_episode, lying):
