@@ -24,6 +24,8 @@ COLUMN_TEXTS: Mapping[str, tuple[str, str]] = {
     "outcome": ("", "success, failure or partial"),
     "stopped_by": ("", "why it ended: converged, threshold, step_limit, unstable, interrupted or crashed"),
     "disturbance": ("", "name of the disturbance or suite, or none"),
+    "decision_ms": ("ms", "mean wall time of a decision of the policy"),
+    "conditions": ("", "conditions that are not the usual ones, as JSON: keys of layflat config"),
     "steps": ("", "number of control steps"),
     "step_s": ("s", "simulated time of a control step"),
     "contact_start": ("1", f"{_PORTION}, before the first step"),

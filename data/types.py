@@ -203,6 +203,8 @@ class Episode:
     disturbance: str = "none"
     """Name of the disturbance, or of the suite of them; or "none"."""
     wall_s: float = 0.0
+    decision_s: float | None = None
+    """Mean wall time of a decision of the policy; None where it is not known."""
     start: Mapping[str, float] = field(default_factory=dict)
     """Random parameters of the start, by name (friction, mass, hem side, ...)."""
     provenance: Provenance = field(default_factory=Provenance)

@@ -57,6 +57,7 @@ class EpisodeRunner:
         self.started_s = time.monotonic()
         """Clock of the machine when the episode started, for its wall time."""
         self._keep_images, self._callbacks, self._dragging = keep_images, tuple(callbacks), False
+        self._decisions, self._decisions_s = 0, 0.0
         policy.reset(seed)
         self.observation = env.observe()
         """Observation at the start of the next step."""
@@ -82,7 +83,7 @@ class EpisodeRunner:
         """
         action, std, hand = self.env.spec.robot.zeros(), None, None
         if phase != "disturb":
-            decision = as_decision(self.policy.act(self.observation))
+            decision = self._decide()
             if decision.stop is not None:
                 return decision.stop
             action, std, hand = decision.action, decision.std, decision.hand
@@ -114,6 +115,12 @@ class EpisodeRunner:
         for callback in self._callbacks:
             callback.on_step(step, len(self.steps))
         return None
+
+    def _decide(self) -> Decision:
+        began_s = time.perf_counter()
+        decision = as_decision(self.policy.act(self.observation))
+        self._decisions, self._decisions_s = self._decisions + 1, self._decisions_s + time.perf_counter() - began_s
+        return decision
 
     def run_phase(self, phase: Phase, max_steps: int) -> StoppedBy:
         """Run steps until the phase is over; return why."""
@@ -147,6 +154,7 @@ class EpisodeRunner:
             stopped_by=stopped_by,
             outcome=outcome,
             wall_s=time.monotonic() - self.started_s,
+            decision_s=self._decisions_s / self._decisions if self._decisions else None,
         )
 
     def _describe_beginning(self) -> Episode:

@@ -36,6 +36,8 @@ MIN_POINTS = 10
 _AGREED = {"task": "the tasks", "cloth": "the cloths", "step_s": "steps of", "descriptor": "the descriptors"}
 SIZE_KEYS = ("cloth_length_m", "cloth_width_m")
 """Settings of a recorded simulation that say how large its cloth is."""
+SIZE_FACTOR = "size_factor"
+"""Setting that says how much larger it was simulated."""
 SizeOf: TypeAlias = Callable[[str, Mapping[str, Any]], ClothFrame | None]
 """Returns the size of a cloth, by its name and the settings of its simulation; None where it is not known."""
 
@@ -196,7 +198,10 @@ def recorded_size(cloth: str, settings: Mapping[str, Any]) -> ClothFrame | None:
     """Return the size of an episode's cloth by the settings of its simulation; None where they do not say it."""
     length, width = (settings.get(key) for key in SIZE_KEYS)
     known = isinstance(length, float) and isinstance(width, float) and 0.01 < length < 10.0 and 0.01 < width < 10.0
-    return ClothFrame(length_m=float(length), width_m=float(width)) if known else None  # type: ignore[arg-type]
+    factor = settings.get(SIZE_FACTOR, 1.0)
+    if not known or not isinstance(factor, float) or not 0.1 < factor < 10.0:
+        return None
+    return ClothFrame(length_m=factor * float(length), width_m=factor * float(width))  # type: ignore[arg-type]
 
 
 def _shared(source: Session | Episode) -> dict[str, Any]:

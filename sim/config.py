@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 from layflat.data.environment_spec import ClothShape, EnvironmentSpec
 from layflat.data.robot import RobotSpec
-from layflat.data.types import STEP_S
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
-from layflat.sim.cloth.registry import PREFIX, cloth_settings, cloth_spec, remember
-from layflat.sim.cloth.spec import DEFAULT_CLOTH, ClothSpec
+from layflat.sim.cloth.registry import CLOTHS, PREFIX, cloth_settings, cloth_spec, recorded_cloth, remember
+from layflat.sim.cloth.spec import DEFAULT_CLOTH, HELD_STRETCH, ClothSpec
+from layflat.sim.conditions.keys import Conditions, Setting, keys
 from layflat.sim.errors import SimError, look_up
 from layflat.sim.physics.registry import DEFAULT_PHYSICS, PHYSICS
-from layflat.sim.robots.base import Control
 from layflat.sim.robots.registry import robot_spec
 from layflat.sim.starts.base import Start
 from layflat.sim.starts.registry import STARTS
@@ -20,8 +21,8 @@ from layflat.sim.tasks import DEFAULT_TASK, TASKS, Task
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimConfig:
-    """Settings of a simulation; with a seed they determine an episode's start."""
+class SimConfig(Conditions):
+    """Settings of a simulation, its conditions among them; with a seed they determine an episode's start."""
 
     robot: str
     task: str = DEFAULT_TASK
@@ -35,21 +36,19 @@ class SimConfig:
     ``swinging`` to the front low over the table (figure 5-1); ``crumpled`` on the table (chapter 3-2-2)."""
     descriptor: str = DEFAULT_DESCRIPTOR
     """Name of the descriptor whose direction is an observation's ``word``."""
-    table_friction: float = 1.0
-    """Factor on the cloth's own friction of 0.5; the product worked best at 0.5 of 0.3, 0.5 and 0.8."""
-    control: Control = "impedance"
     camera: bool = True
     """False: observations have no image, and contact and WORD read 0 (for benchmarks of the physics)."""
     noise: bool = True
     """Depth noise of the camera."""
-    step_s: float = STEP_S
     own_cloth: ClothSpec | None = None
     """A cloth that is no preset, which ``cloth`` then names."""
     cloth_spec: ClothSpec = field(init=False)
+    """The cloth under these conditions."""
     task_spec: Task = field(init=False)
     start_spec: Start = field(init=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         robot, task = self.robot_spec, look_up("task", self.task, TASKS)
         look_up("physics", self.physics, PHYSICS)
         look_up("descriptor", self.descriptor, DESCRIPTORS)
@@ -60,19 +59,21 @@ class SimConfig:
             raise SimError(
                 f"a {start.name} start needs a robot that moves both corners, such as pickers, not {robot.name}"
             )
-        if not 0.01 <= self.step_s <= 1.0:
-            raise SimError(f"step_s is {self.step_s}; it must be between 0.01 and 1")
-        cloth = cloth_spec(self.cloth) if self.own_cloth is None else remember(self.own_cloth)
+        cloth = cloth_spec(self.cloth) if self.own_cloth is None else self.own_cloth
+        cloth = remember(replace(cloth, held_stretch=HELD_STRETCH))
         own = cloth if cloth_settings(cloth) else None
         derived = {"start": start.name, "task_spec": task, "start_spec": start}
-        for name, value in (derived | {"cloth": cloth.name, "cloth_spec": cloth, "own_cloth": own}).items():
+        cloths = {"cloth": cloth.name, "cloth_spec": self.changed_cloth(cloth), "own_cloth": own}
+        for name, value in (derived | cloths).items():
             object.__setattr__(self, name, value)
 
     def environment_spec(self) -> EnvironmentSpec:
         """Return the part of the settings that policies and recorders need."""
         own = {item.name for item in fields(EnvironmentSpec)}
         names = [item.name for item in fields(self) if item.init and item.name not in (*own, "own_cloth")]
-        sizes = {f"{PREFIX}{name}": getattr(self.cloth_spec, name) for name in ("length_m", "width_m")}
+        usual = CLOTHS[self.cloth] if self.own_cloth is None else self.own_cloth
+        sizes = {f"{PREFIX}{name}": getattr(usual, name) for name in ("length_m", "width_m")}
+        own_cloth = cloth_settings(usual)
         shape = {item.name: getattr(self.cloth_spec, item.name) for item in fields(ClothShape)}
         return EnvironmentSpec(
             robot=self.robot_spec,
@@ -84,8 +85,12 @@ class SimConfig:
             descriptor=self.descriptor,
             step_s=self.step_s,
             cloth_shape=ClothShape(**shape),
-            config={name: getattr(self, name) for name in names} | cloth_settings(self.cloth_spec) | sizes,
+            config={name: getattr(self, name) for name in names} | sizes | own_cloth,
         )
+
+    def under(self, settings: Mapping[str, Setting]) -> SimConfig:
+        """Return the same simulation under other conditions."""
+        return replace(self, **settings)  # type: ignore[arg-type]
 
     @property
     def robot_spec(self) -> RobotSpec:
@@ -96,3 +101,9 @@ class SimConfig:
     def substeps(self) -> int:
         """Physics steps of a control step, as long as they are not refined."""
         return max(1, round(self.step_s * self.cloth_spec.rate_hz))
+
+
+def recorded_spec(name: str, settings: Mapping[str, Any]) -> ClothSpec:
+    """Return the cloth of an episode as it was simulated; SimError where it is unknown."""
+    conditions = Conditions(**{key: settings[key] for key in keys() if key in settings})
+    return conditions.changed_cloth(recorded_cloth(name, settings))

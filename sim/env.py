@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from layflat.data.format import schema
 from layflat.data.types import ACTION_LIMIT_M, GroundTruth
-from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import disturbance_spec
@@ -113,7 +112,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self.observation_space = spaces.Dict({**self._spaces})  # type: ignore[assignment]  # gymnasium types it Dict[Any]
 
     def _make_spaces(self) -> dict[str, spaces.Box[Any]]:
-        pinhole = default_pinhole()
+        pinhole = self.simulation.pinhole
         sides = {"H": pinhole.height, "W": pinhole.width}
         sides |= {f"{side} of depth": length for side, length in sides.items()}
         boxes: dict[str, spaces.Box[Any]] = {}

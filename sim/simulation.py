@@ -11,12 +11,14 @@ from layflat.data.camera import CameraModel
 from layflat.data.types import DisturbanceRecord, DragTarget, GroundTruth, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import make_descriptor
-from layflat.sim.camera.camera import D435_NOISE, Camera, default_pinhole
+from layflat.sim.camera.camera import Camera, noise_of, pinhole_of
+from layflat.sim.camera.renderer import light_of
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.controller import DisturbanceController
 from layflat.sim.disturbances.mouse_drag import MouseDrag, pick_node
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
 from layflat.sim.errors import SimError
+from layflat.sim.latency import Latency
 from layflat.sim.physics.base import GRAVITY_M_S2, Cloth, World
 from layflat.sim.physics.registry import make_world
 from layflat.sim.robots.base import Robot
@@ -40,11 +42,11 @@ class ClothSimulation:
         self.world: World | None = None
         self.cloth_state: ClothState | None = None
         """Output of the perception for the last observation; None without a camera."""
-        self._pinhole = default_pinhole(config.cloth_spec)
-        camera = CameraModel(**asdict(self._pinhole)) if config.camera else None
+        self.pinhole = pinhole_of(config, config.cloth_spec)
+        camera = CameraModel(**asdict(self.pinhole)) if config.camera else None
         self.spec = replace(config.environment_spec(), camera=camera)
         self._perception = PerceptionPipeline(
-            self._pinhole, PerceptionConfig(descriptor=make_descriptor(config.descriptor))
+            self.pinhole, PerceptionConfig(descriptor=make_descriptor(config.descriptor))
         )
 
     def reset(self, seed: int) -> None:
@@ -61,7 +63,9 @@ class ClothSimulation:
         self.cloth: Cloth = world.add_cloth(spec, initial.nodes)
         world.add_air(self.cloth)
         attach(self.cloth, initial.corners)
-        self.robot: Robot = robot_type(config.robot)(self.cloth, initial.corners, control=config.control)
+        self.robot: Robot = robot_type(config.robot)(
+            self.cloth, initial.corners, control=config.control, stiffness_n_m=config.arm_stiffness_n_m
+        )
         self._disturbance: DisturbanceController | None = None
         self._drag: MouseDrag | None = None
         self._drag_target_m: FloatArray | None = None
@@ -76,16 +80,17 @@ class ClothSimulation:
             self._disturbance = DisturbanceController(self.cloth, plan)
             return plan
 
-        scene = StartScene(cloth=self.cloth, robot=self.robot, step=self.step, disturb=disturb, rng=rng)
+        scene = StartScene(cloth=self.cloth, robot=self.robot, step=self._step, disturb=disturb, rng=rng)
         drawn = config.start_spec.move(scene)
         self._ticks_before = world.ticks_done
         self.start = self._describe_start() | dict(drawn)
+        self._latency = Latency(config, self.spec.robot.zeros())
 
     def _start_camera(self, seed: int) -> None:
         """Make the camera, and measure P_flat of Eq. 4-7 through it: the cloth as it would lie flat."""
-        noise = D435_NOISE if self.config.noise else None
-        self.camera = Camera(self.cloth, pinhole=self._pinhole, noise=noise, seed=seed)
-        spec = self.config.cloth_spec
+        config, spec = self.config, self.config.cloth_spec
+        noise = noise_of(config) if config.noise else None
+        self.camera = Camera(self.cloth, pinhole=self.pinhole, noise=noise, light=light_of(config), seed=seed)
         flat = self._perception.perceive(*self.camera.capture(spec.flat_nodes(x_m=spec.home_x_m)))
         self._calibrated = self._perception.with_flat_pixels(flat.cloth_pixels)
 
@@ -105,13 +110,16 @@ class ClothSimulation:
         }
 
     def observe(self, *, images: bool = True) -> Observation:
-        """Return what a policy may see now; without ``images``, with no camera frame in it."""
+        """Return what a policy may see now; without ``images``, with no camera frame in it.
+
+        With a latency it is what there was some steps ago, at the time of now.
+        """
         self._running()
         rgb = depth = state = None
         if self.config.camera:
             rgb, depth = self.camera.capture(self._nodes)
             state = self.cloth_state = self._calibrated.perceive(rgb, depth)
-        return Observation(
+        seen = Observation(
             time_s=self.time_s,
             corner_positions=self.robot.corner_positions(),
             holder_position=self.robot.position(),
@@ -122,6 +130,7 @@ class ClothSimulation:
             depth=depth if images else None,
             free_edge_m=None if state is None else state.free_edge_m,
         )
+        return self._latency.observation(seen)
 
     def ground_truth(self) -> GroundTruth:
         """Return the mesh, its contact with the table and its flat area."""
@@ -136,9 +145,12 @@ class ClothSimulation:
         """Move the robot by ``action``, (A,) m in the order of its axes, in one control step.
 
         Like a border of the workspace, cloth that lies in a heap below the held edge stops a move down, and a jammed
-        cloth every move but up.
+        cloth every move but up. With a latency the action comes later.
         """
         self._running()
+        self._step(self._latency.action(action))
+
+    def _step(self, action: FloatArray) -> None:
         axes, move = self.robot.spec.axes, np.array(action, dtype=float)
         if move.shape == (len(axes),):
             lowest = self.cloth.drop_to_heap_m(self._nodes, self._held_points())

@@ -16,7 +16,9 @@ from layflat.app.cli.options import (
     Force,
     Json,
     Seed,
+    Settings,
     Task,
+    Vary,
     Workers,
     count,
 )
@@ -78,6 +80,8 @@ def evaluate(
             help="Start of the cloth: hanging, hanging-quick, crumpled, folded-corner or swinging.",
         ),
     ] = None,
+    settings: Settings = None,
+    vary: Vary = None,
     limit_s: Annotated[
         float, typer.Option(metavar="S", help="Wall time after which an episode counts as hung.")
     ] = 900.0,
@@ -127,6 +131,7 @@ def demo(
         typer.Option("--robot", show_default="all", help="Only this robot: hanger or pickers; repeatable."),
     ] = None,
     cloth: Cloth = None,
+    settings: Settings = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:

@@ -22,7 +22,9 @@ from layflat.app.cli.options import (
     Seed,
     Slow,
     Station,
+    Settings,
     Task,
+    Vary,
     Video,
     Workers,
     Yes,
@@ -52,6 +54,8 @@ def record(
             help="First random seed; seeds that FILE.h5 holds are left out.",
         ),
     ] = None,
+    settings: Settings = None,
+    vary: Vary = None,
     descriptor: Descriptor = None,
     images: Annotated[bool, typer.Option("--images/--no-images", help="Keep camera images, about 16 MB each.")] = False,
     disturb: Annotated[
@@ -165,6 +169,7 @@ def place(
     station: Station = None,
     slow: Slow = 1.0,
     yes: Yes = False,
+    settings: Settings = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -182,6 +187,7 @@ def flatten(
     episodes: Episodes = 1,
     seed: Seed = 0,
     cloth: Cloth = None,
+    settings: Settings = None,
     video: Video = None,
     strip: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Ten frames of the first episode.")] = None,
     json: Json = None,
@@ -201,6 +207,10 @@ def replay(
     mode: Annotated[
         str | None,
         typer.Option(show_default="state", help="state: the recording; action: its actions, run again."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Run the actions under another condition; repeatable."),
     ] = None,
     json: Json = None,
     video: Annotated[Path | None, typer.Option(metavar="FILE.webm", help="Video of the replay.")] = None,

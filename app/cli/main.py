@@ -23,7 +23,7 @@ from layflat.app.cli.data import data_cli
 from layflat.app.cli.evaluation import DISTURB_HELP, bench, demo, evaluate, reproduce
 from layflat.app.cli.gamepad import gamepad_cli
 from layflat.app.cli.learning import flatten, place, record, replay, train
-from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, count, expand_home
+from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, Settings, count, expand_home
 from layflat.app.cli.policy import policy_cli
 from layflat.app.cli.station import station_cli
 from layflat.app.support import validators
@@ -60,6 +60,7 @@ def app_(
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port; 0 takes a free one.")] = 8080,
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
+    settings: Settings = None,
     debug: Debug = False,
 ) -> None:
     """Serve the workstation to a browser.
@@ -71,7 +72,10 @@ def app_(
     from layflat.app.workstation.web.server import app as run
 
     commands = typer.main.get_command(data_cli).commands  # type: ignore[attr-defined]
-    config = AppConfig(folder=folder, host=host, port=port, open_browser=not no_open, debug=debug, commands=commands)
+    config = AppConfig(
+        folder=folder, host=host, port=port, open_browser=not no_open, settings=tuple(settings or ()), debug=debug,
+        commands=commands,
+    )  # fmt: skip
     raise typer.Exit(run(config))
 
 
@@ -114,6 +118,16 @@ def word(
     call("commands.analyze_frame:analyze_frame_files", locals(), simulator=False)
 
 
+def config(json: Json = None, force: Force = False, debug: Debug = False) -> None:
+    """List the keys that --set takes.
+
+    Type, unit, default, limits and meaning of each.
+    """
+    from layflat.app.commands.config import list_keys
+
+    list_keys(json, force=force)
+
+
 def doctor(debug: Debug = False) -> None:
     """Check this machine, and say what to do.
 
@@ -128,7 +142,7 @@ def doctor(debug: Debug = False) -> None:
 cli.command()(demo)
 cli.command()(record)
 cli.command(name="app")(app_)
-for _command in (train, place, word, flatten, reproduce, bench, doctor, evaluate):
+for _command in (train, place, word, flatten, reproduce, bench, config, doctor, evaluate):
     cli.command()(_command)
 cli.command(name="disturb", help=DISTURB_HELP)(evaluate)
 cli.command()(replay)

@@ -71,6 +71,17 @@ CLOTHS = (
 )
 """Every cloth that has a name (`layflat.sim.cloth.registry`), for help."""
 Cloth = Annotated[str | None, typer.Option(show_default="towel", help=f"Cloth: {CLOTHS}.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Set a condition; `layflat config` lists the keys; repeatable."),
+]
+Vary = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME|FILE.toml",
+        help="Draw conditions for each seed: cloths, camera, light, contact, all, or a file of your own; repeatable.",
+    ),
+]
 Descriptor = Annotated[
     str | None,
     typer.Option(

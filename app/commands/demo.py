@@ -60,13 +60,15 @@ class DemoConfig:
     seed: int = 0
     robots: tuple[str, ...] = tuple(ROBOTS)
     cloth: str = DEFAULT_CLOTH
+    settings: tuple[str, ...] = ()
+    """Conditions, KEY=VALUE."""
 
 
 def run_demo(config: DemoConfig, *, workers: int, force: bool) -> Path:
     """Run the demo and print where the report is; return the report's path."""
     out = config.out
     for robot in config.robots:
-        sim_config(robot=robot, cloth=config.cloth)
+        sim_config(config.settings, robot=robot, cloth=config.cloth)
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; give another --out")
     with folder_lock(out):
@@ -78,7 +80,7 @@ def _run_demo(config: DemoConfig, workers: int, *, force: bool) -> Path:
     report = out / "report.html"
     if report.exists() and not force:
         raise UsageError(f"{report} exists; give --force to replace it, or another --out")
-    store = ArtifactStore(out, seed=seed)
+    store = ArtifactStore(out, seed=seed, conditions=config.settings)
     if force:
         clear_demo(out, store, robots, cloth)
     with Progress(_phases(robots, config.episodes, workers)) as progress:
@@ -87,7 +89,7 @@ def _run_demo(config: DemoConfig, workers: int, *, force: bool) -> Path:
             store.record(robot, cloth, DEMONSTRATIONS, progress, workers=workers)
             progress.phase(f"{robot}: training", items=len(TRAINED))
             store.train(model_specs(robot, cloth), progress, workers=workers)
-        plan = plan_of(store, robots, cloth, range(seed, seed + config.episodes))
+        plan = plan_of(store, robots, cloth, range(seed, seed + config.episodes), config.settings)
         progress.phase("evaluation", items=plan.n_episodes)
         results = run_evaluation(plan, out, workers=workers, progress=progress, locked=True)
         progress.phase("report")
@@ -104,7 +106,9 @@ def model_specs(robot: str, cloth: str) -> list[ModelSpec]:
     return [ModelSpec(policy=policy, robot=robot, cloth=cloth, demonstrations=DEMONSTRATIONS) for policy in TRAINED]
 
 
-def plan_of(store: ArtifactStore, robots: Sequence[str], cloth: str, seeds: Sequence[int]) -> EvaluationPlan:
+def plan_of(
+    store: ArtifactStore, robots: Sequence[str], cloth: str, seeds: Sequence[int], conditions: tuple[str, ...] = ()
+) -> EvaluationPlan:
     """Return the evaluation: the trained policies, and the baseline with a rule that repairs."""
     policies: list[str] = []
     for robot in robots:
@@ -112,7 +116,9 @@ def plan_of(store: ArtifactStore, robots: Sequence[str], cloth: str, seeds: Sequ
         policies += [baseline, proposed, f"{baseline}+{RULE}", "+".join((finish, *RECOMMENDED_WRAPPERS))]
     specs, wanted = plan_policies(policies, robots)
     case = DisturbanceCase(name=DISTURBANCE, schedule=(ScheduledDisturbance(disturbance=DISTURBANCES[DISTURBANCE]),))
-    return EvaluationPlan(policies=specs, robots=wanted, cloths=(cloth,), seeds=tuple(seeds), cases=(case,))
+    return EvaluationPlan(
+        policies=specs, robots=wanted, cloths=(cloth,), seeds=tuple(seeds), cases=(case,), settings=conditions
+    )
 
 
 def clear_demo(out: Path, store: ArtifactStore, robots: Sequence[str], cloth: str) -> None:

@@ -24,6 +24,7 @@ from layflat.app.support.console import print_table
 from layflat.app.support.errors import LayflatError, UsageError, say
 from layflat.app.support.progress import Progress
 from layflat.app.support.seeds import EVALUATION_SEED, taught_text
+from layflat.app.workers.sim_options import parse_variation
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.app.workers.worker_process import Engine, local_engine
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
@@ -56,6 +57,10 @@ class EvaluateConfig:
     task: str = DEFAULT_TASK
     start: str | None = None
     """By default that of the task."""
+    settings: tuple[str, ...] = ()
+    """Conditions, KEY=VALUE."""
+    vary: tuple[str, ...] = ()
+    """Names or files of variations."""
     limit_s: float = LIMIT_S
     engine: str = ENGINES[0]
     address: str | None = None
@@ -75,6 +80,8 @@ def evaluate(config: EvaluateConfig, *, workers: int, force: bool) -> Evaluation
         cases=tuple(case for text in config.disturb for case in cases_of(text)),
         task=config.task,
         start=config.start,
+        settings=config.settings,
+        variation=parse_variation(config.vary, config.settings),
         limit_s=config.limit_s,
     )
     for taught in plan.taught:

@@ -47,6 +47,8 @@ class FlattenConfig:
     controller: str = WORD_CONTROLLER
     descriptor: str = DEFAULT_DESCRIPTOR
     cloth: str = DEFAULT_CLOTH
+    settings: tuple[str, ...] = ()
+    """Conditions, KEY=VALUE."""
     episodes: int = 1
     seed: int = 0
     video: Path | None = None
@@ -59,7 +61,7 @@ class FlattenConfig:
 def flatten(config: FlattenConfig, *, workers: int, force: bool, make: EpisodeFactory = SimulatedEpisode) -> None:
     """Flatten the crumpled starts of ``seed``, ``seed + 1``, ...; print a table, write files where asked for."""
     validators.one_of("controller", config.controller, CONTROLLERS)
-    simulation = sim_config(robot=ROBOT, task=SMOOTH, cloth=config.cloth, descriptor=config.descriptor)
+    simulation = sim_config(config.settings, robot=ROBOT, task=SMOOTH, cloth=config.cloth, descriptor=config.descriptor)
     for file, suffix in ((config.video, ".webm"), (config.strip, ".png"), (config.json, ".json")):
         if file is not None:
             validators.writable_file(file, suffix=suffix, force=force)

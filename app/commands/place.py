@@ -54,6 +54,8 @@ class PlaceConfig:
     disturbance: str = "none"
     """Disturbance that starts when the policy has stopped."""
     wrappers: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+    """Conditions, KEY=VALUE."""
     record: Path | None = None
     """Session in which to record the episodes."""
     video: Path | None = None
@@ -143,7 +145,7 @@ def _simulation(config: PlaceConfig, policy: PolicySpec) -> SimConfig:
         robot, cloth = policy.model.layout.robot.name, config.cloth or policy.model.cloth
         if config.robot not in (None, robot):
             raise UsageError(f"{config.policy} was trained for robot {robot}, not {config.robot}")
-    return sim_config(robot=robot, cloth=cloth, descriptor=policy.descriptor)
+    return sim_config(config.settings, robot=robot, cloth=cloth, descriptor=policy.descriptor)
 
 
 def _run(

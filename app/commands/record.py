@@ -8,7 +8,6 @@ from layflat.app.support.progress import Progress
 from layflat.app.support.session_lines import copy_note, kept_line
 from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workers.run_items import collect_items, demonstrations
-from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workstation.session.session_queries import next_seeds, skipped_text
 from layflat.data.session.recorder import SessionRecorder
@@ -23,7 +22,7 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
     """Record demonstrations; print one line on stdout for each."""
     if config.correct is not None and config.source == SCRIPTED:
         raise UsageError("--correct needs a person who takes over; give --source keyboard or --source gamepad")
-    simulation = sim_config(robot=config.robot, task=config.task, cloth=config.cloth, descriptor=config.descriptor)
+    simulation, variation = config.sim_config(), config.variation()
     if config.source != SCRIPTED:
         # Imported here: pygame is only needed where a person demonstrates.
         from layflat.app.workstation.teleop.registry import TELEOPERATORS
@@ -61,7 +60,7 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
         seeds, skipped = next_seeds(path, SCRIPTED, episodes, config.seed)
         if skipped:
             progress.note(f"layflat: {skipped_text(path, skipped, seeds)}")
-        items = demonstrations(simulation, seeds, keep_images=config.images)
+        items = demonstrations(simulation, seeds, keep_images=config.images, variation=variation)
 
         def on_saved(saved: SavedEpisode) -> None:
             print_saved(saved)

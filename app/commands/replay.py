@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -49,6 +49,8 @@ class ReplayConfig:
     """Number of the episode: 3 for ``demo_3``."""
     mode: str = MODES[0]
     """``state`` shows the recording; ``action`` runs its actions again from the same start."""
+    settings: tuple[str, ...] = ()
+    """Conditions, KEY=VALUE, in place of the recorded ones."""
     json: Path | None = None
     video: Path | None = None
 
@@ -76,6 +78,8 @@ class Divergence:
 def replay(config: ReplayConfig, *, force: bool) -> None:
     """Replay an episode of a session; print a table, write files where asked for."""
     validators.one_of("mode", config.mode, MODES)
+    if config.settings and config.mode != "action":
+        raise UsageError("--set changes what actions do; give --mode action with it")
     name = schema.demo_name(config.episode)
     with open_session(config.path) as session:
         recorded = session.episode(name, images=False)
@@ -95,7 +99,7 @@ def replay(config: ReplayConfig, *, force: bool) -> None:
         shown, report = recorded, state_report(recorded)
         print_state(recorded)
     else:
-        shown = rerun(recorded)
+        shown = rerun(recorded, config.settings)
         divergence = compare(recorded, shown)
         report = action_report(recorded, shown, divergence)
         print_divergence(recorded, shown, divergence)
@@ -109,9 +113,9 @@ def replay(config: ReplayConfig, *, force: bool) -> None:
 # The actions again
 
 
-def rerun(recorded: Episode) -> Episode:
+def rerun(recorded: Episode, conditions: Sequence[str] = ()) -> Episode:
     """Run the recorded actions from the same start, in a process that has never stepped a simulation."""
-    simulation = recorded_config(recorded)
+    simulation = recorded_config(recorded, conditions)
     _check_disturbances(recorded, simulation)
     with Progress({"replay": STEP_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:
         progress.phase("replay")
@@ -135,8 +139,11 @@ def _rerun_here(simulation: SimConfig, recorded: Episode) -> Episode:
         env.close()
 
 
-def recorded_config(recorded: Episode) -> SimConfig:
-    """Return the simulation in which an episode was recorded; UsageError where it cannot run again from its start."""
+def recorded_config(recorded: Episode, conditions: Sequence[str] = ()) -> SimConfig:
+    """Return the simulation in which an episode was recorded; UsageError where it cannot run again from its start.
+
+    ``conditions``, KEY=VALUE, replace the recorded ones.
+    """
     if recorded.seed < 0:
         raise UsageError(f"the episode's seed is {recorded.seed}: its start is not known; replay it with --mode state")
     if recorded.first_step > 0:
@@ -164,7 +171,7 @@ def recorded_config(recorded: Episode) -> SimConfig:
     for name, value in settings.items():
         if known.get(name) is not type(value):
             raise UsageError(f"the episode's simulation has {name} {value!r}, which this version does not know")
-    return sim_config(**(settings | own))
+    return sim_config(conditions, **(settings | own))
 
 
 def _check_disturbances(recorded: Episode, simulation: SimConfig) -> None:

@@ -24,7 +24,7 @@ from layflat.policy.features import Frame
 from layflat.policy.gp.model import GpModel
 from layflat.policy.trained_model import TrainedModel
 from layflat.policy.training_set import Demonstrations, recorded_size
-from layflat.sim.cloth.registry import recorded_cloth
+from layflat.sim.config import recorded_spec
 from layflat.sim.errors import SimError
 
 EXPECTED_S = 30.0
@@ -97,7 +97,7 @@ def successful_demonstrations(path: Path) -> Demonstrations:
 def cloth_size(cloth: str, settings: Mapping[str, object]) -> ClothFrame | None:
     """Return the size of a recorded cloth: as recorded, or that of the preset of its name."""
     try:
-        spec = recorded_cloth(cloth, settings)
+        spec = recorded_spec(cloth, settings)
     except SimError:
         return recorded_size(cloth, settings)
     return ClothFrame(length_m=spec.length_m, width_m=spec.width_m)

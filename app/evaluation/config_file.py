@@ -17,6 +17,7 @@ import numpy as np
 from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.support.errors import UsageError
 from layflat.app.support.metrics import JSON_SCHEMA
+from layflat.app.workers.sim_options import parse_conditions
 from layflat.app.workers.work_item import DisturbanceCase
 from layflat.data.atomic_files import write_text
 from layflat.data.provenance import capture_provenance
@@ -37,7 +38,7 @@ def merge_config(plan: EvaluationPlan, path: Path) -> dict[str, Any]:
         new[key] = _united(there.get(key, {}), new[key], kind, path)
     for key in ("robots", "cloths", "seeds"):
         new[key] = list(dict.fromkeys([*there.get(key, ()), *new[key]]))
-    for key in ("task", "start", "descriptor"):
+    for key in ("task", "start", "descriptor", "settings", "variation"):
         if there.get(key, new[key]) != new[key]:
             raise UsageError(_contradiction(path, f"{key} is {there[key]}", str(new[key])))
     new["taught"] = _united_taught([*there.get("taught", ()), *plan.taught])
@@ -87,6 +88,8 @@ def _described(plan: EvaluationPlan) -> dict[str, Any]:
         "task": plan.task,
         "start": plan.start,
         "descriptor": plan.descriptor,
+        "settings": parse_conditions(plan.settings),
+        "variation": plan.variation.described(),
         "robots": list(plan.robots),
         "cloths": list(plan.cloths),
         "policies": {f"{robot} {policy.label}": _described_policy(policy) for robot, policy in plan.entries},

@@ -16,6 +16,7 @@ from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.work_item import LIMIT_S, NO_DISTURBANCE, DisturbanceCase, WorkItem
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import PolicySpec
+from layflat.sim.conditions.variation import NO_VARIATION, Variation
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import ROBOTS
 from layflat.sim.tasks import DEFAULT_TASK
@@ -37,6 +38,10 @@ class EvaluationPlan:
     """None: the default of the task."""
     descriptor: str = DEFAULT_DESCRIPTOR
     """Descriptor of WORD for policies without a model; a model has its own."""
+    settings: tuple[str, ...] = ()
+    """Conditions of all episodes, KEY=VALUE."""
+    variation: Variation = NO_VARIATION
+    """Conditions that each seed draws."""
     limit_s: float = LIMIT_S
     """Wall time of a placement, and again of each case; what takes longer is lost."""
 
@@ -89,7 +94,9 @@ class EvaluationPlan:
     def config(self, robot: str, cloth: str, policy: PolicySpec) -> SimConfig:
         """Return the simulation in which a policy acts; UsageError where the task or the start is impossible."""
         descriptor = self.descriptor if policy.model is None else policy.descriptor
-        return sim_config(robot=robot, task=self.task, cloth=cloth, start=self.start, descriptor=descriptor)
+        return sim_config(
+            self.settings, robot=robot, task=self.task, cloth=cloth, start=self.start, descriptor=descriptor
+        )
 
     def items(self) -> Iterator[WorkItem]:
         """Yield the work items by robot and cloth, then start by start, so that a part of them is paired too."""
@@ -100,7 +107,7 @@ class EvaluationPlan:
                         if own == robot:
                             yield WorkItem(
                                 policy=policy,
-                                config=self.config(robot, cloth, policy),
+                                config=self.config(robot, cloth, policy).under(self.variation.sample(seed)),
                                 seed=seed,
                                 cases=self.all_cases,
                                 limit_s=self.limit_s,

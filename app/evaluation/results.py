@@ -20,7 +20,7 @@ CONFIG, EPISODES, SUMMARY, RUNS = "config.json", "episodes.csv", "summary.json",
 _TEXTS = ("policy", "robot", "task", "cloth", "physics", "disturbance", "stopped_by", "run", "start", "reason")
 _FLAGS = ("unstable", "crashed")
 _COUNTS = ("seed", "steps", "attempts")
-_NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_TEXTS, *_FLAGS, *_COUNTS))
+_NUMBERS = tuple(name for name in ALL_COLUMNS if name not in (*_TEXTS, *_FLAGS, *_COUNTS, "conditions"))
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ def read_rows(path: Path) -> pd.DataFrame:
     # Numbers are read by Python: pandas' own way, before its version 3, may lose the last bit.
     numbers = {name: [float(cell) if cell else np.nan for cell in rows[name]] for name in _NUMBERS}
     flags = {name: rows[name] == "True" for name in _FLAGS}
-    return rows.assign(**numbers, **flags, **{name: rows[name].astype(int) for name in _COUNTS})
+    counts = {name: rows[name].astype(int) for name in _COUNTS}
+    return rows.assign(**numbers, **flags, **counts, conditions=rows["conditions"].map(json.loads))
 
 
 def as_rows(rows: pd.DataFrame) -> list[dict[str, Any]]:

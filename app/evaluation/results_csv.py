@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -88,4 +89,6 @@ def _cell(value: Any) -> str:
     """Return the text that pandas reads back: floats to the last bit, nothing for None."""
     if value is None:
         return ""
+    if isinstance(value, Mapping):
+        return json.dumps(value)
     return repr(value) if isinstance(value, float) else " ".join(str(value).split())

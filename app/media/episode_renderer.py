@@ -15,8 +15,8 @@ from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.support.errors import UsageError
 from layflat.data.types import Episode, Observation
 from layflat.sim.camera.replay_scene import ReplayScene
-from layflat.sim.cloth.registry import recorded_cloth
 from layflat.sim.cloth.spec import ClothSpec
+from layflat.sim.config import recorded_spec
 from layflat.sim.errors import SimError
 
 VIDEO_WIDTH, VIDEO_HEIGHT = 640, 480
@@ -25,7 +25,7 @@ VIDEO_WIDTH, VIDEO_HEIGHT = 640, 480
 def check_drawable(episode: Episode) -> None:
     """Raise UsageError for an episode whose cloth is unknown or was not recorded."""
     try:
-        spec = recorded_cloth(episode.cloth, episode.sim_config)
+        spec = recorded_spec(episode.cloth, episode.sim_config)
     except SimError as error:
         raise UsageError(str(error)) from error
     if episode.final_ground_truth is None:
@@ -98,7 +98,7 @@ class EpisodeRenderer:
         return replace(seen, rgb=rgb, depth=depth)
 
     def _scene(self, episode: Episode) -> ReplayScene:
-        key = episode.robot.name, recorded_cloth(episode.cloth, episode.sim_config)
+        key = episode.robot.name, recorded_spec(episode.cloth, episode.sim_config)
         if key not in self._scenes:
             self._scenes[key] = self._stack.enter_context(ReplayScene(*key))
         return self._scenes[key]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -190,11 +190,54 @@ def _means_panel(title: str, lines: Lines, xlabel: str) -> str:
         axis = drawing.subplots()
         for number, (name, samples) in enumerate(lines.items()):
             shift = 0.1 * (number - (len(lines) - 1) / 2)
-            known = [(x + shift, describe(100 * values)) for x, values in samples if len(values)]
-            reach = np.nan_to_num([[s.mean - s.low, s.high - s.mean] for _, s in known]).reshape(-1, 2).T
-            axis.errorbar(
-                [x for x, _ in known], [s.mean for _, s in known], yerr=np.abs(reach),
-                markersize=5, capsize=2.5, **policy_style(name),
-            )  # fmt: skip
+            _draw_means(axis, name, [(x + shift, values) for x, values in samples])
         axis.set(xlabel=xlabel, title=title)
         return _finished(drawing)
+
+
+def _draw_means(axis: Axes, name: str, samples: Sequence[tuple[float, FloatArray]]) -> None:
+    known = [(x, describe(100 * values)) for x, values in samples if len(values)]
+    reach = np.nan_to_num([[s.mean - s.low, s.high - s.mean] for _, s in known]).reshape(-1, 2).T
+    axis.errorbar(
+        [x for x, _ in known], [s.mean for _, s in known], yerr=np.abs(reach),
+        markersize=5, capsize=2.5, **policy_style(name),
+    )  # fmt: skip
+
+
+class Bin(NamedTuple):
+    """Values (0..1) of episodes around a number."""
+
+    x: float
+    values: FloatArray
+
+
+def scatter_with_means(
+    dots: Mapping[str, FloatArray],
+    lines: Mapping[str, Sequence[Bin]],
+    *,
+    xlabel: str,
+    ticks: Sequence[str] = (),
+    caption: str = "",
+) -> Figure:
+    """Draw each episode as a dot, (n, 2) of a number and a contact portion (0..1), and the means of bins of them.
+
+    ``ticks`` are the names of the numbers 0, 1, ..., where they stand for words.
+    """
+    with styled_figure(*PANEL_IN) as drawing:
+        axis = drawing.subplots()
+        for name, points in dots.items():
+            style = policy_style(name)
+            axis.plot(*(points * (1, 100)).T, style["marker"], color=style["color"], markersize=4, alpha=0.35)
+        for name, found in lines.items():
+            _draw_means(axis, name, [(part.x, part.values) for part in found])
+        if ticks:
+            axis.set_xticks(range(len(ticks)), list(ticks))
+        axis.set(xlabel=xlabel, title="final contact portion (%)")
+        panel = _finished(drawing)
+    means = "; ".join(
+        f"{name}: "
+        + ", ".join(f"{part.x:.3g}: {percent(float(part.values.mean()))}" for part in found if len(part.values))
+        for name, found in lines.items()
+    )
+    alt = f"Final contact portion against {xlabel}, means. {means}."
+    return Figure(panels=(panel,), alt=alt, caption=caption, legend=policy_keys(dots))

@@ -15,6 +15,7 @@ from layflat.app.media.episode_renderer import EpisodeRenderer
 from layflat.app.report import charts
 from layflat.app.report.blocks import Block, Figure, Page, Section, TableBlock, Text
 from layflat.app.report.comparison_sentences import compare_policies, comparison_sentence, paired_table
+from layflat.app.report.conditions import conditions_section
 from layflat.app.report.examples import FILMS, example_blocks, film_runs
 from layflat.app.report.headline import UNDISTURBED, headline_cards
 from layflat.app.report.page import OnProgress, no_progress, write_page
@@ -104,7 +105,13 @@ def evaluation_page(
         title=title,
         lead=_lead(rows),
         cards=headline_cards(rows),
-        sections=(*sections, *options.sections, _failures(rows), _episodes(rows)),
+        sections=(
+            *sections,
+            *filter(None, [conditions_section(rows)]),
+            *options.sections,
+            _failures(rows),
+            _episodes(rows),
+        ),
         notes=(*notes, *_notes(rows)),
         provenance=tuple(provenance),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from layflat.app.support.errors import LayflatError
 from layflat.app.support.progress import Progress
 from layflat.app.workers.process import process_pool
 from layflat.app.workers.run_items import collect_items, demonstrations
+from layflat.app.workers.sim_options import sim_config
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.parts import part_files
 from layflat.data.session.reader import open_session
@@ -21,7 +22,6 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.features import WORLD
 from layflat.policy.trained_model import TrainedModel
-from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import robot_spec
 
 MAX_ATTEMPTS = 3
@@ -31,9 +31,10 @@ MAX_ATTEMPTS = 3
 class ArtifactStore:
     """One session of demonstrations for each robot and cloth, and a file for each model."""
 
-    def __init__(self, out: Path, *, seed: int) -> None:
+    def __init__(self, out: Path, *, seed: int, conditions: Sequence[str] = ()) -> None:
         self._out = out
         self._seed = seed
+        self._conditions = conditions
 
     def session_path(self, robot: str, cloth: str) -> Path:
         """Return the path of the session."""
@@ -84,7 +85,7 @@ class ArtifactStore:
             first = DEMONSTRATION_SEED + self._seed
             seeds = set(range(first, first + len(recorded) + n_missing)) - {episode.seed for episode in recorded}
             with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
-                items = demonstrations(SimConfig(robot=robot, cloth=cloth), sorted(seeds))
+                items = demonstrations(sim_config(self._conditions, robot=robot, cloth=cloth), sorted(seeds))
                 collected = collect_items(items, path.parent, progress, workers=workers, recorder=recorder)
             collected.check()
 

@@ -13,6 +13,7 @@ import numpy as np
 from layflat.app.support.phases import disturbed_step, placed_step
 from layflat.data.atomic_files import write_text
 from layflat.data.types import Episode
+from layflat.sim.conditions.keys import changed
 from layflat.sim.config import SimConfig
 
 JSON_SCHEMA = 1
@@ -37,6 +38,8 @@ COLUMNS = (
     "crashed",
     "sim_s",
     "wall_s",
+    "conditions",
+    "decision_ms",
 )
 
 
@@ -68,6 +71,8 @@ def episode_metrics(episode: Episode) -> dict[str, Any]:
         "crashed": episode.stopped_by == "crashed",
         "sim_s": len(episode.steps) * episode.step_s,
         "wall_s": episode.wall_s,
+        "conditions": changed(episode.sim_config),
+        "decision_ms": None if episode.decision_s is None else 1000.0 * episode.decision_s,
     }
 
 
@@ -75,6 +80,7 @@ def crashed_metrics(policy: str, config: SimConfig, seed: int, disturbance: str,
     """Return the row of an episode that was lost, with the reason beside its metrics."""
     known: dict[str, Any] = {"policy": policy, "seed": seed, "disturbance": disturbance}
     known |= {name: getattr(config, name) for name in ("robot", "task", "cloth", "physics")}
+    known["conditions"] = changed(vars(config))
     lost = {"steps": 0, "stopped_by": "crashed", "unstable": False, "crashed": True}
     return dict.fromkeys(COLUMNS) | known | lost | {"reason": reason}
 

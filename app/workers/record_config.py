@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from layflat.app.workers.sim_options import parse_variation, sim_config
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import SCRIPTED
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
+from layflat.sim.conditions.variation import Variation
+from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import DEFAULT_ROBOT
 from layflat.sim.tasks import DEFAULT_TASK
 
@@ -20,6 +23,10 @@ class RecordConfig:
     robot: str = DEFAULT_ROBOT
     task: str = DEFAULT_TASK
     cloth: str = DEFAULT_CLOTH
+    settings: tuple[str, ...] = ()
+    """Conditions, KEY=VALUE."""
+    vary: tuple[str, ...] = ()
+    """Names or files of variations."""
     source: str = SCRIPTED
     """Demonstrator: scripted, or a name of the workstation's TELEOPERATORS."""
     episodes: int = 1
@@ -40,3 +47,11 @@ class RecordConfig:
     """File of a real station; ``twin``: the digital twin."""
     slow: float = 1.0
     yes: bool = False
+
+    def sim_config(self) -> SimConfig:
+        """Return the simulation; UsageError where it is impossible."""
+        return sim_config(self.settings, robot=self.robot, task=self.task, cloth=self.cloth, descriptor=self.descriptor)
+
+    def variation(self) -> Variation:
+        """Return the conditions that each seed draws; UsageError where they are wrong."""
+        return parse_variation(self.vary, self.settings)

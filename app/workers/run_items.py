@@ -22,13 +22,19 @@ from layflat.data.session.recorder import SessionRecorder
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.data.types import Episode
 from layflat.policy.spec import SCRIPTED, PolicySpec
+from layflat.sim.conditions.variation import NO_VARIATION, Variation
 from layflat.sim.config import SimConfig
 
 
-def demonstrations(config: SimConfig, seeds: Sequence[int], *, keep_images: bool = False) -> list[WorkItem]:
-    """Return a demonstration of the scripted demonstrator for each seed."""
+def demonstrations(
+    config: SimConfig, seeds: Sequence[int], *, keep_images: bool = False, variation: Variation = NO_VARIATION
+) -> list[WorkItem]:
+    """Return a demonstration of the scripted demonstrator for each seed, which draws the conditions that vary."""
     scripted = PolicySpec(builtin=SCRIPTED)
-    return [WorkItem(policy=scripted, config=config, seed=seed, keep_images=keep_images) for seed in seeds]
+    return [
+        WorkItem(policy=scripted, config=config.under(variation.sample(seed)), seed=seed, keep_images=keep_images)
+        for seed in seeds
+    ]
 
 
 def run_items(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from layflat.app.support.errors import UsageError
 from layflat.app.support.validators import one_of
 from layflat.perception.descriptors.registry import DESCRIPTORS
+from layflat.sim.conditions.keys import Setting, parse_settings
+from layflat.sim.conditions.variation import Variation, variation
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.physics.registry import PHYSICS
@@ -25,15 +27,39 @@ REGISTRIES: Mapping[str, Collection[str]] = {
 """Known names of the settings of a simulation that are names."""
 
 
-def sim_config(**settings: Any) -> SimConfig:
-    """Return the simulation with these settings; UsageError where a name is unknown or they do not go together."""
+def sim_config(conditions: Iterable[str] = (), **settings: Any) -> SimConfig:
+    """Return the simulation with these settings; UsageError where a name is unknown or they do not go together.
+
+    ``conditions`` are texts KEY=VALUE, of `--set`.
+    """
     for kind, value in settings.items():
         if kind in REGISTRIES and value is not None:
             _check_name(kind, value)
+    given = parse_conditions(conditions)
     try:
-        return SimConfig(**settings)
+        return SimConfig(**(settings | given))
     except SimError as error:
         raise UsageError(str(error)) from None
+
+
+def parse_conditions(texts: Iterable[str]) -> dict[str, Setting]:
+    """Return the conditions of texts KEY=VALUE; UsageError where one is wrong."""
+    try:
+        return parse_settings(texts)
+    except SimError as error:
+        raise UsageError(f"--set: {error}") from None
+
+
+def parse_variation(texts: Iterable[str], conditions: Iterable[str] = ()) -> Variation:
+    """Return the variation of `--vary`; UsageError where it is wrong, or draws what `--set` sets."""
+    try:
+        drawn = variation(texts)
+    except SimError as error:
+        raise UsageError(f"--vary: {error}") from None
+    for name in parse_conditions(conditions):
+        if any(draw.key == name for draw in drawn.draws):
+            raise UsageError(f"--set gives {name} a value, and --vary {' '.join(drawn.names)} draws it; leave one out")
+    return drawn
 
 
 def _check_name(kind: str, name: str) -> None:

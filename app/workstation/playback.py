@@ -21,7 +21,7 @@ from layflat.perception.descriptors.registry import make_descriptor
 from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.mesh import MeshMaker
-from layflat.sim.cloth.registry import recorded_cloth
+from layflat.sim.config import recorded_spec
 from layflat.sim.errors import SimError
 
 MAX_FRAMES = 64
@@ -40,7 +40,7 @@ class Playback:
         self.number = hash((name, episode.seed, self.last, episode.provenance.created_utc)) % 2**31
         self.series = TimeSeries.of(episode, self.number)
         self._observations, self._truths = episode.observations(), episode.ground_truths()
-        self._cloth = recorded_cloth(episode.cloth, episode.sim_config)
+        self._cloth = recorded_spec(episode.cloth, episode.sim_config)
         self._meshes = MeshMaker(self._cloth)
         pinhole = default_pinhole(self._cloth)
         self._perception = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=make_descriptor(episode.descriptor)))

@@ -10,7 +10,6 @@ from pathlib import Path
 from layflat.app.support import validators
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workers.record_config import RecordConfig
-from layflat.app.workers.sim_options import sim_config
 from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import Message, SessionEvent
@@ -57,7 +56,8 @@ def record_teleoperated(config: RecordConfig) -> None:
 def session_request(config: RecordConfig, model: TrainedModel | None) -> SessionRequest:
     """Return the session of a recording by a person."""
     return SessionRequest(
-        sim_config=sim_config(robot=config.robot, task=config.task, cloth=config.cloth, descriptor=config.descriptor),
+        sim_config=config.sim_config(),
+        variation=config.variation(),
         policy=None if model is None else PolicySpec(model=model),
         source=config.source,
         session=config.path,

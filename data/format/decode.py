@@ -76,6 +76,7 @@ def decode_episode(
         step_s=float(attributes[schema.STEP_S]),
         disturbance=str(attributes[schema.DISTURBANCE]),
         wall_s=float(attributes[schema.WALL_S]),
+        decision_s=None if (found := attributes.get(schema.DECISION_S)) is None else float(found),
         start={key: float(value) for key, value in json_object(attributes, schema.START).items()},
         provenance=_provenance(json_object(attributes, schema.PROVENANCE)),
         descriptor=str(attributes[schema.DESCRIPTOR]),

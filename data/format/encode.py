@@ -70,6 +70,8 @@ def attributes_of(episode: Episode, uid: str) -> dict[str, Attribute]:
     if episode.final_ground_truth is not None:
         attributes[schema.CONTACT_TRUE_FINAL] = float(episode.final_ground_truth.contact_portion_true)
         attributes[schema.FLAT_AREA_FINAL] = float(episode.final_ground_truth.flat_area)
+    if episode.decision_s is not None:
+        attributes[schema.DECISION_S] = float(episode.decision_s)
     if episode.camera is not None:
         attributes[schema.CAMERA] = episode.camera.to_json()
     if episode.mesh_shape is not None:

@@ -76,6 +76,8 @@ MESH_ROWS, MESH_COLUMNS = "mesh_rows", "mesh_columns"
 """Shape of the grid of nodes; absent where it is not known."""
 NOTE = "episode_note"
 """Note of a person; absent where there is none."""
+DECISION_S = "decision_s"
+"""Mean wall time of a decision of the policy; absent where it is not known."""
 UID = "uid"
 """Hexadecimal identity of the recording: distinguishes a copy from another episode of the same number."""
 DIGEST = "attributes_sha256"
@@ -107,7 +109,7 @@ DEMO_ATTRIBUTES: dict[str, type] = {
     SUCCESS: bool,
 }
 GROUND_TRUTH_ATTRIBUTES = (CONTACT_TRUE_FINAL, FLAT_AREA_FINAL)
-OPTIONAL_ATTRIBUTES: dict[str, type] = {CAMERA: str, NOTE: str, MESH_ROWS: int, MESH_COLUMNS: int}
+OPTIONAL_ATTRIBUTES: dict[str, type] = {CAMERA: str, NOTE: str, DECISION_S: float, MESH_ROWS: int, MESH_COLUMNS: int}
 
 
 @dataclass(frozen=True)

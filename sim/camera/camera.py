@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
-from layflat.sim.camera.renderer import LIGHT, Framebuffer, Renderer
+from layflat.sim.camera.renderer import USUAL_LIGHT, Framebuffer, Light, Renderer
 from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.cloth.spec import ClothSpec
+from layflat.sim.conditions.keys import CAMERA_WIDTH_PX, Conditions
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Cloth, SolidRenderer
 
@@ -32,12 +34,15 @@ PICKER_RGB = (240.0, 130.0, 30.0)
 MARKER_RGB = (200.0, 40.0, 40.0)
 
 
-def default_pinhole(cloth: ClothSpec | None = None, *, width: int = 320, height: int = 240) -> PinholeCamera:
+def default_pinhole(
+    cloth: ClothSpec | None = None, *, width: int = CAMERA_WIDTH_PX, height: int | None = None
+) -> PinholeCamera:
     """Return the camera at the robot's right side, tilted, so that neither arm nor hanger stands before the cloth.
 
     On the table it sees x from -0.15 to 0.75 m and y from -0.25 to 0.25 m, where cloth lies and is dragged. For a cloth
     larger than the towel it sees as much more, most of it by a wider lens: depth noise grows with the distance.
     """
+    height = round(width * 3 / 4) if height is None else height
     size, home = (1.0, 0.0) if cloth is None else (cloth.size, cloth.home_x_m)
     away = size**0.25
     position = np.array(POSITION_M) * [size, away, away] + [home, 0.0, 0.0]
@@ -45,16 +50,45 @@ def default_pinhole(cloth: ClothSpec | None = None, *, width: int = 320, height:
     return PinholeCamera.look_at(position, target, width=width, height=height, fx=FOCAL_PX * width / 320 * away / size)
 
 
+def pinhole_of(conditions: Conditions, cloth: ClothSpec | None = None) -> PinholeCamera:
+    """Return the camera as conditions place it: moved without a turn, then tilted."""
+    usual = default_pinhole(cloth, width=conditions.camera_width_px)
+    moved = (conditions.camera_x_m, conditions.camera_y_m, conditions.camera_z_m)
+    if not any((*moved, conditions.camera_tilt_deg)):
+        return usual
+    pose, tilt = usual.cam_to_world.copy(), math.radians(conditions.camera_tilt_deg)
+    pose[:3, 3] += moved
+    sine, cosine = math.sin(tilt), math.cos(tilt)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    pose[:3, :3] = pose[:3, :3] @ turn
+    return replace(usual, cam_to_world=pose)
+
+
+def noise_of(conditions: Conditions) -> DepthNoise | None:
+    """Return the depth camera's errors under conditions; None for none."""
+    factor, usual = conditions.depth_noise, D435_NOISE
+    if factor == 0:
+        return None
+    return replace(usual, subpixel_px=factor * usual.subpixel_px, missing_share=factor * usual.missing_share)
+
+
 class Camera:
     """Sees the table, the cloth, and every visible body of the world."""
 
     def __init__(
-        self, cloth: Cloth, *, pinhole: PinholeCamera | None = None, noise: DepthNoise | None = D435_NOISE, seed: int
+        self,
+        cloth: Cloth,
+        *,
+        pinhole: PinholeCamera | None = None,
+        noise: DepthNoise | None = D435_NOISE,
+        light: Light = USUAL_LIGHT,
+        seed: int,
     ) -> None:
         """``noise`` None gives the true depth; ``seed`` determines the noise."""
+        self._light = light
         self._world = cloth.world
         self._cloth = cloth
-        self._renderer = Renderer(pinhole or default_pinhole(cloth.spec))
+        self._renderer = Renderer(pinhole or default_pinhole(cloth.spec), light)
         self._solids: WeakKeyDictionary[Renderer, SolidRenderer] = WeakKeyDictionary()
         self._render_views: dict[tuple[int, int, bool], Renderer] = {}
         self._sensor = None if noise is None else DepthSensor(noise, seed=seed)
@@ -87,7 +121,7 @@ class Camera:
 
         Small balls show the held corners where there is no arm, and ``markers`` (K, 3) m, such as a disturbing hand.
         """
-        view = self._view_for_people(width, height) if pinhole is None else Renderer(pinhole)
+        view = self._view_for_people(width, height) if pinhole is None else Renderer(pinhole, self._light)
         if (view.pinhole.width, view.pinhole.height) != (width, height):
             raise SimError(
                 f"the image is {width}x{height} px, but its pinhole has {view.pinhole.width}x{view.pinhole.height}"
@@ -113,7 +147,7 @@ class Camera:
 
     def _solid_renderer(self, view: Renderer) -> SolidRenderer:
         if view not in self._solids:
-            self._solids[view] = self._world.solid_renderer(view.pinhole, LIGHT)
+            self._solids[view] = self._world.solid_renderer(view.pinhole, self._light.direction)
         return self._solids[view]
 
     def _view_for_people(self, width: int, height: int) -> Renderer:
@@ -124,5 +158,5 @@ class Camera:
             target, view_deg = RENDER_ARM if arm else RENDER_CLOTH
             focal = height / 2 / math.tan(math.radians(view_deg) / 2)
             pinhole = PinholeCamera.look_at(RENDER_POSITION_M, target, width=width, height=height, fx=focal)
-            self._render_views[key] = Renderer(pinhole)
+            self._render_views[key] = Renderer(pinhole, self._light)
         return self._render_views[key]

@@ -6,7 +6,7 @@ bodies (an arm, a hanger) come from the physics engine and are put in front by t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -16,11 +16,42 @@ from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.rasterizer import Raster, rasterize
 from layflat.sim.cloth.mesh import ClothMesh
+from layflat.sim.conditions.keys import LIGHT_AZIMUTH_DEG, LIGHT_HEIGHT_DEG, Conditions
 from layflat.sim.physics.base import FAR_M, NEAR_M, TABLE_CENTRE_M, TABLE_RGBA, TABLE_SIZE_M
 
 LIGHT = np.array([1.0, 1.0, 1.15]) / np.linalg.norm([1.0, 1.0, 1.15])
 """Towards the light: 39 degrees high, between the axes, so that wrinkles along x and along y are shaded alike."""
 AMBIENT, DIFFUSE = 0.30, 1.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Light:
+    """The light that falls on table and cloth beside what the room sheds."""
+
+    direction: FloatArray = field(default_factory=LIGHT.copy)
+    """Unit vector towards the light, (3,), world."""
+    strength: float = 1.0
+
+    @property
+    def table_brightness(self) -> float:
+        """Brightness of the table and the floor, as a factor on that under the usual light."""
+        shed = AMBIENT + self.strength * DIFFUSE * float(self.direction[2])
+        return shed / (AMBIENT + DIFFUSE * float(LIGHT[2]))
+
+
+def light_of(conditions: Conditions) -> Light:
+    """Return the light of conditions."""
+    azimuth, height, strength = (
+        getattr(conditions, f"light_{name}") for name in ("azimuth_deg", "height_deg", "strength")
+    )
+    if (azimuth, height) == (LIGHT_AZIMUTH_DEG, LIGHT_HEIGHT_DEG):
+        return Light(strength=strength)
+    turn, rise = np.radians([azimuth, height])
+    level = np.cos(rise)
+    return Light(direction=np.array([level * np.cos(turn), level * np.sin(turn), np.sin(rise)]), strength=strength)
+
+
+USUAL_LIGHT = Light()
 FACE_RGB = (40.0, 90.0, 200.0)
 REVERSE_RGB = (48.0, 116.0, 196.0)
 """A slightly different blue: a fold is visible, and one range of hue takes both."""
@@ -51,10 +82,10 @@ class Framebuffer:
 class Renderer:
     """Image of the table and the cloth before one pinhole."""
 
-    def __init__(self, pinhole: PinholeCamera) -> None:
-        self.pinhole = pinhole
+    def __init__(self, pinhole: PinholeCamera, light: Light = USUAL_LIGHT) -> None:
+        self.pinhole, self.light = pinhole, light
         self._world_to_cam = np.ascontiguousarray(pinhole.cam_to_world[:3, :3])
-        self._background = _background(pinhole)
+        self._background = _background(pinhole, light.table_brightness)
 
     def background(self) -> Framebuffer:
         """Return an image of table and floor."""
@@ -69,9 +100,9 @@ class Renderer:
     def draw_cloth(self, picture: Framebuffer, mesh: ClothMesh) -> None:
         """Draw the cloth, each side in its colour, shaded by its smooth normals."""
         raster = self.raster(mesh.vertices, mesh.triangles)
-        slope = raster.interpolate(mesh.normals @ LIGHT, mesh.triangles)
+        slope = raster.interpolate(mesh.normals @ self.light.direction, mesh.triangles)
         # The light falls on the side that the camera sees.
-        bright = AMBIENT + DIFFUSE * np.maximum(np.where(raster.facing, slope, -slope), 0.0)
+        bright = AMBIENT + self.light.strength * DIFFUSE * np.maximum(np.where(raster.facing, slope, -slope), 0.0)
         base = np.where(raster.facing[:, None], FACE_RGB, REVERSE_RGB).astype(np.float32)
         picture.put(raster.pixels, raster.depth, base * bright[:, None])
 
@@ -90,14 +121,15 @@ class Renderer:
         u, v = (np.rint(pixel[0]).astype(int)[:, None] + (column[inside], row[inside])).astype(int)
         kept = (u >= 0) & (u < self.pinhole.width) & (v >= 0) & (v < self.pinhole.height)
         normal = np.stack([dx, dy, -dz], axis=1) @ self._world_to_cam.T
-        bright = AMBIENT + DIFFUSE * np.maximum(normal @ LIGHT, 0.0)
+        bright = AMBIENT + self.light.strength * DIFFUSE * np.maximum(normal @ self.light.direction, 0.0)
         nearest = (depth[0] - dz * radius_m).astype(np.float32)
         colours = bright[:, None] * np.array(rgb)
         picture.put((v * self.pinhole.width + u)[kept], nearest[kept], colours[kept])
 
     def draw_shadow(self, picture: Framebuffer, mesh: ClothMesh) -> None:
         """Darken the table where the cloth stands between it and the light; call before anything else is drawn."""
-        shadow = mesh.vertices - mesh.vertices[:, 2:] / LIGHT[2] * LIGHT
+        light = self.light.direction
+        shadow = mesh.vertices - mesh.vertices[:, 2:] / light[2] * light
         pixels = self.raster(shadow, mesh.triangles).pixels
         on_table = pixels[self._background.on_table[pixels]]
         picture.rgb[on_table] = (picture.rgb[on_table] * SHADOW).astype(np.uint8)
@@ -109,7 +141,7 @@ class _Background(Framebuffer):
 
 
 @lru_cache(maxsize=4)
-def _background(pinhole: PinholeCamera) -> _Background:
+def _background(pinhole: PinholeCamera, brightness: float) -> _Background:
     """Draw the table as a box and the floor below, by intersecting each pixel's ray with them."""
     size = pinhole.width * pinhole.height
     row, column = np.divmod(np.arange(size), pinhole.width)
@@ -133,4 +165,8 @@ def _background(pinhole: PinholeCamera) -> _Background:
     table = 255.0 * np.array(TABLE_RGBA[:3])
     rgb[on_box] = table * np.array([0.78, 0.70, 1.0])[axis[on_box], None]
     depth[on_box] = enter[on_box]
-    return _Background(rgb=rgb.astype(np.uint8), depth=depth.astype(np.float32), on_table=on_box & (axis == 2))
+    return _Background(
+        rgb=np.minimum(brightness * rgb, 255.0).astype(np.uint8),
+        depth=depth.astype(np.float32),
+        on_table=on_box & (axis == 2),
+    )

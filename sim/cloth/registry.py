@@ -64,7 +64,8 @@ def cloth_settings(spec: ClothSpec) -> dict[str, float | str]:
     """Return the fields of a cloth for the settings of a recorded simulation; none for a preset."""
     if CLOTHS.get(spec.name) == spec:
         return {}
-    return {f"{PREFIX}{item.name}": getattr(spec, item.name) for item in fields(spec) if item.name != "name"}
+    own = (item.name for item in fields(spec) if item.name not in ("name", "held_stretch"))
+    return {f"{PREFIX}{name}": getattr(spec, name) for name in own}
 
 
 def recorded_cloth(name: str, settings: Mapping[str, object]) -> ClothSpec:

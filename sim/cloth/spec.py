@@ -15,7 +15,7 @@ from layflat.data.cloth_frame import NOMINAL_M, home_x_m
 from layflat.sim.errors import SimError
 
 HELD_STRETCH = 1.03
-"""Distance of the held corners / width of the cloth: a taut hem does not flop to a side."""
+"""Usual distance of the held corners / width of the cloth: a taut hem does not flop to a side."""
 DEFAULT_CLOTH = "towel"
 
 
@@ -40,6 +40,8 @@ class ClothSpec:
     """Half the distance that the engine keeps between cloth and cloth; the cloth rests at this height."""
     rate_hz: float = 240.0
     """Physics steps per second."""
+    held_stretch: float = HELD_STRETCH
+    """Distance at which a robot holds the corners / width: the robot's doing, not the cloth's."""
 
     def __post_init__(self) -> None:
         for field in ("length_m", "width_m", "mass_kg", "elastic_n_m", "rate_hz", "margin_m"):
@@ -60,7 +62,7 @@ class ClothSpec:
     @property
     def held_width_m(self) -> float:
         """Distance at which a robot holds the two corners."""
-        return HELD_STRETCH * self.width_m
+        return self.held_stretch * self.width_m
 
     @property
     def home_x_m(self) -> float:
@@ -104,5 +106,5 @@ class ClothSpec:
 
     def corners_at(self, x_m: float, z_m: float) -> FloatArray:
         """Return where a robot holds the corners (2, 3) m when their midpoint is at ``x_m``, 0, ``z_m``."""
-        half = HELD_STRETCH * self.width_m / 2
+        half = self.held_stretch * self.width_m / 2
         return np.array([[x_m, half, z_m], [x_m, -half, z_m]])

@@ -16,6 +16,8 @@ from layflat.sim.robots.arm_shape import ArmShape
 
 Control: TypeAlias = Literal["impedance", "position"]
 """How an arm is driven: it yields to a push, or its joints are stiff."""
+STIFFNESS_N_M = 400.0
+"""Usual stiffness of an arm's springs along all axes (chapter 3-3-1)."""
 
 
 class Robot(ABC):
@@ -36,8 +38,18 @@ class Robot(ABC):
     """Highest coordinates of a held point, likewise."""
 
     @abstractmethod
-    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
-        """Make the robot for ``cloth`` in its world; ``corner_positions`` (2, 3) m, row 0 at +y."""
+    def __init__(
+        self,
+        cloth: Cloth,
+        corner_positions: FloatArray,
+        *,
+        control: Control = "impedance",
+        stiffness_n_m: float = STIFFNESS_N_M,
+    ) -> None:
+        """Make the robot for ``cloth`` in its world; ``corner_positions`` (2, 3) m, row 0 at +y.
+
+        An arm is driven by ``control``, with springs of ``stiffness_n_m``.
+        """
 
     @abstractmethod
     def corner_positions(self) -> FloatArray:

@@ -14,9 +14,9 @@ from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Arm, Cloth, Vector, World
 from layflat.sim.robots.arm_shape import ArmShape, shape_from_urdf
-from layflat.sim.robots.base import Control, Robot
+from layflat.sim.robots.base import STIFFNESS_N_M, Control, Robot
 from layflat.sim.robots.hand_guiding import WALL_STIFFNESS_N_M, HandGuiding
-from layflat.sim.robots.impedance import STIFFNESS_N_M, CartesianImpedance
+from layflat.sim.robots.impedance import CartesianImpedance
 from layflat.sim.robots.panda import BASE_POSITION_M, JOINTS, TOOL_M, TORQUE_LIMIT_N_M, inverse_kinematics
 from layflat.sim.robots.panda_description import arm_urdf
 
@@ -40,17 +40,24 @@ class PandaHanger(Robot):
     workspace_high_m = (0.60, MAX_SIDE_M, 0.55)
     """Higher up, at both ends of x, the elbow would be nearly straight."""
 
-    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
+    def __init__(
+        self,
+        cloth: Cloth,
+        corner_positions: FloatArray,
+        *,
+        control: Control = "impedance",
+        stiffness_n_m: float = STIFFNESS_N_M,
+    ) -> None:
         """Put the arm, at rest, where its clips are at ``corner_positions`` (2, 3) m, row 0 at +y.
 
-        The clips are HELD_STRETCH times the cloth's width apart, level and parallel to y; anything else is a SimError.
+        The clips are the cloth's ``held_width_m`` apart, level and parallel to y; anything else is a SimError.
         ``control``: "impedance" (the thesis's arm: it yields to a push) or "position" (stiff joints).
         """
         if control not in get_args(Control):
             raise SimError(f"control is {control!r}; it must be one of {', '.join(get_args(Control))}")
         self._cloth = cloth
         self._world = cloth.world
-        self._control = control
+        self._control, self._stiffness_n_m = control, stiffness_n_m
         self._low, self._high = (bound[_AXES] for bound in self.workspace(cloth.spec))
         self._base_m = base_position_m(cloth.spec)
         self._clips = 0.5 * cloth.spec.held_width_m * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
@@ -68,7 +75,7 @@ class PandaHanger(Robot):
         self._guiding: HandGuiding | None = None
         self.arm = self.add_arm(self._world, cloth.spec)
         self.arm.reset_joints(self._posture)
-        self._impedance = CartesianImpedance(self.arm, self._world.substep_s)
+        self._impedance = CartesianImpedance(self.arm, self._world.substep_s, stiffness_n_m)
 
     @classmethod
     def add_arm(cls, world: World, cloth: ClothSpec) -> Arm:
@@ -145,7 +152,7 @@ class PandaHanger(Robot):
             raise SimError("position control does not yield; make the hanger with control='impedance'")
         place = self.position()
         if self._guiding is None:
-            held_n = STIFFNESS_N_M * (self.set_point - place)
+            held_n = self._stiffness_n_m * (self.set_point - place)
             self._guiding = HandGuiding(place, held_n, load_n, self._world.substep_s)
             self._impedance.yield_in_plane(True)
         if hand_m is not None:
@@ -162,7 +169,7 @@ class PandaHanger(Robot):
         if self._guiding is None:
             return
         place = self.position()
-        self.set_point[_AXES] = (place + self._guiding.carried_n(place) / STIFFNESS_N_M)[_AXES]
+        self.set_point[_AXES] = (place + self._guiding.carried_n(place) / self._stiffness_n_m)[_AXES]
         self.set_point[_AXES] = np.clip(self.set_point[_AXES], self._low, self._high)
         self._guiding = None
         self._impedance.yield_in_plane(False)

@@ -8,8 +8,6 @@ from layflat.data.arrays import FloatArray
 from layflat.sim.physics.base import Arm
 from layflat.sim.robots.panda import JOINTS, TORQUE_LIMIT_N_M
 
-STIFFNESS_N_M = 400.0
-"""Translational stiffness of all axes (chapter 3-3-1)."""
 ROTATIONAL_STIFFNESS_N_M_RAD = 60.0
 """Keeps the bar level: half a towel's weight on one clip only (0.25 N at 0.18 m) tilts it by 0.75 mrad."""
 DAMPING_RATIO = 1.0
@@ -22,11 +20,9 @@ REFRESH_SUBSTEPS = 12
 
 Taken half way ahead they are as good as fresh ones: 10 and 20 mm steps lag the same with 1, 12 and 24."""
 
-_STIFFNESS = np.array([STIFFNESS_N_M] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
 _KEPT = np.array([0.0, 1.0, 0.0, 1.0, 1.0, 1.0])
 """Share of stiffness and damping that remains while the arm yields: y and the rotations."""
 _COMPLIANT_DAMPING = np.diag(COMPLIANT_DAMPING_N_S_M * np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-_ROOT_STIFFNESS = np.sqrt(_STIFFNESS)
 _ELBOW_DAMPING = 2.0 * np.sqrt(POSTURE_STIFFNESS_N_M_RAD)
 """Critical damping / root of the inertia."""
 _TORQUE_LOW_N_M = -TORQUE_LIMIT_N_M
@@ -47,8 +43,10 @@ class CartesianImpedance:
     matrix, and as the angles move by a few milliradians, the second-order error is micrometres.
     """
 
-    def __init__(self, arm: Arm, substep_s: float) -> None:
+    def __init__(self, arm: Arm, substep_s: float, stiffness_n_m: float) -> None:
+        """Make the law with that translational stiffness."""
         self._arm = arm
+        self._stiffness = np.array([stiffness_n_m] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
         self.substep_s = substep_s
         """Duration of the coming substeps."""
         self._gain = np.zeros((JOINTS, 2 * JOINTS + 6))
@@ -102,13 +100,13 @@ class CartesianImpedance:
         to_acceleration = inverse @ jacobian.T
         task_inertia: FloatArray = np.linalg.inv(jacobian @ to_acceleration).astype(float, copy=False)
         null_space = _IDENTITY - jacobian.T @ task_inertia @ to_acceleration.T
-        damping = _critical_damping(task_inertia)
+        damping = _critical_damping(task_inertia, self._stiffness)
         elbow_damping = _ELBOW_DAMPING * _root(inertia)
 
-        stiffness = _STIFFNESS
+        stiffness = self._stiffness
         if self._compliant:
             # Kept apart: a product of both would not be positive any more, and would drive the arm.
-            stiffness, damping = _STIFFNESS * _KEPT, _COMPLIANT_DAMPING + _KEPT[:, None] * damping * _KEPT
+            stiffness, damping = stiffness * _KEPT, _COMPLIANT_DAMPING + _KEPT[:, None] * damping * _KEPT
         spring, damper = jacobian.T * stiffness, jacobian.T @ damping
         # Error at angles q: error0 - J (q - angles), with set point and posture added by the caller's values.
         constant = np.concatenate([-place, _rotation_error(rotation)]) + jacobian @ np.array(angles)
@@ -128,9 +126,9 @@ def _rotation_error(rotation: FloatArray) -> FloatArray:
     return 0.5 * np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
-def _critical_damping(task_inertia: FloatArray) -> FloatArray:
-    root = _root(task_inertia)
-    return DAMPING_RATIO * (root * _ROOT_STIFFNESS + _ROOT_STIFFNESS[:, None] * root)
+def _critical_damping(task_inertia: FloatArray, stiffness: FloatArray) -> FloatArray:
+    root, springs = _root(task_inertia), np.sqrt(stiffness)
+    return DAMPING_RATIO * (root * springs + springs[:, None] * root)
 
 
 def _root(matrix: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec, two_points
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.base import Cloth
-from layflat.sim.robots.base import Control, Robot
+from layflat.sim.robots.base import STIFFNESS_N_M, Control, Robot
 from layflat.sim.robots.hand_guiding import HAND_SPEED_M_S
 
 MIN_HEIGHT_M = 0.004
@@ -29,7 +29,14 @@ class FreePickers(Robot):
     workspace_low_m = (-0.25, -0.45, MIN_HEIGHT_M)
     workspace_high_m = (0.75, 0.45, 0.80)
 
-    def __init__(self, cloth: Cloth, corner_positions: FloatArray, *, control: Control = "impedance") -> None:
+    def __init__(
+        self,
+        cloth: Cloth,
+        corner_positions: FloatArray,
+        *,
+        control: Control = "impedance",
+        stiffness_n_m: float = STIFFNESS_N_M,
+    ) -> None:
         self._cloth = cloth
         self._corners = np.array(corner_positions, dtype=float)
         self._step = np.zeros((2, 3))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec
+from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
 from layflat.sim.physics.base import TICKS, Cloth
 from layflat.sim.robots.base import Robot
@@ -46,12 +46,12 @@ class StartScene:
 def hanging_state(spec: ClothSpec, robot: type[Robot], rng: np.random.Generator) -> InitialState:
     """Return a cloth that hangs in the air, a little narrower than the robot holds it."""
     corners = home_corners(spec)
-    return InitialState(corners=corners, nodes=spec.hanging_nodes(narrowed(corners)))
+    return InitialState(corners=corners, nodes=spec.hanging_nodes(narrowed(corners, spec)))
 
 
-def narrowed(corners: FloatArray) -> FloatArray:
-    """Return corners (2, 3) m, level and symmetric about y = 0, as far apart as the cloth is wide at rest."""
-    return corners / np.array([1.0, HELD_STRETCH, 1.0])
+def narrowed(corners: FloatArray, cloth: ClothSpec) -> FloatArray:
+    """Return held corners (2, 3) m, level and symmetric about y = 0, as far apart as the cloth is wide at rest."""
+    return corners / np.array([1.0, cloth.held_stretch, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ def _moved_state(cloth: ClothSpec, robot: type[Robot], rng: np.random.Generator)
         move = robot.spec.unpack(rng.uniform(-1.0, 1.0, robot.spec.size) * robot.start_step_m)
         corners = robot.within_reach(corners + move, cloth)
     # Made level and as wide as at rest: `attach` draws the corners to where the robot takes them.
-    level = narrowed(home) + corners.mean(axis=0) - home.mean(axis=0)
+    level = narrowed(home, cloth) + corners.mean(axis=0) - home.mean(axis=0)
     return InitialState(corners=corners, nodes=cloth.hanging_nodes(level))
 
 

@@ -159,6 +159,8 @@ def fake_episode(item: WorkItem, case: DisturbanceCase) -> Episode:
         outcome="success",
         descriptor=item.config.descriptor,
         wall_s=0.5,
+        decision_s=0.002,
+        sim_config=item.config.environment_spec().config,
     )
 
 

@@ -148,7 +148,7 @@ class EpisodeWorker:
         self._journal: JournalWriter | None = None
         self._teleop = zero_input(request.sim_config.robot_spec)
         self._trigger = MotionTakeoverTrigger(lambda: self._teleop.moving)
-        self._sim = ClothSimulation(request.sim_config)
+        self._sim = ClothSimulation(request.sim_config.under(request.variation.sample(config.seed)))
         self._sim.reset(config.seed)
         self._policy = None if request.policy is None else request.policy.make(self._sim)
         journal = config.journal

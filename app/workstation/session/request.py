@@ -8,6 +8,7 @@ from pathlib import Path
 from layflat.app.workstation.session.status import Message, Mode, SessionStatus
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.spec import PolicySpec
+from layflat.sim.conditions.variation import NO_VARIATION, Variation
 from layflat.sim.config import SimConfig
 
 COUNTDOWN_S = 3.0
@@ -18,7 +19,9 @@ class SessionRequest:
     """Settings of one interactive session: what is done, by whom, and into which file."""
 
     sim_config: SimConfig
-    """Robot, task, cloth and physics."""
+    """Robot, task, cloth, physics and conditions."""
+    variation: Variation = NO_VARIATION
+    """Conditions that each seed draws."""
     policy: PolicySpec | None = None
     """Policy that places; None: the person demonstrates."""
     source: str = ""

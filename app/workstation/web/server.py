@@ -15,6 +15,7 @@ from pathlib import Path
 import viser
 
 from layflat.app.support.errors import INTERRUPTED, UsageError
+from layflat.app.workers.sim_options import parse_conditions
 from layflat.app.workstation.session.client import start_fork_server
 from layflat.app.workstation.stop_signals import stop_on_signals
 from layflat.app.workstation.web.folder import Folder
@@ -38,6 +39,8 @@ class AppConfig:
     host: str = "127.0.0.1"
     port: int = 8080
     open_browser: bool = True
+    settings: tuple[str, ...] = ()
+    """Conditions of what is simulated, KEY=VALUE."""
     debug: bool = False
     commands: Commands = field(default_factory=dict)
     """Commands of `layflat data` by name, which the page Data offers."""
@@ -46,9 +49,12 @@ class AppConfig:
 def app(config: AppConfig) -> int:
     """Serve the workstation on the sessions and models in a folder; return the exit status."""
     check_folder(config.folder)
+    conditions = parse_conditions(config.settings)
     with tempfile.TemporaryDirectory(prefix="layflat-") as scratch:
         folder = Folder(config.folder.resolve())
-        workstation = Workstation(folder, Path(scratch), make_viewer, config.debug, config.commands)
+        workstation = Workstation(
+            folder, Path(scratch), make_viewer, config.debug, config.commands, conditions=conditions
+        )
         with serve(workstation, config) as address:
             print(f"workstation: {address}", flush=True)
             if folder.read_only:

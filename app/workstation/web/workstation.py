@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -24,10 +24,13 @@ from layflat.app.workstation.time_series import TimeSeries
 from layflat.app.workstation.web.folder import Folder
 from layflat.app.workstation.web.inputs import Inputs
 from layflat.app.workstation.web.operations import Commands
+from layflat.sim.conditions.keys import Setting, as_texts
 
 T = TypeVar("T")
 ROUND_S = 0.01
 """Longest time until an input is read."""
+SIMULATING = ("record", "evaluate")
+"""Commands in the background to which the conditions apply."""
 PAGE_S = 0.1
 """Time between two updates of the pages' numbers."""
 RUNNING = ("countdown", "still", "running")
@@ -46,6 +49,8 @@ class Workstation:
     """Whether errors are printed with their traceback, too."""
     commands: Commands = field(default_factory=dict)
     """Commands of `layflat data` by name."""
+    conditions: Mapping[str, Setting] = field(default_factory=dict)
+    """Conditions of everything that is simulated, by key."""
     holder: str = ""
     """Name of the viewer in control; empty: the first one who acts gets it."""
     settings: Settings = field(init=False)
@@ -115,7 +120,7 @@ class Workstation:
     def start(self, request: SessionRequest) -> None:
         """Start a session, once the one before has ended."""
         self.stop()
-        self._next = request
+        self._next = replace(request, sim_config=request.sim_config.under(self.conditions))
 
     def stop(self) -> None:
         """Ask the session to end, with everything saved; a few rounds later it has."""
@@ -128,7 +133,9 @@ class Workstation:
             if job.running:
                 raise UsageError("a command is running here; cancel it first")
             job.close()
-        self.jobs[page] = SubprocessCommand(arguments)
+        simulates = arguments[0] in SIMULATING
+        given = [word for text in as_texts(self.conditions) for word in ("--set", text) if simulates]
+        self.jobs[page] = SubprocessCommand([*arguments, *given])
 
     # Rounds
 

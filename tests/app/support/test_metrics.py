@@ -32,6 +32,8 @@ CONTRACT = [
     "sim_s",
     "wall_s",
 ]
+ADDED = ["conditions", "decision_ms"]
+"""Columns behind those of the contract."""
 
 
 def _with_contact(observation: Observation, contact: float) -> Observation:
@@ -39,7 +41,7 @@ def _with_contact(observation: Observation, contact: float) -> Observation:
 
 
 def test_columns_are_those_of_the_contract_in_its_order(make_episode):
-    assert list(metrics.episode_metrics(make_episode())) == CONTRACT == list(metrics.COLUMNS)
+    assert list(metrics.episode_metrics(make_episode())) == [*CONTRACT, *ADDED] == list(metrics.COLUMNS)
 
 
 def test_moments_are_those_at_the_end_of_each_phase(make_episode):

@@ -1,0 +1,1 @@
+"""Conditions of a simulation: every key of ``--set``, and seeded variations of them."""
