@@ -13,11 +13,11 @@ CONTENTS = {
     "": "tutorial",
     "How-to guides": """
         how-to/index how-to/record how-to/workstation how-to/train how-to/place how-to/evaluate how-to/suites
-        how-to/cluster how-to/sessions how-to/mend how-to/export how-to/camera how-to/own-policy how-to/own-cloth
-        how-to/python""",
+        how-to/conditions how-to/cluster how-to/sessions how-to/mend how-to/export how-to/camera
+        how-to/own-policy how-to/own-cloth how-to/python""",
     "Reference": """
-        reference/index reference/cli reference/python reference/api/index reference/names reference/observations
-        reference/controls reference/browser-view
+        reference/index reference/cli reference/python reference/api/index reference/names reference/conditions
+        reference/observations reference/controls reference/browser-view
         reference/session-file reference/files changelog""",
     "Explanation": """
         explanation/index explanation/architecture explanation/word explanation/seeing explanation/contact
@@ -105,6 +105,24 @@ def cli_page(written: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def conditions_page(written: str) -> str:
+    """Return the reference of the keys of `--set`, made from their table."""
+    from layflat.app.commands.config import HEADER, cells
+    from layflat.sim.conditions.keys import keys
+
+    lines = [
+        "# Conditions",
+        "",
+        "Keys of `--set KEY=VALUE`, of the arguments of `layflat.make_env` and the Gymnasium environments, of",
+        "`sim_config` in a session, and of variations; see [Set and vary conditions](../how-to/conditions.md).",
+        "",
+        f"| {' | '.join(HEADER)} |",
+        "|---" * len(HEADER) + "|",
+    ]
+    lines += ["| " + " | ".join((f"`{name}`", *rest)) + " |" for name, *rest in map(cells, keys().values())]
+    return "\n".join(lines) + "\n"
+
+
 def _paragraphs(command: Any) -> list[str]:
     return [" ".join(part.split()) for part in (command.help or "").strip().split("\n\n")]
 
@@ -133,6 +151,7 @@ PAGES: dict[str, Callable[[str], str]] = {
     "index": home_page,
     "changelog": from_root("CHANGELOG.md"),
     "reference/cli": cli_page,
+    "reference/conditions": conditions_page,
     **{f"reference/api/{package}": package_page(package) for package in PACKAGES},
 }
 """Makers of the pages whose files in docs/ only hold their place."""

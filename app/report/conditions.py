@@ -36,7 +36,7 @@ def conditions_section(rows: pd.DataFrame) -> Section | None:
     for name in found:
         key = keys()[name]
         drawn = rows.assign(drawn=[given.get(name, key.default) for given in rows["conditions"]])
-        binned = drawn.assign(bin=bins(drawn["drawn"], len(policies_of(rows))))
+        binned = drawn.assign(bin=bins(drawn["drawn"]))
         blocks.append(_figure(name, binned))
         blocks.append(TableBlock(table=Table(HEADER, tuple(_lines(binned))), title=f"By {name}", folded=True))
     note = (
@@ -46,7 +46,7 @@ def conditions_section(rows: pd.DataFrame) -> Section | None:
     return Section(id="conditions", title="Against what was drawn", short="Conditions", lead=note, blocks=tuple(blocks))
 
 
-def bins(drawn: pd.Series, n_policies: int) -> pd.Series:
+def bins(drawn: pd.Series) -> pd.Series:
     """Return the label of each value's bin: its own where few different ones were drawn, else a range."""
     if drawn.dtype == object or drawn.nunique() <= MAX_BINS:
         return drawn.map(str)

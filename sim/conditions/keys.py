@@ -65,9 +65,10 @@ class Key:
     def parsed(self, text: str) -> Setting:
         """Return the value of a text."""
         try:
-            return self.checked(text if self.choices else self.kind(text))
+            value = text if self.choices else self.kind(text)
         except ValueError:
             raise SimError(f"{self.name} is {text!r}; it must be {self.wanted}") from None
+        return self.checked(value)
 
 
 def _key(default: Setting, about: str, unit: str = "", **details: Any) -> Any:

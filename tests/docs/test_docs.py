@@ -10,6 +10,8 @@ import pytest
 from layflat.app.cli.main import cli
 from layflat.data.format import schema
 from layflat.docs import examples, generated
+from layflat.sim.conditions.keys import keys
+from layflat.sim.conditions.variation import shipped
 
 ROOT = generated.ROOT
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
@@ -141,6 +143,13 @@ def test_the_page_of_the_session_file_lists_every_data_set() -> None:
     text = (ROOT / "docs/reference/session-file.md").read_text(encoding="utf-8").split("## Attributes")[0]
     listed = set(re.findall(r"^\| `([^`]+)` \| \(", text, re.M))
     assert listed == {re.sub(r"^(next_)?obs/", "", key) for key in schema.FIELDS}
+
+
+def test_the_page_of_conditions_lists_every_key_and_the_guide_every_variation() -> None:
+    listed = re.findall(r"^\| `(\w+)` \|", generated.conditions_page(""), re.M)
+    assert listed == [*keys()]
+    guide = (ROOT / "docs/how-to/conditions.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+)` \|", guide, re.M)) == list(shipped())
 
 
 def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -199,3 +199,42 @@ def test_the_program_itself_exits_so(things):
     )
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert not (things / "m.npz").exists()
+
+
+SIMULATING = [
+    ("record", "new.h5"),
+    ("place", "scripted"),
+    ("evaluate", "scripted", "--robot", "hanger", "--out", "e"),
+    ("disturb", "scripted", "--robot", "hanger", "--out", "e"),
+    ("flatten",),
+    ("replay", "hanger.h5", "--episode", "0", "--mode", "action"),
+    ("demo", "--out", "d"),
+    ("app", "--no-open"),
+]
+
+
+@pytest.mark.parametrize("command", SIMULATING, ids=lambda command: command[0])
+@pytest.mark.parametrize(
+    ("setting", "hint"),
+    [
+        ("table_frition=1", "did you mean table_friction?"),
+        ("table_friction=9", "table_friction is 9.0; it must be a number between 0 and 5"),
+        ("table_friction", "must be KEY=VALUE"),
+    ],
+)
+def test_a_condition_that_is_wrong_is_refused_wherever_one_is_taken(command, setting, hint, refused):
+    assert hint in refused(*command, "--set", setting)
+
+
+@pytest.mark.parametrize("command", [SIMULATING[0], SIMULATING[2], SIMULATING[3]], ids=lambda command: command[0])
+def test_a_variation_that_is_wrong_is_refused(command, refused, things):
+    (things / "reversed.toml").write_text("schema = 1\n[draw]\nmass_factor = { uniform = [2.0, 1.0] }\n")
+    (things / "torn.toml").write_text("schema = 1\n[draw")
+    assert "give one of all, camera, cloths" in refused(*command, "--vary", "clothes")
+    assert "give the lower value first" in refused(*command, "--vary", "reversed.toml")
+    assert "torn.toml is not TOML" in refused(*command, "--vary", "torn.toml")
+    assert "leave one out" in refused(*command, "--vary", "light", "--set", "light_strength=1")
+
+
+def test_state_replay_takes_no_condition(refused):
+    assert "--mode action" in refused("replay", "hanger.h5", "--episode", "0", "--set", "mass_factor=2")
