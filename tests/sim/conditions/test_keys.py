@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from layflat.perception.cloth.pipeline import PerceptionPipeline
+from layflat.policy.training_set import recorded_size
 from layflat.sim.camera.camera import default_pinhole, pinhole_of
 from layflat.sim.camera.renderer import LIGHT, USUAL_LIGHT, light_of
 from layflat.sim.cloth.registry import CLOTHS, recorded_cloth
@@ -112,9 +113,13 @@ def test_a_setting_survives_a_recorded_simulation(key: Key) -> None:
     assert changed({**recorded, "step_s": spec.step_s}) == {key.name: another(key)}
     assert changed(vars(config)) == {key.name: another(key)}
     cloth = recorded_cloth(spec.cloth, recorded)
-    again = SimConfig(robot="hanger", cloth=cloth.name, own_cloth=cloth, **{**recorded, "step_s": spec.step_s})
+    own = {name: value for name, value in recorded.items() if not name.startswith("cloth_")} | {"step_s": spec.step_s}
+    again = SimConfig(robot="hanger", cloth=cloth.name, own_cloth=cloth, **own)
     assert again == config
     assert recorded_spec(spec.cloth, recorded) == config.cloth_spec
+    size = recorded_size(spec.cloth, recorded)
+    assert size is not None
+    assert (size.length_m, size.width_m) == (config.cloth_spec.length_m, config.cloth_spec.width_m)
 
 
 def test_a_cloth_of_a_file_is_recorded_without_the_conditions_and_simulated_with_them(tmp_path) -> None:
