@@ -45,7 +45,7 @@ class ClothTwin:
         self.free()
         spec, self._seed = self._spec, seed
         self._world = world = make_world(substep_s=1.0 / spec.rate_hz)
-        level = narrowed(corners - [0.0, corners[:, 1].mean(), 0.0])
+        level = narrowed(corners - [0.0, corners[:, 1].mean(), 0.0], spec)
         level[:, 2] = corners[:, 2].mean()
         self.cloth: Cloth = world.add_cloth(spec, spec.hanging_nodes(level))
         world.add_air(self.cloth)
