@@ -142,11 +142,15 @@ class Contents:
         """Return the button that starts a demonstration."""
         return next((button.name for button in self.inputs.device.help() if button.command is Command.START), "start")
 
+    def problem(self) -> str:
+        """Return why the device is disconnected and what to do here, or nothing."""
+        device = self.inputs.newest
+        return "" if device.connected else device.problem.replace("use the keyboard", "record with --source keyboard")
+
     def message(self) -> tuple[str, style.Color]:
         """Return the newest sentence, and its colour."""
-        device = self.inputs.newest
-        if not device.connected and device.problem and self.status.state != "paused":
-            return device.problem, style.WORD
+        if self.problem() and self.status.state != "paused":
+            return self.problem(), style.WORD
         return self.status.message.text, panels.LEVELS[self.status.message.level]
 
     def facts(self) -> list[Fact]:

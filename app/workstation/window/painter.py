@@ -166,7 +166,7 @@ class Painter:
         frame, seen, past = contents.frame(), contents.client.frame, contents.past
         window_hints, strip = self._top(), self._strip()
         facts, message = contents.facts(), contents.message()
-        words, curve = panels.banner(status, contents.start_key()), (past.episode, len(past.time_s))
+        words, curve = panels.banner(status, contents.start_key(), contents.problem()), (past.episode, len(past.time_s))
         top = (panels.headline(status), tuple(hint[:2] for hint in window_hints))
         viewport, ghost, band = contents.inputs.viewport, contents.ghost.nodes, contents.inputs.device.band()
         hands = (viewport.hover, id(viewport.drag), id(viewport.hand), band)

@@ -57,6 +57,8 @@ def headline(status: SessionStatus) -> tuple[str, str, style.Color]:
     verdict = status.verdict
     if status.state == "asking":
         return "?", "Keep it?", style.WORD
+    if status.state == "waiting" and status.problem:
+        return "○", "Not ready", style.WORD
     if status.state == "waiting":
         return ("○", "Ready", style.TEXT) if status.ready else ("○", "Hanging the cloth", style.QUIET)
     if status.state == "running":
@@ -97,9 +99,12 @@ def facts(status: SessionStatus, *, place: str, device: str) -> list[Fact]:
     return found
 
 
-def banner(status: SessionStatus, start_key: str) -> tuple[str, str]:
-    """Return large words over the view, and small ones below them; empty where there are none."""
+def banner(status: SessionStatus, start_key: str, problem: str) -> tuple[str, str]:
+    """Return large words over the view, and small ones below them; ``problem``: why the device is disconnected."""
     state, message = status.state, status.message.text
+    if state == "waiting" and problem:
+        what, _, advice = problem.partition("; ")
+        return what[:1].upper() + what[1:], advice
     if state == "waiting":
         return ("Ready", f"{start_key}: {status.effect(Command.START) or 'start'}") if status.ready else ("", "")
     if state == "countdown":

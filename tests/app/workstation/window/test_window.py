@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ import pytest
 
 from layflat.app.media.cloth_colors import contrast
 from layflat.app.support.errors import LayflatError
+from layflat.app.workstation.session.effects import describe, effects
 from layflat.app.workstation.session.status import SessionStatus
+from layflat.app.workstation.session.verdict import judge
 from layflat.app.workstation.window import panels, sound, style
 from layflat.app.workstation.window.display import load_memory
 from layflat.app.workstation.window.orbit_camera import PRESETS
@@ -212,12 +215,27 @@ SIZES = [((800, 600), 1.0), ((1280, 720), 1.0), ((3840, 2160), 2.0), ((640, 400)
 @pytest.mark.parametrize("source", ["keyboard", "gamepad"])
 @pytest.mark.parametrize(("size", "scale"), SIZES)
 def test_everything_is_said_at_every_size(sit_down, size, scale, source):
-    """All key chips are whole and inside the window, and no area lies over another."""
+    """All key chips are whole and inside the window, and no area lies over another, in each state."""
     person = sit_down("pickers", source, size=size, scale=scale)
-    painter, contents = person.window.painter, person.window.contents
     person.wait(lambda: person.status.ready, "the cloth")
     person.look()
-    assert painter.surface.get_size() == size
+    assert person.window.painter.surface.get_size() == size
+    check_place(person, size)
+    judged = judge(0.77, 0.82, False, None)
+    for state in ("countdown", "still", "running", "paused", "stopped", "finished", "asking"):
+        status = replace(
+            person.status, state=state, steps=109, can_drag=True, can_disturb=True, verdict=judged, pace_s=41.0,
+            policy="gp-word+recovery", controller="you", disturbances=("push", "fold-corner"), discarded=(3, 84),
+            question=f"{judged.words}: keep as success?" if state == "asking" else "", intervention_steps=12,
+        )  # fmt: skip
+        status = replace(status, effects=effects(status))
+        person.window.client.status = replace(status, message=describe(status))
+        person.window.painter.draw()
+        check_place(person, size)
+
+
+def check_place(person: Person, size: tuple[int, int]) -> None:
+    painter, contents = person.window.painter, person.window.contents
     place = painter.layout
     areas = {name: area for name, area in vars(place).items() if name != "window"}
     for (one, a), (other, b) in itertools.combinations(areas.items(), 2):
@@ -325,6 +343,8 @@ def test_nothing_is_alarming_at_rest(sit_down):
     person.look()
     shown = [fact.color for fact in person.window.contents.facts()] + [panels.headline(person.status)[2]]
     assert not {style.WARNING, style.WORD} & {*shown, person.window.contents.message()[1]}
+    word = picture(person, person.window.painter.layout.word)
+    assert not (word == style.WORD).all(axis=-1).any(), "none is no warning"
     for color in (style.TEXT, style.QUIET, style.ACCENT, style.CONTACT, style.WORD, style.WARNING, style.HUMAN):
         assert contrast(color, style.CARD) >= 4.5
 
@@ -364,6 +384,50 @@ def test_the_window_shows_who_is_in_control(sit_down):
 def test_the_headline_says_who_acts(phase, controller, words):
     status = SessionStatus(mode="correct", state="running", phase=phase, policy="word", controller=controller)
     assert panels.headline(status)[1] == words
+
+
+@pytest.mark.parametrize("success", [False, True])
+def test_a_cloth_that_is_not_flat_is_not_shown_as_success(success):
+    """The policy has stopped; that says nothing of the cloth."""
+    verdict = judge(0.36, 0.82, success, None)
+    status = SessionStatus(mode="place", state="stopped", verdict=verdict, contact=0.36, policy="word")
+    sign, words, color = panels.headline(status)
+    assert words == f"Stopped: {verdict.words}"
+    assert (sign, color) == (("✓", style.CONTACT) if success else ("■", style.WORD))
+
+
+def test_without_a_pad_the_window_does_not_say_to_press_one(sit_down):
+    person = sit_down("hanger", "gamepad")
+    contents = person.window.contents
+    person.wait(lambda: person.status.ready and bool(person.status.problem), "the cloth")
+    person.look()
+    large, small = panels.banner(person.status, contents.start_key(), contents.problem())
+    assert large == "No gamepad is plugged in"
+    assert "Cross" not in small
+    assert panels.headline(person.status)[1] == "Not ready"
+    person.plug_in()
+    person.wait(lambda: panels.headline(person.status)[1] == "Ready", "the pad")
+    assert panels.banner(person.status, contents.start_key(), contents.problem())[0] == "Ready"
+
+
+def test_a_key_that_discards_can_be_taken_back(sit_down):
+    """x lies between the keys of motions."""
+    person = sit_down("hanger", "keyboard")
+    person.wait(lambda: person.state == "waiting" and person.status.ready, "the cloth")
+    person.key(pygame.K_RETURN)
+    person.wait(lambda: person.state in ("still", "running"), "the countdown")
+    person.hold(pygame.K_DOWN)
+    person.wait(lambda: person.status.steps >= 6, "some steps")
+    person.release(pygame.K_DOWN)
+    person.key(pygame.K_x)
+    person.wait(lambda: person.status.discarded is not None, "it to be gone")
+    steps = person.status.discarded[1]
+    assert steps >= 6
+    person.look()
+    assert any("bring back" in hint.text for _, hint in person.window.painter.hints)
+    person.key(pygame.K_u)
+    person.wait(lambda: person.status.steps == steps, "it to be back")
+    assert person.status.discarded is None
 
 
 def test_the_best_demonstration_is_shown_beside_the_cloth(sit_down, tmp_path, make_episode, lying):
