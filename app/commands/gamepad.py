@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from layflat.app.workstation.teleop.gamepad import COMMANDS
 from layflat.app.workstation.teleop.gamepad_state import STICKS, GamepadState, StickRest, label
 from layflat.app.workstation.teleop.mapping import (
     DeviceCapabilities,
-    RawGamepadState,
     mapping_file,
     read_mapping,
     write_mapping,
@@ -33,6 +33,7 @@ POLL_S = 0.02
 LINE_S = 0.1
 """Shortest time between two lines where stdout is not a terminal."""
 NO_GAMEPAD = "no gamepad is plugged in; plug one in, or record with --source keyboard"
+SDL_STICKS = DeviceCapabilities(axes=len(STICKS), buttons=0, hats=0)
 BAR = 21
 """Characters of a bar; odd, so that there is a middle."""
 
@@ -60,31 +61,6 @@ def monitor(mapping: Path | None, seconds: float | None) -> None:
             time.sleep(POLL_S)
 
 
-class _Sticks:
-    """Sticks of a gamepad whose inputs are known, as a gamepad that has nothing else."""
-
-    def __init__(self, device: GamepadDevice) -> None:
-        self._device = device
-
-    def get_numaxes(self) -> int:
-        return len(STICKS)
-
-    def get_numbuttons(self) -> int:
-        return 0
-
-    def get_numhats(self) -> int:
-        return 0
-
-    def get_axis(self, axis_number: int, /) -> float:
-        return self._device.sticks()[STICKS[axis_number]]
-
-    def get_button(self, button: int, /) -> bool:
-        return False
-
-    def get_hat(self, hat_number: int, /) -> tuple[int, int]:
-        return (0, 0)
-
-
 def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone: float | None = None) -> None:
     """Ask for each stick and button of the first gamepad, and write a mapping.
 
@@ -98,7 +74,8 @@ def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone
     validators.writable_file(path, force=force, append=changes, suffix=".json")
     mapping, rest = read_mapping(path, capabilities) if changes and path.exists() else (None, StickRest())
     print(f"{name}: {capabilities}", file=sys.stderr)
-    inputs: RawGamepadState = joystick
+    read: Callable[[], RawState] = partial(RawState.of, joystick)
+    inputs = capabilities
     with ExitStack() as stack:
         if sticks:
             gamepads = GamepadRegistry(pygame, controller, mapping=path if file and path.exists() else None)
@@ -106,9 +83,10 @@ def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone
             gamepads.refresh()
             if instance not in gamepads.devices:
                 raise LayflatError(gamepads.unknown.get(instance, f"{name} is not known; calibrate all of it"))
-            inputs = _Sticks(gamepads.devices[instance])
+            device = gamepads.devices[instance]
+            read, inputs = lambda: RawState(tuple(device.sticks().values()), frozenset()), SDL_STICKS
         if sticks or not changes:
-            calibration = _converse(pygame, instance, name, inputs, only_sticks=sticks)
+            calibration = _converse(pygame, instance, name, read, inputs, only_sticks=sticks)
             mapping, rest = mapping if sticks else calibration.mapping(), calibration.rest()
     if dead_zone is not None:
         rest = replace(rest, dead_zone=dead_zone)
@@ -117,10 +95,12 @@ def calibrate(file: Path | None, force: bool, *, sticks: bool = False, dead_zone
     print(f"calibrated {name}: {path}")
 
 
-def _converse(pygame: Any, instance: int, name: str, inputs: RawGamepadState, *, only_sticks: bool) -> Calibration:
+def _converse(
+    pygame: Any, instance: int, name: str, read: Callable[[], RawState], has: DeviceCapabilities, *, only_sticks: bool
+) -> Calibration:
     """Return the finished calibration."""
     calibration = Calibration(
-        DeviceCapabilities.of(inputs),
+        has,
         lambda text: print(f"  {text}", file=sys.stderr, flush=True),
         time.monotonic,
         only_sticks=only_sticks,
@@ -129,7 +109,7 @@ def _converse(pygame: Any, instance: int, name: str, inputs: RawGamepadState, *,
         pygame.event.get(gamepad_events(pygame))
         if instance not in _joysticks(pygame):
             raise LayflatError(f"{name} was unplugged; nothing was written")
-        calibration.update(inputs)
+        calibration.update(read())
         time.sleep(POLL_S)
     return calibration
 

@@ -105,9 +105,9 @@ class Calibration:
         self.done = False
         self._steps = self._all_steps(STICKS if only_sticks else (*TRIGGERS, *STICKS, *BUTTONS))
 
-    def update(self, gamepad: RawGamepadState) -> None:
-        """Read the gamepad; LayflatError where nothing was pressed for too long."""
-        self._raw = RawState.of(gamepad)
+    def update(self, raw: RawState) -> None:
+        """Take a reading; LayflatError where nothing was pressed for too long."""
+        self._raw = raw
         if not self.done:
             self.done = next(self._steps, "done") == "done"
 

@@ -18,7 +18,7 @@ from layflat.app.commands import doctor
 from layflat.app.commands import gamepad as commands
 from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.teleop.calibration import Calibration
+from layflat.app.workstation.teleop.calibration import Calibration, RawState
 from layflat.app.workstation.teleop.devices import GamepadRegistry
 from layflat.app.workstation.teleop.gamepad import FINE_SPEED, Gamepad
 from layflat.app.workstation.teleop.gamepad_state import BUTTONS, STICKS, TRIGGERS, GamepadState
@@ -74,7 +74,7 @@ class Person:
         calibration = Calibration(counts, self.ask, lambda: self.now)
         while not calibration.done:
             pygame.event.pump()
-            calibration.update(joystick)
+            calibration.update(RawState.of(joystick))
             self.passes(0.02)
             assert self.now < 300
         return calibration.mapping()
