@@ -114,6 +114,33 @@ def evaluate(
     call("commands.evaluate:evaluate", options)
 
 
+def benchmark(
+    policies: Annotated[
+        list[str],
+        typer.Argument(metavar="POLICY...", show_default=False, help="Policies, as in `layflat evaluate`."),
+    ],
+    out: Folder,
+    workers: Workers,
+    quick: Annotated[bool, typer.Option("--quick", help="A small part, in two to three minutes on two cores.")] = False,
+    phrase: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT",
+            show_default="the published seeds",
+            help="Seeds that follow from this text, which nobody can have tuned to.",
+        ),
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Score policies on Layflat Bench 1.
+
+    Robots, cloths, disturbances and variations on published seeds, into DIR/benchmark.html and DIR/benchmark.json. The
+    same command continues after an interruption.
+    """
+    call("commands.benchmark:run_benchmark", locals())
+
+
 DISTURB_HELP = f"""Compare policies through suites of disturbances.
 
 The same as `layflat evaluate --disturb SUITE`, with the suite {DEFAULT_SUITE} where none is given: every episode also

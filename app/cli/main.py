@@ -20,7 +20,7 @@ import typer
 from layflat.app.cli.call import call
 from layflat.app.cli.cloth import cloth_cli
 from layflat.app.cli.data import data_cli
-from layflat.app.cli.evaluation import DISTURB_HELP, bench, demo, evaluate, reproduce
+from layflat.app.cli.evaluation import DISTURB_HELP, bench, benchmark, demo, evaluate, reproduce
 from layflat.app.cli.gamepad import gamepad_cli
 from layflat.app.cli.learning import flatten, place, record, replay, train
 from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, Settings, count, expand_home
@@ -142,7 +142,7 @@ def doctor(debug: Debug = False) -> None:
 cli.command()(demo)
 cli.command()(record)
 cli.command(name="app")(app_)
-for _command in (train, place, word, flatten, reproduce, bench, config, doctor, evaluate):
+for _command in (train, place, word, flatten, reproduce, bench, config, doctor, evaluate, benchmark):
     cli.command()(_command)
 cli.command(name="disturb", help=DISTURB_HELP)(evaluate)
 cli.command()(replay)

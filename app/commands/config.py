@@ -20,7 +20,7 @@ def list_keys(json: Path | None, *, force: bool) -> None:
     if json is not None:
         validators.writable_file(json, suffix=".json", force=force)
         write_json(json, {"keys": [described(key) for key in keys().values()]})
-    print_table(HEADER, [cells(key) for key in keys().values()], left=3, width=WIDTH)
+    print_table(HEADER, [cells(key) for key in keys().values()], left=6, width=WIDTH)
 
 
 def cells(key: Key) -> tuple[str, ...]:

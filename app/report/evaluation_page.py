@@ -109,7 +109,7 @@ def evaluation_page(
             *sections,
             *filter(None, [conditions_section(rows)]),
             *options.sections,
-            _failures(rows),
+            failures_section(rows),
             _episodes(rows),
         ),
         notes=(*notes, *_notes(rows)),
@@ -208,7 +208,8 @@ def _comparisons(rows: pd.DataFrame, quantity: str) -> list[Block]:
     return [Text(lines=tuple(lines), finding=True), table]
 
 
-def _failures(rows: pd.DataFrame) -> Section:
+def failures_section(rows: pd.DataFrame) -> Section:
+    """List what failed, and why."""
     table = failure_table(rows)
     block: Block = Text(lines=("Nothing: every episode ended flat, by its own decision.",))
     if table.rows:
