@@ -3,37 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from layflat.app.support.errors import LayflatError
-from layflat.app.workstation.session.status import Verdict
-from layflat.data.environment_spec import StepLimits
+from layflat.app.workstation.session.status import EpisodeStatus
 from layflat.data.session.saved_episode import SavedEpisode
-from layflat.data.types import StoppedBy
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeStatus:
-    """State of an episode after a step."""
-
-    n_steps: int = 0
-    time_s: float = 0.0
-    """Simulated time."""
-    contact_portion: float = 0.0
-    flat_area: float = 0.0
-    verdict: Verdict | None = None
-    stopped_by: StoppedBy | None = None
-    """Why no step was taken: the policy's reason, or divergence; None where one was."""
-    disturbed: bool = False
-    """Whether a disturbance acts, or the cloth has not come to rest after it."""
-    human_in_control: bool = False
-    intervention_steps: int = 0
-    disturbances: tuple[str, ...] = ()
-    policy: str = ""
-    """Name of the policy; empty where a person demonstrates."""
-    limits: StepLimits = field(default_factory=StepLimits)
-    """Most steps of the policy in each phase."""
 
 
 class EpisodeHandle:

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 
 from layflat.app.workers.process import configure_child, describe_exit_status
-from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeLost
 from layflat.app.workstation.session.frame_channel import SimulationFrame, frame_of
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.session.request import SessionRequest
+from layflat.app.workstation.session.status import EpisodeStatus
 from layflat.app.workstation.session.verdict import judge
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleop_policy import TeleopPolicy
@@ -198,9 +199,9 @@ class EpisodeWorker:
         success = stopped_by != "unstable" and self._sim.success()
         limits, extra = self._sim.spec.limits, 0 if policy is None else max_extra_steps(policy)
         return EpisodeStatus(
-            n_steps=run.n_steps,
+            steps=run.n_steps,
             time_s=seen.time_s,
-            contact_portion=seen.contact_portion,
+            contact=seen.contact_portion,
             flat_area=flat_area,
             verdict=judge(seen.contact_portion, flat_area, success, self._nodes()),
             stopped_by=stopped_by,

@@ -78,7 +78,7 @@ class Ledger:
         """Show a take that is gone for good."""
         at = take.status
         if self._path is not None:
-            line = discarded_line(take.seed, at.n_steps, at.contact_portion, self._path)
+            line = discarded_line(take.seed, at.steps, at.contact, self._path)
             self._emit(SessionEvent(kind="discarded", text=line))
 
     def _n_kept(self) -> int:

@@ -139,7 +139,7 @@ class Session:
         """End the session; a take that has steps is kept as partial. May be called twice."""
         take, self._take, self._over = self._take, None, True
         self._release_held()
-        if take is not None and self._request.session is not None and take.status.n_steps:
+        if take is not None and self._request.session is not None and take.status.steps:
             self._ledger.save(take, "partial", "interrupted")
         elif take is not None:
             take.handle.discard()
@@ -255,7 +255,7 @@ class Session:
 
     def _discard(self, take: Take, *, again: bool) -> None:
         """Discard the take; one that has steps is held until the next one begins."""
-        text, n_steps = "", take.status.n_steps
+        text, n_steps = "", take.status.steps
         if self._request.session is not None and n_steps:
             self._release_held()
             take.pause()
@@ -279,7 +279,7 @@ class Session:
         self._seed = self._take.seed
         self._ledger.counts["discarded"] -= 1
         self._take.handle.ask("show")
-        self._say(f"seed {self._seed} is back with its {self._take.status.n_steps} steps", "success")
+        self._say(f"seed {self._seed} is back with its {self._take.status.steps} steps", "success")
 
     def _release_held(self) -> None:
         """Discard the held take for good: the next one begins, or the session ends."""
@@ -313,8 +313,8 @@ class Session:
             shown = take.show_in(shown, dragging=self._drag is not None)
             left_s = max(self._countdown_end_s - self._clock(), 0.0) if take.state == "countdown" else 0.0
             shown = replace(shown, countdown_s=left_s)
-            if self._held is not None and not take.status.n_steps:
-                shown = replace(shown, discarded=(self._held.seed, self._held.status.n_steps))
+            if self._held is not None and not take.status.steps:
+                shown = replace(shown, discarded=(self._held.seed, self._held.status.steps))
         message, state, seed, until_s = self._note
         if not message.text or (state, seed) != (shown.state, shown.seed) or self._clock() >= until_s:
             message = describe(shown)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from layflat.app.workstation.teleop.teleop_input import Command
+from layflat.data.environment_spec import StepLimits
 from layflat.data.types import Outcome, Phase, StoppedBy
 
 Mode: TypeAlias = Literal["record", "place", "correct"]
@@ -60,8 +61,33 @@ class SessionEvent:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SessionStatus:
-    """State of a session at one moment."""
+class EpisodeStatus:
+    """State of an episode after a step."""
+
+    steps: int = 0
+    time_s: float = 0.0
+    """Simulated time."""
+    contact: float = 0.0
+    flat_area: float = 0.0
+    verdict: Verdict | None = None
+    """Judgement; of a session, once its take has stopped, or of the last one while the next one waits."""
+    stopped_by: StoppedBy | None = None
+    """Why no step was taken: the policy's reason, or divergence; None where one was."""
+    disturbed: bool = False
+    """Whether a disturbance acts, or the cloth has not come to rest after it."""
+    human_in_control: bool = False
+    intervention_steps: int = 0
+    """Steps in which a person took over."""
+    disturbances: tuple[str, ...] = ()
+    policy: str = ""
+    """Name of the policy; empty where a person demonstrates."""
+    limits: StepLimits = field(default_factory=StepLimits)
+    """Most steps of the policy in each phase."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionStatus(EpisodeStatus):
+    """State of a session at one moment, with that of its current take."""
 
     mode: Mode = "record"
     task: str = "place"
@@ -76,22 +102,12 @@ class SessionStatus:
     """Session that is recorded into; empty where takes cannot be kept."""
     seed: int = 0
     """Seed of the current take."""
-    steps: int = 0
-    time_s: float = 0.0
-    """Simulated time of the current take."""
-    contact: float = 0.0
-    flat_area: float = 0.0
-    policy: str = ""
-    """Name of the policy; empty where a person demonstrates."""
     source: str = ""
     """Teleoperator of the person; empty where there is none."""
     problem: str = ""
     """Why the teleoperator is disconnected, or empty."""
     controller: str = ""
     """Controller of the next step: `YOU`, or the policy's name; empty while neither decides."""
-    intervention_steps: int = 0
-    """Steps of the current take in which the person took over."""
-    disturbances: tuple[str, ...] = ()
     drag_steps: int = 0
     dragging: bool = False
     """Whether the person pulls at the cloth now."""
@@ -113,10 +129,6 @@ class SessionStatus:
     """Mean wall time for each kept take; None before the first."""
     message: Message = field(default_factory=Message)
     """The present state, or what has just happened."""
-    verdict: Verdict | None = None
-    """Judgement of the current take once it has stopped, or of the last one while the next one waits."""
-    stopped_by: StoppedBy | None = None
-    """Why the current take has stopped."""
     asked: Outcome | None = None
     """Label that the question is about."""
     question: str = ""

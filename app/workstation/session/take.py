@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeStatus
-from layflat.app.workstation.session.status import YOU, SessionStatus, State
+from layflat.app.workstation.session.episode import EpisodeHandle
+from layflat.app.workstation.session.status import YOU, EpisodeStatus, SessionStatus, State
 from layflat.app.workstation.teleop.teleop_input import TeleopInput
 from layflat.data.types import DragTarget, Outcome, Phase, StoppedBy
 
@@ -134,32 +134,24 @@ class Take:
         """Return a session's status with that of this take."""
         at, judged = self.status, self.state in ("paused", "stopped", "finished", "asking")
         active = self.state in ("still", "running", "stopped")
-        verdict = at.verdict if judged and at.n_steps else shown.verdict
+        verdict = at.verdict if judged and at.steps else shown.verdict
         return replace(
             shown,
+            **vars(at) | {"policy": at.policy or shown.policy, "verdict": verdict, "stopped_by": self.stopped_by},
             phase=self.phase,
             ready=self.ready,
-            steps=at.n_steps,
-            time_s=at.time_s,
-            contact=at.contact_portion,
-            flat_area=at.flat_area,
-            policy=at.policy or shown.policy,
             controller=self.controller,
-            intervention_steps=at.intervention_steps,
-            disturbances=at.disturbances,
             drag_steps=self.drag_steps,
             dragging=dragging and active,
             can_disturb=self.can_disturb,
             can_drag=active,
-            verdict=verdict,
-            stopped_by=self.stopped_by,
             asked=self.asked,
             question="" if self.asked is None or verdict is None else f"{verdict.words}: keep as {self.asked}?",
         )
 
     def _at_limit(self) -> bool:
         if not self.has_policy:
-            return self.status.n_steps >= MAX_STEPS
+            return self.status.steps >= MAX_STEPS
         limits = self.status.limits
         most = {"place": limits.place, "repair": limits.repair, "disturb": MAX_STEPS}[self.phase]
         return self._phase_steps >= most and not self.status.human_in_control

@@ -101,24 +101,16 @@ def foreign_policy(text: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionFacts:
-    """Parts of the simulation of a session, and the outcome of each episode."""
+    """The simulation of a session's episodes, without noise, and the outcome of each."""
 
-    robot: str
-    task: str
-    cloth: str
-    physics: str
-    descriptor: str
-    step_s: float
+    config: SimConfig
     outcomes: tuple[str, ...]
 
     def describe(self) -> str:
         """Return the facts in one line."""
         counts = [f"{self.outcomes.count(name)} {name}" for name in dict.fromkeys(self.outcomes)]
-        return f"{self.robot}, {self.cloth}, task {self.task}: {', '.join(counts) or 'no episodes yet'}"
-
-    def sim_config(self, *, noise: bool) -> SimConfig:
-        """Return the simulation whose episodes fit into the session."""
-        return SimConfig(**{name: value for name, value in vars(self).items() if name != "outcomes"}, noise=noise)
+        config, listed = self.config, ", ".join(counts) or "no episodes yet"
+        return f"{config.robot}, {config.cloth}, task {config.task}: {listed}"
 
 
 def session_facts(path: Path) -> SessionFacts:
@@ -130,7 +122,6 @@ def session_facts(path: Path) -> SessionFacts:
 @lru_cache(maxsize=64)
 def _read(path: Path, _: tuple[int, ...]) -> SessionFacts:
     with open_session(path) as session:
-        return SessionFacts(
-            **{name: getattr(session, name) for name in ("task", "cloth", "physics", "descriptor", "step_s")},
-            robot=session.robot.name, outcomes=tuple(info.outcome for info in session.infos().values()),
-        )  # fmt: skip
+        parts = {name: getattr(session, name) for name in ("task", "cloth", "physics", "descriptor", "step_s")}
+        config = SimConfig(robot=session.robot.name, noise=False, **parts)
+        return SessionFacts(config=config, outcomes=tuple(info.outcome for info in session.infos().values()))

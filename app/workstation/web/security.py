@@ -149,8 +149,7 @@ def open_server(host: str, port: int, *, token: str | None = None) -> SafeServer
     loopback = is_loopback(host)
     if not loopback and token is None:
         token = secrets.token_urlsafe(24)
-    hosts = _bindable(LOOPBACK if host in ("localhost", *LOOPBACK) else (host,), port)
-    port = port or _free_port(hosts)
+    hosts, port = _bindable(LOOPBACK if host in ("localhost", *LOOPBACK) else (host,), port)
     guard = Guard(token=token, loopback=loopback, port=port)
     # viser prints on stdout, which belongs to results, and websockets prints a traceback for each odd request.
     rich.reconfigure(quiet=True)
@@ -186,48 +185,29 @@ def _guarded(guard: Guard, hosts: Sequence[str]) -> Iterator[None]:
         websocket_server.serve = real  # type: ignore[misc]
 
 
-def _bindable(hosts: Sequence[str], port: int) -> list[str]:
-    """Return the hosts on which this machine can listen: ::1 is missing on some."""
+def _bindable(hosts: Sequence[str], port: int) -> tuple[list[str], int]:
+    """Return the hosts on which this machine can listen (::1 is missing on some), and the port, a free one for 0."""
     found: list[str] = []
+    wanted = port
     for host in hosts:
         try:
-            _listen(host, port).close()
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[
+                0
+            ]
+            with socket.create_server(address, family=family) as listening:
+                port = port or int(listening.getsockname()[1])
         except PermissionError as error:
             raise UsageError(f"port {port} is for the administrator; choose a --port of 1024 or more") from error
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
+                if found and not wanted:  # The port that was free on the first host.
+                    return _bindable(hosts, 0)
                 raise _in_use(host, port) from error
             if host == LOOPBACK[1] and found:
                 continue
             raise UsageError(f"cannot serve on --host {host} --port {port}: {error}") from error
         found.append(host)
-    return found
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family == socket.AF_INET6:
-            listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        listening.bind(address)
-        listening.listen(1)
-    except OSError:
-        listening.close()
-        raise
-    return listening
-
-
-def _free_port(hosts: Sequence[str]) -> int:
-    """Return a port that is free on all hosts."""
-    for _ in range(100):
-        with _listen(hosts[0], 0) as listening:
-            port = int(listening.getsockname()[1])
-        with suppress(UsageError):
-            _bindable(hosts, port)
-            return port
-    raise UsageError("no port is free; choose one with --port")
+    return found, port
 
 
 def _in_use(host: str, port: int) -> UsageError:

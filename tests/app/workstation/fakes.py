@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.episode import EpisodeHandle, EpisodeLost
 from layflat.app.workstation.session.latest_value import LatestValue
 from layflat.app.workstation.session.request import COUNTDOWN_S, SessionRequest
 from layflat.app.workstation.session.session import Session
-from layflat.app.workstation.session.status import SessionEvent, SessionStatus, Verdict
+from layflat.app.workstation.session.status import EpisodeStatus, SessionEvent, SessionStatus, Verdict
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.app.workstation.teleop.teleoperator import Button
 from layflat.data.environment_spec import StepLimits
@@ -118,9 +118,9 @@ class FakeEpisode(EpisodeHandle):
     def _show(self, stop: StoppedBy | None = None) -> None:
         n_steps = len(self.inputs)
         self.status = EpisodeStatus(
-            n_steps=n_steps,
+            steps=n_steps,
             time_s=0.1 * n_steps,
-            contact_portion=min(0.01 * n_steps, 1.0),
+            contact=min(0.01 * n_steps, 1.0),
             verdict=self.verdict,
             stopped_by=stop,
             disturbed=self.disturbed_steps > 0,

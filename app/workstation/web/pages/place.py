@@ -80,7 +80,7 @@ class PlacePage(LivePage):
 
     def _fits(self, name: str, config: SimConfig) -> bool:
         try:
-            return session_facts(self.folder.session(name)).sim_config(noise=config.noise) == config
+            return session_facts(self.folder.session(name)).config == replace(config, noise=False)
         except Exception:
             return False  # One that cannot be read is none to record into.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.preview import initial_frame
 from layflat.app.workstation.web.folder import SESSION, session_facts
@@ -70,7 +72,7 @@ class RecordPage(LivePage):
     def _config(self) -> SimConfig:
         settings, name = self.workstation.settings, str(self._session.value)
         if name != NEW:
-            return session_facts(self.folder.session(name)).sim_config(noise=settings.noise)
+            return replace(session_facts(self.folder.session(name)).config, noise=settings.noise)
         return settings.sim_config(robot=self._robot.value, task=self._task.value, cloth=self._cloth.value)
 
     def _begin(self) -> None:

@@ -14,9 +14,10 @@ import psutil
 import pytest
 
 from layflat.app.support.child_python import fork_server_context
-from layflat.app.workstation.session.episode import EpisodeLost, EpisodeStatus
+from layflat.app.workstation.session.episode import EpisodeLost
 from layflat.app.workstation.session.episode_process import EpisodeConfig, EpisodeProcess
 from layflat.app.workstation.session.request import SessionRequest
+from layflat.app.workstation.session.status import EpisodeStatus
 from layflat.app.workstation.teleop.teleop_input import TeleopInput, zero_input
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
@@ -89,10 +90,10 @@ def recorded(one: Driver, path: Path) -> Episode:
 
 def test_the_input_is_carried_out_and_saved(begin, tmp_path):
     one = begin(images=True)
-    assert one.episode.status.n_steps == 0
+    assert one.episode.status.steps == 0
     for n_steps in (1, 2, 3):
         status = one.step()
-        assert (status.n_steps, status.stopped_by) == (n_steps, None)
+        assert (status.steps, status.stopped_by) == (n_steps, None)
         assert status.time_s == pytest.approx(0.1 * n_steps)
     assert status.verdict.words == "0 %, in the air"
     saved = one.save("failure", "converged")
@@ -101,7 +102,7 @@ def test_the_input_is_carried_out_and_saved(begin, tmp_path):
     found = recorded(one, tmp_path / "s.h5")
     assert [step.action.tolist() for step in found.steps] == [DOWN.action.tolist()] * 3
     assert (found.source, found.seed, found.stopped_by) == ("gamepad", 3, "converged")
-    assert found.final_observation.contact_portion == pytest.approx(status.contact_portion)
+    assert found.final_observation.contact_portion == pytest.approx(status.contact)
     assert found.steps[0].observation.rgb is not None
     assert found.final_observation.holder_position[2] < found.steps[0].observation.holder_position[2] - 0.01
 
