@@ -22,29 +22,20 @@ from layflat.app.workstation.session.status import LEVELS, Level, Message, Sessi
 from layflat.app.workstation.session.take import Take
 from layflat.app.workstation.teleop.teleop_input import Command, TeleopInput, zero_input
 from layflat.data.session.saved_episode import SavedEpisode
-from layflat.data.types import DragTarget, Outcome, StoppedBy
+from layflat.data.types import DragTarget, Outcome
 
 IDLE_S = 0.005
 """Time between two looks at the input while time stands."""
-ENDED_BY_PERSON: StoppedBy = "converged"
-"""Reason of an episode that the person ended by their label."""
 
 
 class Session:
     """Takes of one seed after another: `handle_...` what the person does, and `update` again and again until `done`."""
 
     def __init__(
-        self,
-        request: SessionRequest,
-        make_episode: HandleFactory,
-        *,
-        seed: int = 0,
-        used_seeds: Collection[int] = (),
-        n_episodes: int = 0,
-        recovered: Sequence[SavedEpisode] = (),
-        emit: Callable[[SessionEvent], None] = lambda event: None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+        self, request: SessionRequest, make_episode: HandleFactory, *, seed: int = 0, used_seeds: Collection[int] = (),
+        n_episodes: int = 0, recovered: Sequence[SavedEpisode] = (),
+        emit: Callable[[SessionEvent], None] = lambda event: None, clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
         """Start with the cloth of the first seed being hung.
 
         Seeds go up from ``seed``, without ``used_seeds``. The file has ``n_episodes``, of which an interrupted session
@@ -52,6 +43,7 @@ class Session:
         """
         self._request, self._make_episode, self._clock = request, make_episode, clock
         self._used_seeds, self._seed, self._over = frozenset(used_seeds), seed, False
+        self._countdown_end_s = 0.0
         self._ledger = Ledger(request, n_episodes, emit, clock)
         self._teleop = zero_input(request.sim_config.robot_spec)
         self._drag: DragTarget | None = None
@@ -63,7 +55,6 @@ class Session:
         """Judgement of the last take."""
         self._note: tuple[Message, State, int, float] = Message(), "over", 0, 0.0
         """What has just happened, in which state and with which seed, and until when it is said."""
-        self._countdown_end_s = 0.0
         self._take: Take | None = None
         self._limiter = self._paced(request.speed)
         self._prepare(seed)
@@ -74,8 +65,6 @@ class Session:
         if request.note.text:
             self._say(request.note.text, request.note.level, stays=True)
 
-    # What the person does
-
     def handle_input(self, teleop: TeleopInput, drag: DragTarget | None = None) -> None:
         """Take the newest input: pause where the device is disconnected, continue when it is back."""
         if not self._request.source:
@@ -83,7 +72,8 @@ class Session:
         self._teleop, self._drag = teleop.without_commands(), drag
         if not teleop.connected and self._lost_in is None and self.state in ("countdown", "still", "running"):
             self._lost_in = self.state
-            self._set("paused")
+            if self._take is not None:
+                self._take.state = "paused"
         elif teleop.connected and self._lost_in is not None:
             before, self._lost_in = self._lost_in, None
             if self.state == "paused" and before != "paused":
@@ -120,11 +110,11 @@ class Session:
 
     def disturb(self, name: str) -> None:
         """Start a named disturbance, where one can act now."""
-        if self._take is None or not self._take.can_disturb:
+        if self._take is not None and self._take.can_disturb:
+            self._take.disturb(name)
+            self._say(f"disturbance: {name}")
+        else:
             self._say("there is nothing to disturb now", "warning")
-            return
-        self._take.disturb(name)
-        self._say(f"disturbance: {name}")
 
     def answer(self, yes: bool) -> None:
         """Answer the question of the status: keep the take with the label after all, or go back to it."""
@@ -144,14 +134,10 @@ class Session:
         elif take is not None:
             take.handle.discard()
 
-    # What happens by itself
-
     @property
     def state(self) -> State:
         """State of the session."""
-        if self._over:
-            return "over"
-        return "waiting" if self._take is None else self._take.state
+        return "over" if self._over else "waiting" if self._take is None else self._take.state
 
     @property
     def done(self) -> bool:
@@ -214,12 +200,6 @@ class Session:
             if not self._over:
                 self._prepare(self._seed)
 
-    # Changes of the state
-
-    def _set(self, state: State) -> None:
-        if self._take is not None:
-            self._take.state = state
-
     def _paced(self, speed: float) -> RateLimiter:
         return RateLimiter(self._request.sim_config.step_s, speed, clock=self._clock)
 
@@ -236,8 +216,7 @@ class Session:
 
     def _continue(self, before: State) -> None:
         if self._take is not None and before == "countdown":
-            self._take.state = "countdown"
-            self._countdown_end_s = self._clock() + self._request.countdown_s
+            self._take.state, self._countdown_end_s = "countdown", self._clock() + self._request.countdown_s
         elif self._take is not None:
             self._take.proceed()
 
@@ -248,7 +227,7 @@ class Session:
             take.ask(outcome)
             return
         self._take, self._verdict, self._seed = None, verdict, take.seed + 1
-        self._ledger.save(take, outcome, take.stopped_by or ENDED_BY_PERSON)
+        self._ledger.save(take, outcome, take.stopped_by or "converged")
         if not self._ledger.enough:
             self._prepare(self._seed)
         self._say(f"saving seed {take.seed} as {outcome}")
@@ -287,8 +266,6 @@ class Session:
         if held is not None:
             held.handle.discard()
             self._ledger.note_discarded(held)
-
-    # What is shown
 
     def _say(self, text: str, level: Level = "info", *, stays: bool = False) -> None:
         until_s = math.inf if stays else self._clock() + NOTE_S
