@@ -57,7 +57,7 @@ class Viewer:
         self._folder: viser.GuiFolderHandle | None = None
         self._hands = (False, False)
         """Whether the cloth can be pulled, and the robot guided."""
-        self._dark = False
+        self._dark, self._asked = False, 0
         gui = client.gui
         self._control = gui.add_html("")
         self._take = gui.add_button("Take control", visible=False)
@@ -96,12 +96,16 @@ class Viewer:
 
         self.workstation.post(guarded, client_id)
 
-    def background(self, job: Callable[[], T], done: Callable[[T], None]) -> None:
-        """Do something that takes long, and then ``done`` with its result, unless the page has changed meanwhile."""
-        folder = self._folder
+    def background(self, job: Callable[[], T], done: Callable[[T], None], *, always: bool = False) -> None:
+        """Do something that takes long, and then ``done`` with its result.
+
+        Not where the page has changed meanwhile, nor, unless ``always``, where something newer was asked for.
+        """
+        self._asked += 1
+        folder, number = self._folder, self._asked
 
         def finish(result: T) -> None:
-            if self._folder is folder:
+            if self._folder is folder and (always or number == self._asked):
                 with folder if folder is not None else self.client.atomic():
                     done(result)
 

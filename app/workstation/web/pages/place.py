@@ -64,11 +64,8 @@ class PlacePage(LivePage):
             put(part, visible=not chosen.endswith(MODEL))
         if chosen == OWN:
             self._show_config(PolicySpec(builtin="hold"))
-            return
-        try:
-            self._show_config(self._read_policy()())
-        except Exception as error:
-            put(self._facts, content=sentence(str(error), "error"))
+        else:
+            self.viewer.background(self._read_policy(), self._show_config)
 
     def _show_config(self, spec: PolicySpec) -> None:
         config, model = self._config(spec), spec.model
@@ -111,7 +108,8 @@ class PlacePage(LivePage):
         chosen = {"model": str(self._policy.value), "own_policy": self._own.value}
         read = self._read_policy()
         self.workstation.change_settings(robot=self._robot.value, cloth=self._cloth.value, **chosen)
-        self.viewer.background(read, lambda spec: self._start(spec, path, EVALUATION_SEED if seed is None else seed))
+        first = EVALUATION_SEED if seed is None else seed
+        self.viewer.background(read, lambda spec: self._start(spec, path, first), always=True)
 
     def _start(self, spec: PolicySpec, path: Path | None, seed: int) -> None:
         config, source = self._config(spec), "" if self._source.value == NONE else str(self._source.value)
