@@ -139,7 +139,7 @@ class Recorder:
             return
         size = sum(one.stat().st_size for one in self.journals())
         self.display.xdotool("keydown", "Down")
-        eventually(lambda: sum(one.stat().st_size for one in self.journals()) > size + 2000, "some steps")
+        eventually(lambda: sum(one.stat().st_size for one in self.journals()) > size + 12_000, "some steps")
         if state in ("paused", "asking"):
             self.display.xdotool("keyup", "Down")
             self.display.key("space" if state == "paused" else "y")  # It hangs, and is no success.
@@ -152,7 +152,7 @@ class Recorder:
         middle = np.argmin(np.abs(columns - np.median(columns)) + np.abs(rows - rows.min()))
         x, y = int(columns[middle]), int(rows[middle])
         self.display.xdotool("mousemove", x, y, "mousedown", 1, "sleep", "0.2", "mousemove", x, y + 60)
-        eventually(lambda: sum(one.stat().st_size for one in self.journals()) > size + 2000, "some steps")
+        eventually(lambda: sum(one.stat().st_size for one in self.journals()) > size + 12_000, "some steps")
 
     def signal(self, number: int) -> None:
         self._process.send_signal(number)
