@@ -17,8 +17,6 @@ SETTINGS = {
     "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",
     # Else SIGTERM becomes an event that is never read.
     "SDL_NO_SIGNAL_HANDLERS": "1",
-    # Else a window without a GPU, or far away, may be sent whole at each change.
-    "SDL_FRAMEBUFFER_ACCELERATION": "0",
     # Name by which desktops group and configure windows.
     "SDL_VIDEO_X11_WMCLASS": "layflat",
 }

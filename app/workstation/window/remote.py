@@ -22,6 +22,12 @@ def is_remote() -> bool:
     return re.match(r"(?:tcp/|inet6?/)?[^/:]", os.environ.get("DISPLAY", "").removeprefix("unix")) is not None
 
 
+def prepare() -> None:
+    """Let SDL send a remote window part by part; by OpenGL it would send all of it. Only X servers can do that."""
+    if is_remote():
+        os.environ["SDL_FRAMEBUFFER_ACCELERATION"] = "0"
+
+
 class RemoteUpdates:
     """Finds the tiles of areas that differ from what was sent, and says when there is room for more."""
 

@@ -14,7 +14,7 @@ from layflat.app.workstation.session.client import SessionClient
 from layflat.app.workstation.session.request import SessionRequest
 from layflat.app.workstation.session.status import SessionEvent
 from layflat.app.workstation.teleop import sdl
-from layflat.app.workstation.window import display, style
+from layflat.app.workstation.window import display, remote, style
 from layflat.app.workstation.window.contents import VIEW_KEYS, Contents, Inputs
 from layflat.app.workstation.window.ghost import Ghost
 from layflat.app.workstation.window.orbit_camera import PRESETS
@@ -32,6 +32,7 @@ class Window:
     ) -> None:
         """Open the window and start the session; ``on_event`` gets what must be shown once."""
         sdl.prepare()
+        remote.prepare()
         pygame.display.init()
         pygame.font.init()
         style.clear_cache()

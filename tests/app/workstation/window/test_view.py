@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from layflat.app.workstation.window import style
 from layflat.app.workstation.window.curves import MIN_SPAN_S, draw_contact
 from layflat.app.workstation.window.orbit_camera import OrbitCamera
 from layflat.app.workstation.window.painter import fitting_scale, layout
-from layflat.app.workstation.window.remote import BYTES_S, RemoteUpdates, changed_tiles, is_remote
+from layflat.app.workstation.window.remote import BYTES_S, RemoteUpdates, changed_tiles, is_remote, prepare
 from layflat.app.workstation.window.style import Canvas
 from layflat.app.workstation.window.view3d import Scene, View3d
 from layflat.sim.cloth.registry import cloth_spec
@@ -210,4 +211,7 @@ def test_a_remote_display_is_sent_no_more_than_it_takes():
 )  # fmt: skip
 def test_a_forwarded_display_is_remote(monkeypatch, display, remote):
     monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.delenv("SDL_FRAMEBUFFER_ACCELERATION", raising=False)
     assert is_remote() == remote
+    prepare()
+    assert os.environ.get("SDL_FRAMEBUFFER_ACCELERATION") == ("0" if remote else None), "other displays need it"
