@@ -87,7 +87,7 @@ def flatten(config: FlattenConfig, *, workers: int, force: bool, make: EpisodeFa
 
 
 def _write_pictures(episode: Episode, video: Path | None, strip_file: Path | None) -> None:
-    overlay = PerceptionOverlay()
+    overlay = PerceptionOverlay(episode.camera)
     if video is not None:
         write_video(video, frames.video_frames(episode, overlay, VIDEO_WIDTH))
     if strip_file is not None:

@@ -86,7 +86,7 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
         collected = _run(items, config.record, Path(folder), workers, make)
         first = None if config.video is None or collected.interrupt else read_images(items[0], Path(folder))
         if config.video is not None and first is not None:
-            write_video(config.video, video_frames(first, PerceptionOverlay(), VIDEO_WIDTH))
+            write_video(config.video, video_frames(first, PerceptionOverlay(first.camera), VIDEO_WIDTH))
     if config.json is not None and collected.all_rows:
         lost = len(collected.lost)
         provenance = vars(capture_provenance())

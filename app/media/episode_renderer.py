@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from layflat.app.media.frames import Frame, caption, frame_strip, video_frame
 from layflat.app.media.perception_overlay import PerceptionOverlay
 from layflat.app.support.errors import UsageError
+from layflat.data.camera import CameraModel
 from layflat.data.types import Episode, Observation
 from layflat.sim.camera.replay_scene import ReplayScene
 from layflat.sim.cloth.spec import ClothSpec
@@ -47,11 +48,10 @@ def is_drawable(episode: Episode) -> bool:
 
 
 class EpisodeRenderer:
-    """Draws episodes; keeps one scene for each robot and cloth until it is closed."""
+    """Draws episodes; keeps one scene for each robot, cloth and camera until it is closed."""
 
     def __init__(self) -> None:
-        self._overlay = PerceptionOverlay()
-        self._scenes: dict[tuple[str, ClothSpec], ReplayScene] = {}
+        self._scenes: dict[tuple[str, ClothSpec, CameraModel | None], ReplayScene] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> EpisodeRenderer:
@@ -73,12 +73,13 @@ class EpisodeRenderer:
             replace(step, observation=observation) for step, observation in zip(episode.steps, seen, strict=False)
         )
         pictured = replace(episode, steps=steps, final_observation=seen[-1])
-        return tuple(frame_strip(pictured, step_indices, self._overlay, width))
+        return tuple(frame_strip(pictured, step_indices, PerceptionOverlay(episode.camera), width))
 
     def camera_frames(self, episode: Episode, width: int = VIDEO_WIDTH) -> Iterator[NDArray[np.uint8]]:
         """Yield every observation with contact tinted and WORD as an arrow, both as recorded."""
+        overlay = PerceptionOverlay(episode.camera)
         for step_index in range(len(episode.steps) + 1):
-            image = self._overlay(self._with_images(episode, step_index))
+            image = overlay(self._with_images(episode, step_index))
             yield video_frame(image, width, caption(episode, step_index))
 
     def scene_frames(self, episode: Episode) -> Iterator[NDArray[np.uint8]]:
@@ -98,7 +99,7 @@ class EpisodeRenderer:
         return replace(seen, rgb=rgb, depth=depth)
 
     def _scene(self, episode: Episode) -> ReplayScene:
-        key = episode.robot.name, recorded_spec(episode.cloth, episode.sim_config)
+        key = episode.robot.name, recorded_spec(episode.cloth, episode.sim_config), episode.camera
         if key not in self._scenes:
             self._scenes[key] = self._stack.enter_context(ReplayScene(*key))
         return self._scenes[key]

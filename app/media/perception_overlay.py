@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from layflat.data.camera import CameraModel
 from layflat.data.types import Observation
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.perception.overlay import draw_cloth_state
-from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.camera.camera import recorded_pinhole
 
 SCALE = 2
 
@@ -18,8 +19,9 @@ SCALE = 2
 class PerceptionOverlay:
     """Draws an observation: its images are perceived again, WORD and contact are those that were recorded."""
 
-    def __init__(self) -> None:
-        self._camera = default_pinhole()
+    def __init__(self, camera: CameraModel | None = None) -> None:
+        """``camera`` has taken the images; the usual one by default."""
+        self._camera = recorded_pinhole(camera)
         self._pipeline = PerceptionPipeline(self._camera)
 
     def __call__(self, observation: Observation) -> NDArray[np.uint8]:

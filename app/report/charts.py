@@ -204,40 +204,42 @@ def _draw_means(axis: Axes, name: str, samples: Sequence[tuple[float, FloatArray
     )  # fmt: skip
 
 
-class Bin(NamedTuple):
-    """Values (0..1) of episodes around a number."""
+class Scatter(NamedTuple):
+    """Episodes against a number, by policy."""
 
-    x: float
-    values: FloatArray
+    dots: Mapping[str, FloatArray]
+    """Number and contact portion (0..1) of each episode, (n, 2)."""
+    bins: Lines
+    """Contact portions (0..1) of the episodes around some numbers."""
+    ticks: Sequence[str] = ()
+    """Names of the numbers 0, 1, ..., where they stand for words."""
 
 
-def scatter_with_means(
-    dots: Mapping[str, FloatArray],
-    lines: Mapping[str, Sequence[Bin]],
-    *,
-    xlabel: str,
-    ticks: Sequence[str] = (),
-    caption: str = "",
-) -> Figure:
-    """Draw each episode as a dot, (n, 2) of a number and a contact portion (0..1), and the means of bins of them.
+def scatters_with_means(panels: Mapping[str, Scatter], *, caption: str = "") -> Figure:
+    """Draw episodes as dots, and means of bins of them with their 95 % intervals; one panel for each label of x."""
+    names = list(dict.fromkeys(name for panel in panels.values() for name in panel.dots))
+    means = (
+        f"{xlabel}, {name}: " + ", ".join(f"{x:.3g}: {percent(float(found.mean()))}" for x, found in bins if len(found))
+        for xlabel, panel in panels.items()
+        for name, bins in panel.bins.items()
+    )
+    return Figure(
+        panels=tuple(_scatter_panel(xlabel, panel) for xlabel, panel in panels.items()),
+        alt=f"Final contact portion, means. {'; '.join(means)}.",
+        caption=caption,
+        legend=policy_keys(names),
+    )
 
-    ``ticks`` are the names of the numbers 0, 1, ..., where they stand for words.
-    """
+
+def _scatter_panel(xlabel: str, panel: Scatter) -> str:
     with styled_figure(*PANEL_IN) as drawing:
         axis = drawing.subplots()
-        for name, points in dots.items():
+        for name, points in panel.dots.items():
             style = policy_style(name)
             axis.plot(*(points * (1, 100)).T, style["marker"], color=style["color"], markersize=4, alpha=0.35)
-        for name, found in lines.items():
-            _draw_means(axis, name, [(part.x, part.values) for part in found])
-        if ticks:
-            axis.set_xticks(range(len(ticks)), list(ticks))
+        for name, bins in panel.bins.items():
+            _draw_means(axis, name, bins)
+        if panel.ticks:
+            axis.set_xticks(range(len(panel.ticks)), list(panel.ticks))
         axis.set(xlabel=xlabel, title="final contact portion (%)")
-        panel = _finished(drawing)
-    means = "; ".join(
-        f"{name}: "
-        + ", ".join(f"{part.x:.3g}: {percent(float(part.values.mean()))}" for part in found if len(part.values))
-        for name, found in lines.items()
-    )
-    alt = f"Final contact portion against {xlabel}, means. {means}."
-    return Figure(panels=(panel,), alt=alt, caption=caption, legend=policy_keys(dots))
+        return _finished(drawing)

@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 
 from layflat.app.evaluation.summary import with_measures
-from layflat.app.report.blocks import Block, Figure, Section, Table, TableBlock
-from layflat.app.report.charts import Bin, scatter_with_means
+from layflat.app.report.blocks import Section, Table, TableBlock
+from layflat.app.report.charts import Scatter, scatters_with_means
 from layflat.app.report.policies import policies_of
 from layflat.app.report.table_cells import flat_cell, lost_cell, mean_cell, values
-from layflat.sim.conditions.keys import keys
+from layflat.sim.conditions.keys import Key, keys
 
 MIN_BIN, MAX_BINS = 4, 4
 """Episodes of a policy from which a bin of a drawn number is made, and most bins."""
-HEADER = ("condition", "policy", "n", "final contact [95\u00a0%\u00a0CI]", "flat at the end", "lost")
+HEADER = ("condition", "value", "policy", "n", "final contact [95\u00a0%\u00a0CI]", "flat at the end", "lost")
 
 
 def drawn_keys(rows: pd.DataFrame) -> list[str]:
@@ -32,18 +32,20 @@ def conditions_section(rows: pd.DataFrame) -> Section | None:
     found = drawn_keys(rows)
     if not found:
         return None
-    blocks: list[Block] = []
+    panels, lines = {}, []
     for name in found:
         key = keys()[name]
         drawn = rows.assign(drawn=[given.get(name, key.default) for given in rows["conditions"]])
         binned = drawn.assign(bin=bins(drawn["drawn"]))
-        blocks.append(_figure(name, binned))
-        blocks.append(TableBlock(table=Table(HEADER, tuple(_lines(binned))), title=f"By {name}", folded=True))
+        panels[f"{name} ({key.unit})" if key.unit else name] = _scatter(key, binned)
+        lines += [(name, *line) for line in _lines(binned)]
     note = (
-        "Every policy meets the same draw with the same seed. Lines join means of bins with equal numbers of episodes; "
-        "bars are 95 % bootstrap intervals. Episodes that diverged count as lost, and have no bar of their own."
+        "Every policy meets the same draw with the same seed. Dots are episodes; lines join the means of bins with "
+        "equal numbers of them, with 95 % bootstrap intervals. Crashed episodes are in the table only."
     )
-    return Section(id="conditions", title="Against what was drawn", short="Conditions", lead=note, blocks=tuple(blocks))
+    figure = scatters_with_means(panels, caption=note)
+    table = TableBlock(table=Table(HEADER, tuple(lines)), title="Results by what was drawn", folded=True)
+    return Section(id="conditions", title="Against what was drawn", short="Conditions", blocks=(figure, table))
 
 
 def bins(drawn: pd.Series) -> pd.Series:
@@ -73,22 +75,16 @@ def _lines(rows: pd.DataFrame) -> Iterator[tuple[str, ...]]:
             yield label, policy, str(len(mine)), contact, flat_cell(mine), lost_cell(mine)
 
 
-def _figure(name: str, rows: pd.DataFrame) -> Figure:
-    key, known = keys()[name], rows[rows["contact_final"].notna()]
-    words = list(dict.fromkeys(known["drawn"])) if key.choices else []
-    place = known["drawn"].map(words.index if words else float).astype(float)
-    placed = known.assign(x=place)
-    dots = {
-        policy: placed.loc[placed["policy"] == policy, ["x", "contact_final"]].to_numpy(float)
-        for policy in policies_of(rows)
-    }
-    lines = {
-        policy: [
-            Bin(float(mine["x"].mean()), values(mine, "contact_final"))
-            for _, part in _parts(placed)
-            if len(mine := part[part["policy"] == policy])
-        ]
-        for policy in policies_of(rows)
-    }
-    label = f"{name} ({key.unit})" if key.unit else name
-    return scatter_with_means(dots, lines, xlabel=label, ticks=words, caption=f"{name}: {key.about}")
+def _scatter(key: Key, rows: pd.DataFrame) -> Scatter:
+    known = rows[rows["contact_final"].notna()]
+    words = [name for name in key.choices if name in set(known["drawn"])]
+    placed = known.assign(x=known["drawn"].map(words.index if words else float).astype(float))
+    by_policy = {policy: placed[placed["policy"] == policy] for policy in policies_of(rows)}
+    return Scatter(
+        {policy: mine[["x", "contact_final"]].to_numpy(float) for policy, mine in by_policy.items()},
+        {
+            policy: [(float(part["x"].mean()), values(part, "contact_final")) for _, part in _parts(mine)]
+            for policy, mine in by_policy.items()
+        },
+        words,
+    )

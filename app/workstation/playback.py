@@ -18,7 +18,7 @@ from layflat.data.arrays import FloatArray
 from layflat.data.types import Episode, Observation
 from layflat.perception.cloth.pipeline import ClothState, PerceptionConfig, PerceptionPipeline
 from layflat.perception.descriptors.registry import make_descriptor
-from layflat.sim.camera.camera import default_pinhole
+from layflat.sim.camera.camera import recorded_pinhole
 from layflat.sim.camera.renderer import Renderer
 from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.config import recorded_spec
@@ -42,7 +42,7 @@ class Playback:
         self._observations, self._truths = episode.observations(), episode.ground_truths()
         self._cloth = recorded_spec(episode.cloth, episode.sim_config)
         self._meshes = MeshMaker(self._cloth)
-        pinhole = default_pinhole(self._cloth)
+        pinhole = self._pinhole = recorded_pinhole(episode.camera, self._cloth)
         self._perception = PerceptionPipeline(pinhole, PerceptionConfig(descriptor=make_descriptor(episode.descriptor)))
         self._renderer = Renderer(pinhole)
         self._shape = (pinhole.height, pinhole.width)
@@ -91,6 +91,7 @@ class Playback:
             flat_area=0.0 if truth is None else truth.flat_area,
             rgb=rgb,
             cloth_state=state,
+            pinhole=self._pinhole,
             human_in_control=self.series.human[number],
         )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
+from layflat.data.camera import CameraModel
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.depth_noise import DepthNoise, DepthSensor
 from layflat.sim.camera.renderer import USUAL_LIGHT, Framebuffer, Light, Renderer
@@ -48,6 +49,11 @@ def default_pinhole(
     position = np.array(POSITION_M) * [size, away, away] + [home, 0.0, 0.0]
     target = np.array(TARGET_M) * size + [home, 0.0, 0.0]
     return PinholeCamera.look_at(position, target, width=width, height=height, fx=FOCAL_PX * width / 320 * away / size)
+
+
+def recorded_pinhole(camera: CameraModel | None, cloth: ClothSpec | None = None) -> PinholeCamera:
+    """Return the camera of an episode, or the usual one where it is not known."""
+    return default_pinhole(cloth) if camera is None else PinholeCamera(**vars(camera))
 
 
 def pinhole_of(conditions: Conditions, cloth: ClothSpec | None = None) -> PinholeCamera:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
-from layflat.sim.camera.camera import Camera
+from layflat.data.camera import CameraModel
+from layflat.sim.camera.camera import Camera, recorded_pinhole
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.registry import make_world
@@ -19,14 +20,14 @@ class ReplayScene:
     Files hold the corners alone, and the milliradians by which a yielding hand tilts are not visible in an image.
     """
 
-    def __init__(self, robot: str, cloth: ClothSpec) -> None:
-        """Make the scene of a robot, by name, and a cloth; SimError lists the known robots."""
+    def __init__(self, robot: str, cloth: ClothSpec, camera: CameraModel | None = None) -> None:
+        """Make the scene of a robot, by name, and a cloth; SimError lists the known robots. ``camera`` looks at it."""
         self.spec = cloth
         self._robot = robot_type(robot)
         self._world = make_world(substep_s=1.0 / self.spec.rate_hz)
         body = self._world.add_cloth(self.spec)
         self._arm = self._robot.add_arm(self._world, self.spec)
-        self._camera = Camera(body, noise=None, seed=0)
+        self._camera = Camera(body, pinhole=recorded_pinhole(camera, cloth), noise=None, seed=0)
 
     def capture(self, nodes: FloatArray, holder: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return rgb (H, W, 3) and depth (H, W) m without noise; ``nodes`` (N, 3) m and ``holder`` (3,) m, world."""

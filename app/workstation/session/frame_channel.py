@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
+from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.perception.cloth.pipeline import ClothState
 from layflat.policy.runner import EpisodeRunner
+from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.simulation import ClothSimulation
 
 FRAME_BYTES = 4_000_000
@@ -59,6 +61,8 @@ class SimulationFrame:
     """Image of the camera, (H, W, 3)."""
     cloth_state: ClothState | None = None
     """Output of the perception for that image."""
+    pinhole: PinholeCamera = field(default_factory=default_pinhole)
+    """Camera of the image."""
     human_in_control: bool = False
     """Whether a person, not the policy, decided the last step."""
 
@@ -91,5 +95,6 @@ def frame_of(sim: ClothSimulation, run: EpisodeRunner, *, input_s: float, work_s
         flat_area=0.0 if truth is None else truth.flat_area,
         rgb=seen.rgb if has_image else None,
         cloth_state=state if has_image else None,
+        pinhole=sim.pinhole,
         human_in_control=bool(run.steps) and run.steps[-1].intervention,
     )

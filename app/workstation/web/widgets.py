@@ -96,7 +96,7 @@ def camera_image(frame: SimulationFrame) -> NDArray[np.uint8]:
     """Return the camera's picture with contact and WORD drawn on it; a plain one where it has seen nothing."""
     if frame.rgb is None or frame.cloth_state is None:
         return blank()
-    return np.asarray(draw_cloth_state(frame.rgb, frame.cloth_state, _PINHOLE, scale=1), dtype=np.uint8)
+    return np.asarray(draw_cloth_state(frame.rgb, frame.cloth_state, frame.pinhole, scale=1), dtype=np.uint8)
 
 
 def blank() -> NDArray[np.uint8]:

@@ -17,12 +17,10 @@ from layflat.app.workstation.window.view3d import Scene, View3d, axis_heads
 from layflat.data.arrays import FloatArray
 from layflat.data.types import DragTarget
 from layflat.perception.overlay import draw_cloth_state
-from layflat.sim.camera.camera import default_pinhole
 from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.mouse_drag import pick_node
 from layflat.sim.robots.registry import robot_type
 
-_PINHOLE = default_pinhole()
 TABLE_LIFT_M = 0.004
 """Lowest height of a drag's target: where cloth rests."""
 MIDDLE = 2
@@ -83,8 +81,8 @@ class Viewport:
             canvas.text("Camera", (canvas.px(12), canvas.px(7)), 13, style.QUIET)
             return
         # On a small card the overlay at the camera's own size reads better, and is drawn in a third of the time.
-        scale = 1 if area.width < 1.5 * _PINHOLE.width else 2
-        drawn = draw_cloth_state(frame.rgb, frame.cloth_state, _PINHOLE, scale=scale)
+        scale = 1 if area.width < 1.5 * frame.pinhole.width else 2
+        drawn = draw_cloth_state(frame.rgb, frame.cloth_state, frame.pinhole, scale=scale)
         factor = min(area.width / drawn.shape[1], area.height / drawn.shape[0])
         size = (round(drawn.shape[1] * factor), round(drawn.shape[0] * factor))
         small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC)
