@@ -34,7 +34,9 @@ def test_what_is_drawn_again_is_what_the_camera_saw(episode: Episode) -> None:
     seen = episode.final_observation
     bare = replace(
         episode,
-        steps=tuple(replace(step, observation=replace(step.observation, rgb=None, depth=None)) for step in episode.steps),
+        steps=tuple(
+            replace(step, observation=replace(step.observation, rgb=None, depth=None)) for step in episode.steps
+        ),
         final_observation=replace(seen, rgb=None, depth=None),
     )
     playback = Playback("again", bare)
