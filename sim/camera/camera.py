@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from layflat.sim.cloth.mesh import MeshMaker
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.conditions.keys import CAMERA_WIDTH_PX, Conditions
 from layflat.sim.errors import SimError
-from layflat.sim.physics.base import Cloth, SolidRenderer
+from layflat.sim.physics.base import Cloth
 
 D435_NOISE = DepthNoise()
 FOCAL_PX = 307.5
@@ -95,7 +94,6 @@ class Camera:
         self._world = cloth.world
         self._cloth = cloth
         self._renderer = Renderer(pinhole or default_pinhole(cloth.spec), light)
-        self._solids: WeakKeyDictionary[Renderer, SolidRenderer] = WeakKeyDictionary()
         self._render_views: dict[tuple[int, int, bool], Renderer] = {}
         self._sensor = None if noise is None else DepthSensor(noise, seed=seed)
         self._meshes = MeshMaker(cloth.spec)
@@ -134,7 +132,7 @@ class Camera:
             )
         nodes = self._cloth.nodes() if nodes is None else nodes
         image = self._image(view, nodes, shadow=True)
-        if not self._world.has_solids():
+        if not self._world.solids:
             for corner in self._cloth.spec.corners:
                 view.draw_ball(image, nodes[corner], MARKER_RADIUS_M, PICKER_RGB)
         for marker in () if markers is None else markers:
@@ -147,18 +145,13 @@ class Camera:
         if shadow:
             view.draw_shadow(image, mesh)
         view.draw_cloth(image, mesh)
-        if self._world.has_solids():
-            image.put(*self._solid_renderer(view).draw())
+        for solid in self._world.solids:
+            view.draw_solid(image, *solid.mesh())
         return image
-
-    def _solid_renderer(self, view: Renderer) -> SolidRenderer:
-        if view not in self._solids:
-            self._solids[view] = self._world.solid_renderer(view.pinhole, self._light.direction)
-        return self._solids[view]
 
     def _view_for_people(self, width: int, height: int) -> Renderer:
         """Return a view from in front of the whole cloth, hanging or laid, and of the arm if there is one."""
-        arm = self._world.has_solids()
+        arm = bool(self._world.solids)
         key = (width, height, arm)
         if key not in self._render_views:
             target, view_deg = RENDER_ARM if arm else RENDER_CLOTH

@@ -39,6 +39,14 @@ class Raster:
         return mixed
 
 
+def fronts(screen: FloatArray, triangles: NDArray, width: int, height: int) -> NDArray:
+    """Return those of the triangles that face the camera and may be in the image, all that is seen of closed bodies."""
+    u, v = screen[triangles, 0], screen[triangles, 1]
+    area = (u[:, 1] - u[:, 0]) * (v[:, 2] - v[:, 0]) - (u[:, 2] - u[:, 0]) * (v[:, 1] - v[:, 0])
+    within = (u.max(axis=1) >= 0) & (u.min(axis=1) < width) & (v.max(axis=1) >= 0) & (v.min(axis=1) < height)
+    return np.flatnonzero(within & (area < 0))
+
+
 def rasterize(screen: FloatArray, triangles: NDArray, width: int, height: int) -> Raster:
     """Draw ``triangles`` (T, 3) over vertices ``screen`` (V, 3): column px, row px, depth m.
 

@@ -1,7 +1,7 @@
 """Renderer: the image of one pinhole camera, with table, floor, cloth, shadow and balls.
 
 The table and floor do not change, so they are computed once. The cloth comes from layflat.sim.camera.rasterizer. Solid
-bodies (an arm, a hanger) come from the physics engine and are put in front by the camera.
+bodies (an arm with its hanger) are drawn over it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
-from layflat.sim.camera.rasterizer import Raster, rasterize
+from layflat.sim.camera.rasterizer import Raster, fronts, rasterize
 from layflat.sim.cloth.mesh import ClothMesh
 from layflat.sim.conditions.keys import LIGHT_AZIMUTH_DEG, LIGHT_HEIGHT_DEG, Conditions
 from layflat.sim.physics.base import FAR_M, NEAR_M, TABLE_CENTRE_M, TABLE_RGBA, TABLE_SIZE_M
@@ -52,6 +52,7 @@ def light_of(conditions: Conditions) -> Light:
 
 
 USUAL_LIGHT = Light()
+SOLID_AMBIENT, SOLID_DIFFUSE = 0.60, 0.35
 FACE_RGB = (40.0, 90.0, 200.0)
 REVERSE_RGB = (48.0, 116.0, 196.0)
 """A slightly different blue: a fold is visible, and one range of hue takes both."""
@@ -93,9 +94,10 @@ class Renderer:
 
     def raster(self, vertices: FloatArray, triangles: NDArray) -> Raster:
         """Return which pixels see which of the triangles (T, 3) over vertices (V, 3) m, world."""
-        pixels, depth = self.pinhole.project(vertices)
-        screen = np.column_stack([pixels, depth])
-        return rasterize(screen, triangles, self.pinhole.width, self.pinhole.height)
+        return rasterize(self._screen(vertices), triangles, self.pinhole.width, self.pinhole.height)
+
+    def _screen(self, vertices: FloatArray) -> FloatArray:
+        return np.column_stack(self.pinhole.project(vertices))
 
     def draw_cloth(self, picture: Framebuffer, mesh: ClothMesh) -> None:
         """Draw the cloth, each side in its colour, shaded by its smooth normals."""
@@ -105,6 +107,17 @@ class Renderer:
         bright = AMBIENT + self.light.strength * DIFFUSE * np.maximum(np.where(raster.facing, slope, -slope), 0.0)
         base = np.where(raster.facing[:, None], FACE_RGB, REVERSE_RGB).astype(np.float32)
         picture.put(raster.pixels, raster.depth, base * bright[:, None])
+
+    def draw_solid(self, picture: Framebuffer, vertices: FloatArray, triangles: NDArray, colours: FloatArray) -> None:
+        """Draw a closed body of flat triangles; see `layflat.sim.physics.base.Solid` for its arrays."""
+        screen, size = self._screen(vertices), (self.pinhole.width, self.pinhole.height)
+        faces = fronts(screen, triangles, *size)
+        raster = rasterize(screen, triangles[faces], *size)
+        corners = vertices[triangles[faces]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        slope = normals @ self._light.direction / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+        bright = SOLID_AMBIENT + SOLID_DIFFUSE * np.maximum(slope, 0.0)
+        picture.put(raster.pixels, raster.depth, (colours[faces] * bright[:, None])[raster.triangles])
 
     def draw_ball(
         self, picture: Framebuffer, centre: FloatArray, radius_m: float, rgb: tuple[float, float, float]

@@ -6,15 +6,15 @@ Methods that are called in every substep take and return what costs an engine le
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray
-from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.cloth.geometry import ClothGeometry
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
@@ -38,6 +38,10 @@ class Cloth(ClothGeometry, ABC):
     @abstractmethod
     def nodes(self) -> FloatArray:
         """Return the nodes, (N, 3) m, world, in grid order; read-only, and cheap to ask again within a substep."""
+
+    def velocities(self) -> FloatArray | None:
+        """Return the nodes' velocities, (N, 3) m/s, world; None where the engine does not show them."""
+        return None
 
     def divergence_reason(self, nodes: FloatArray) -> str | None:
         """Return why the cloth has diverged, or None; call once a step."""
@@ -109,18 +113,31 @@ class Arm(Protocol):
         """Attach nodes of a cloth to the tool, each where it is now."""
 
 
-class SolidRenderer(Protocol):
-    """Draws the solid bodies of a world other than the table."""
+class Solid(Protocol):
+    """A closed body that the camera sees, such as an arm."""
 
-    def draw(self) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.uint8]]:
-        """Return pixel indices (P,), depths (P,) m and colours (P, 3) where there is a body."""
+    def mesh(self) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+        """Return its vertices (V, 3) m, world, triangles (T, 3), counter-clockwise from outside, and colours (T, 3)."""
+
+
+class Air(Protocol):
+    """What surrounds a cloth and slows it down."""
+
+    def update(self) -> None:
+        """Act on the coming substep."""
 
 
 class World(ABC):
-    """A table whose top is z = 0, gravity and air, and the clock of the substeps; one per process."""
+    """A table whose top is z = 0, gravity and air, and the clock of the substeps; one per process.
+
+    Bodies come and go at any time between two substeps. An engine whose model is compiled gathers them, and compiles
+    at the next `step`.
+    """
 
     gravity_m_s2: Vector
     """Acceleration of the cloth and of all bodies now, wind included, world axes."""
+    saves_state: ClassVar[bool] = False
+    """Whether `save` and `restore` work; a process that forks branches any world."""
 
     def __init__(self, *, substep_s: float, table_friction: float) -> None:
         """Make an empty world; ``table_friction`` is a Coulomb factor, multiplied with the cloth's own."""
@@ -134,6 +151,16 @@ class World(ABC):
         """Ticks of a substep."""
         self.ticks_done = 0
         """Time in parts of a coarse step: a whole number, so that an unrefined world keeps its times to the bit."""
+        self.solids: list[Solid] = []
+        """Visible bodies besides the table and the cloth, which the camera draws itself."""
+        self._still_gravity: Vector = (0.0, 0.0, -GRAVITY_M_S2)
+        self._wind: Vector | None = None
+        self._air: Air | None = None
+
+    @classmethod
+    def rate_hz(cls, spec: ClothSpec) -> float:
+        """Return the substeps per second that this engine makes for a cloth."""
+        return spec.rate_hz
 
     @abstractmethod
     def add_cloth(self, spec: ClothSpec, nodes: FloatArray | None = None) -> Cloth:
@@ -155,25 +182,33 @@ class World(ABC):
     def add_arm(self, urdf: bytes, base_position_m: Vector, *, joints: int, tool_m: float) -> Arm:
         """Make an arm without collisions, motors and damping; its tool lies ``tool_m`` along the last link's z."""
 
-    @abstractmethod
+    def set_gravity(self, gravity_m_s2: Vector) -> None:
+        """Set the uniform acceleration of all that moves, wind apart, m/s^2, world axes."""
+        if not all(math.isfinite(g) for g in gravity_m_s2):
+            raise SimError(f"gravity is {gravity_m_s2}; it must be finite")
+        self._still_gravity = gravity_m_s2
+        self._add_up_gravity()
+
     def set_wind(self, acceleration_m_s2: Vector | None) -> None:
         """Blow at the cloth with a uniform acceleration, world axes, until further notice."""
+        self._wind = acceleration_m_s2
+        self._add_up_gravity()
 
-    @abstractmethod
+    def _add_up_gravity(self) -> None:
+        x, y, z = self._still_gravity
+        if self._wind is not None:
+            x, y, z = x + self._wind[0], y + self._wind[1], z + self._wind[2]
+        self.gravity_m_s2 = (x, y, z)
+        self._apply_gravity()
+
     def begin_substep(self) -> None:
         """Call before forces are applied in a substep: updates the air."""
+        if self._air is not None:
+            self._air.update()
 
     @abstractmethod
     def step(self) -> None:
         """Simulate one substep."""
-
-    @abstractmethod
-    def solid_renderer(self, pinhole: PinholeCamera, light: FloatArray) -> SolidRenderer:
-        """Make a renderer of the solid bodies; ``light`` (3,) points towards the light."""
-
-    @abstractmethod
-    def has_solids(self) -> bool:
-        """Whether there is a visible body besides the table and the cloth."""
 
     @abstractmethod
     def close(self) -> None:
@@ -182,6 +217,18 @@ class World(ABC):
     @abstractmethod
     def _apply_substep(self) -> None:
         """Make `substep_s` the engine's step."""
+
+    @abstractmethod
+    def _apply_gravity(self) -> None:
+        """Make `gravity_m_s2` the engine's gravity."""
+
+    def save(self) -> Any:
+        """Return the whole state, for `restore`; SimError where the engine cannot."""
+        raise SimError("this physics cannot save its state; fork the process instead, or use physics mujoco")
+
+    def restore(self, state: Any) -> None:
+        """Go on from a state that `save` gave, to the bit, as often as wanted; what was made since is gone."""
+        raise SimError("this physics cannot restore a state; fork the process instead, or use physics mujoco")
 
     def refine(self, parts: int) -> None:
         """Divide a coarse step into 1, 2, 4 or 8 substeps from now on."""

@@ -13,6 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from layflat.data.arrays import FloatArray
 from layflat.sim.errors import SimError
+from layflat.sim.physics.base import Arm
+
+ARM_RGB, HANGER_RGB = (229.5, 229.5, 229.5), (63.75, 63.75, 63.75)
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _BOX_TRIANGLES = np.array(
@@ -56,6 +59,18 @@ class ArmShape:
         """Return the vertices, (V, 3) m, world."""
         frames = self.link_frames(joint_angles)[self.link]
         return np.einsum("vij,vj->vi", frames[:, :3, :3], self.vertices) + frames[:, :3, 3]
+
+
+class ArmSolid:
+    """The arm of a world as the camera sees it."""
+
+    def __init__(self, shape: ArmShape, arm: Arm) -> None:
+        self._shape, self._arm = shape, arm
+        self._colours = np.where(shape.is_hanger[:, None], HANGER_RGB, ARM_RGB)
+
+    def mesh(self) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+        """Return vertices, triangles and colours where the arm is now."""
+        return self._shape.placed(np.array(self._arm.joint_states()[0])), self._shape.triangles, self._colours
 
 
 def shape_from_urdf(urdf: bytes, base_position_m: tuple[float, float, float], joints: int) -> ArmShape:

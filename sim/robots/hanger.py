@@ -13,7 +13,7 @@ from layflat.data.robot import RobotSpec, one_point
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Arm, Cloth, Vector, World
-from layflat.sim.robots.arm_shape import ArmShape, shape_from_urdf
+from layflat.sim.robots.arm_shape import ArmShape, ArmSolid, shape_from_urdf
 from layflat.sim.robots.base import STIFFNESS_N_M, Control, Robot
 from layflat.sim.robots.hand_guiding import WALL_STIFFNESS_N_M, HandGuiding
 from layflat.sim.robots.impedance import CartesianImpedance
@@ -79,7 +79,9 @@ class PandaHanger(Robot):
 
     @classmethod
     def add_arm(cls, world: World, cloth: ClothSpec) -> Arm:
-        return world.add_arm(arm_urdf(cloth.held_width_m), base_position_m(cloth), joints=JOINTS, tool_m=TOOL_M)
+        arm = world.add_arm(arm_urdf(cloth.held_width_m), base_position_m(cloth), joints=JOINTS, tool_m=TOOL_M)
+        world.solids.append(ArmSolid(cls.arm_shape(cloth), arm))
+        return arm
 
     @classmethod
     def joint_angles_at(cls, position: FloatArray, cloth: ClothSpec) -> FloatArray:

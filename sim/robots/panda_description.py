@@ -21,8 +21,6 @@ CLIP_MASS_KG = 0.03
 BAR_THICKNESS_M = 0.008
 CLIP_SIZE_M = (0.006, 0.012, CLIP_DROP_M)
 FINGER_HEIGHT_M = 0.0584
-ARM_RGBA = "0.90 0.90 0.90 1"
-HANGER_RGBA = "0.25 0.25 0.25 1"
 
 _MESHES = Path(str(files("pybullet_data"))) / "franka_panda" / "meshes" / "collision"
 """Data files alone, which need no engine."""
@@ -116,16 +114,15 @@ def _numbers(values: tuple[float, ...]) -> str:
 
 def _add_mesh(link: ET.Element, mesh: Path, origin: str = "") -> None:
     # Collision meshes as visuals: the fine ones would add 20 ms to every camera image.
-    _add_visual(link, origin, f"<mesh filename={quoteattr(str(mesh))}/>", "arm", ARM_RGBA)
+    _add_visual(link, origin, f"<mesh filename={quoteattr(str(mesh))}/>")
 
 
 def _add_box(link: ET.Element, size: Vector, centre: Vector) -> None:
-    _add_visual(link, _hand_origin(centre), f'<box size="{_numbers(size)}"/>', "hanger", HANGER_RGBA)
+    _add_visual(link, _hand_origin(centre), f'<box size="{_numbers(size)}"/>')
 
 
-def _add_visual(link: ET.Element, origin: str, shape: str, material: str, rgba: str) -> None:
-    colour = f'<material name="{material}"><color rgba="{rgba}"/></material>'
-    link.append(ET.fromstring(f"<visual>{origin}<geometry>{shape}</geometry>{colour}</visual>"))
+def _add_visual(link: ET.Element, origin: str, shape: str) -> None:
+    link.append(ET.fromstring(f"<visual>{origin}<geometry>{shape}</geometry></visual>"))
 
 
 def _find(element: ET.Element, path: str) -> ET.Element:

@@ -30,7 +30,7 @@ class BulletArm:
     def _load(self, urdf: bytes, base_position_m: Vector) -> int:
         client = self._client
         with temporary_file(".urdf", urdf) as path:
-            flags = bullet.URDF_USE_INERTIA_FROM_FILE
+            flags = bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_IGNORE_VISUAL_SHAPES
             arm = bullet.loadURDF(path, base_position_m, useFixedBase=True, flags=flags, physicsClientId=client)
         for link in (-1, *self._joints):
             # Bullet damps every multibody a little by default, which would add to the impedance.

@@ -16,7 +16,6 @@ from layflat.data.arrays import FloatArray
 from layflat.data.names import ascii_folder
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.base import Cloth, World
-from layflat.sim.physics.bullet.solid_renderer import HIDDEN
 
 
 class BulletCloth(Cloth):
@@ -54,7 +53,6 @@ class BulletCloth(Cloth):
         bullet.changeDynamics(
             body, -1, activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING, physicsClientId=client
         )
-        bullet.changeVisualShape(body, -1, rgbaColor=HIDDEN, physicsClientId=client)
         return int(body)
 
     def nodes(self) -> FloatArray:

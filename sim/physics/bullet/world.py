@@ -7,22 +7,19 @@ face against a convex shape), and costs half as much with maximal coordinates.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import pybullet as bullet
 
 from layflat.data.arrays import FloatArray
-from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
+from layflat.sim.physics.air_drag import AirDrag
 from layflat.sim.physics.base import GRAVITY_M_S2, TABLE_CENTRE_M, TABLE_SIZE_M, Cloth, Vector, World
-from layflat.sim.physics.bullet.air_drag import AirDrag
 from layflat.sim.physics.bullet.arm import BulletArm
 from layflat.sim.physics.bullet.cloth import BulletCloth
 from layflat.sim.physics.bullet.force_anchors import BulletForceAnchors
 from layflat.sim.physics.bullet.holders import BulletHolders
-from layflat.sim.physics.bullet.solid_renderer import HIDDEN, BulletSolidRenderer
 
 
 class BulletWorld(World):
@@ -35,35 +32,23 @@ class BulletWorld(World):
             raise SimError("Bullet did not give a client; close other simulations in this process")
         bullet.resetSimulation(bullet.RESET_USE_DEFORMABLE_WORLD, physicsClientId=self.client)
         bullet.setPhysicsEngineParameter(enableFileCaching=0, fixedTimeStep=substep_s, physicsClientId=self.client)
-        self._wind: Vector | None = None
-        self._air: AirDrag | None = None
-        self._bodies_seen = -1
-        self._has_solids = False
         self.set_gravity((0.0, 0.0, -GRAVITY_M_S2))
-        self.drawn_elsewhere = {self._make_table(table_friction)}
-        """Bodies that Bullet's renderer does not show: the table and the cloths."""
+        self._make_table(table_friction)
 
-    def _make_table(self, friction: float) -> int:
+    def _make_table(self, friction: float) -> None:
         half = [s / 2 for s in TABLE_SIZE_M]
         shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=self.client)
-        visual = bullet.createVisualShape(
-            bullet.GEOM_BOX, halfExtents=half, rgbaColor=HIDDEN, physicsClientId=self.client
-        )
         body = bullet.createMultiBody(
             0.0,
             shape,
-            visual,
             basePosition=(*TABLE_CENTRE_M, -half[2]),
             useMaximalCoordinates=True,
             physicsClientId=self.client,
         )
         bullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self.client)
-        return int(body)
 
     def add_cloth(self, spec: ClothSpec, nodes: FloatArray | None = None) -> BulletCloth:
-        cloth = BulletCloth(self, self.client, spec, spec.flat_nodes(z_m=0.5) if nodes is None else nodes)
-        self.drawn_elsewhere.add(cloth.body)
-        return cloth
+        return BulletCloth(self, self.client, spec, spec.flat_nodes(z_m=0.5) if nodes is None else nodes)
 
     def add_air(self, cloth: Cloth) -> None:
         self._air = AirDrag(cloth, self.set_gravity)
@@ -77,28 +62,9 @@ class BulletWorld(World):
     def add_arm(self, urdf: bytes, base_position_m: Vector, *, joints: int, tool_m: float) -> BulletArm:
         return BulletArm(self.client, urdf, base_position_m, joints, tool_m)
 
-    def set_gravity(self, gravity_m_s2: Vector) -> None:
-        """Set the uniform acceleration of all that moves, wind apart, m/s^2, world axes."""
-        if not all(math.isfinite(g) for g in gravity_m_s2):
-            raise SimError(f"gravity is {gravity_m_s2}; it must be finite")
-        self._still_gravity = gravity_m_s2
-        self._apply_gravity()
-
-    def set_wind(self, acceleration_m_s2: Vector | None) -> None:
-        # Gravity is the one uniform force that Bullet gives to all nodes.
-        self._wind = acceleration_m_s2
-        self._apply_gravity()
-
     def _apply_gravity(self) -> None:
-        x, y, z = self._still_gravity
-        if self._wind is not None:
-            x, y, z = x + self._wind[0], y + self._wind[1], z + self._wind[2]
-        self.gravity_m_s2 = (x, y, z)
-        bullet.setGravity(x, y, z, physicsClientId=self.client)
-
-    def begin_substep(self) -> None:
-        if self._air is not None:
-            self._air.update()
+        # Gravity is the one uniform force that Bullet gives to all nodes.
+        bullet.setGravity(*self.gravity_m_s2, physicsClientId=self.client)
 
     def step(self) -> None:
         bullet.stepSimulation(physicsClientId=self.client)
@@ -107,19 +73,6 @@ class BulletWorld(World):
 
     def _apply_substep(self) -> None:
         bullet.setPhysicsEngineParameter(fixedTimeStep=self.substep_s, physicsClientId=self.client)
-
-    def solid_renderer(self, pinhole: PinholeCamera, light: FloatArray) -> BulletSolidRenderer:
-        return BulletSolidRenderer(self.client, pinhole, light)
-
-    def has_solids(self) -> bool:
-        # Asked for every image, so the bodies are looked through only when some have come or gone.
-        client = self.client
-        count = bullet.getNumBodies(physicsClientId=client)
-        if count != self._bodies_seen:
-            bodies = {bullet.getBodyUniqueId(i, physicsClientId=client) for i in range(count)} - self.drawn_elsewhere
-            self._has_solids = any(bullet.getVisualShapeData(body, physicsClientId=client) for body in bodies)
-            self._bodies_seen = count
-        return self._has_solids
 
     def close(self) -> None:
         if self.client >= 0:

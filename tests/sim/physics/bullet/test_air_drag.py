@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from layflat.sim.physics.air_drag import DRAG_LIMIT_M_S2, DRAG_RATE_PER_S, AirDrag
 from layflat.sim.physics.base import GRAVITY_M_S2
-from layflat.sim.physics.bullet.air_drag import DRAG_LIMIT_M_S2, DRAG_RATE_PER_S, AirDrag
 from layflat.sim.robots.pickers import FreePickers
 from layflat.tests.sim.helpers import cloth_in_world, run, set_nodes, small_cloth
 

@@ -1,4 +1,4 @@
-"""BulletSolidRenderer: images of the arm by TinyRenderer, which costs 2 ms even with nothing to draw."""
+"""TinyRenderer, Bullet's own, as an independent implementation of what the camera draws."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from layflat.data.arrays import FloatArray
 from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.physics.base import FAR_M, NEAR_M
 
-HIDDEN = (1.0, 1.0, 1.0, 0.0)
 
-
-class BulletSolidRenderer:
-    """The visible bodies of a world before one pinhole."""
+class TinyRenderer:
+    """The visible bodies of a Bullet client before one pinhole."""
 
     def __init__(self, client: int, pinhole: PinholeCamera, light: FloatArray) -> None:
         self._client = client

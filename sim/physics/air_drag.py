@@ -1,9 +1,9 @@
 """AirDrag: still air around the cloth, which stops its swing.
 
-Bullet's deformables have no air drag and do not expose node velocities, so a hanging cloth swings for ever. A light
+Neither engine's cloth feels the air, so a hanging one swings for ever, and Bullet hides the nodes' velocities. A light
 plate that swings slowly loses its speed to the air at a rate of a few per second (drag coefficient about 10 at small
 amplitude: 0.5 * 1.2 kg/m^3 * 0.12 m^2 * 10 * v / 0.05 kg = 2.2 /s at v = 0.15 m/s). Gravity is the one uniform force
-that Bullet gives to every node, so the drag of the mean motion is a sideways gravity.
+that Bullet gives to every node, so the drag of the mean motion is a sideways gravity, in every engine alike.
 """
 
 from __future__ import annotations
