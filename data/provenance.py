@@ -15,7 +15,18 @@ from pathlib import Path
 
 from layflat.data.types import Provenance
 
-PACKAGES = ("layflat", "pybullet", "numpy", "scipy", "opencv-python-headless", "gymnasium", "GPy", "h5py")
+PACKAGES = (
+    "layflat",
+    "pybullet",
+    "pybullet-arm64",
+    "mujoco-core",
+    "numpy",
+    "scipy",
+    "opencv-python-headless",
+    "gymnasium",
+    "GPy",
+    "h5py",
+)
 """Whose version can change a number."""
 OPERATOR = "LAYFLAT_OPERATOR"
 """Environment variable that names the person in records; the login name by default."""

@@ -13,7 +13,7 @@ from layflat.sim.cloth.registry import CLOTHS, PREFIX, cloth_settings, cloth_spe
 from layflat.sim.cloth.spec import DEFAULT_CLOTH, HELD_STRETCH, ClothSpec
 from layflat.sim.conditions.keys import Conditions, Setting, keys
 from layflat.sim.errors import SimError, look_up
-from layflat.sim.physics.registry import DEFAULT_PHYSICS, PHYSICS
+from layflat.sim.physics.registry import DEFAULT_PHYSICS, check_physics
 from layflat.sim.robots.registry import robot_spec
 from layflat.sim.starts.base import Start
 from layflat.sim.starts.registry import STARTS
@@ -50,7 +50,7 @@ class SimConfig(Conditions):
     def __post_init__(self) -> None:
         super().__post_init__()
         robot, task = self.robot_spec, look_up("task", self.task, TASKS)
-        look_up("physics", self.physics, PHYSICS)
+        check_physics(self.physics)
         look_up("descriptor", self.descriptor, DESCRIPTORS)
         start = look_up("start", task.starts[0] if self.start is None else self.start, STARTS)
         if start.name not in task.starts:
@@ -96,11 +96,6 @@ class SimConfig(Conditions):
     def robot_spec(self) -> RobotSpec:
         """Name and action axes of the robot."""
         return robot_spec(self.robot)
-
-    @property
-    def substeps(self) -> int:
-        """Physics steps of a control step, as long as they are not refined."""
-        return max(1, round(self.step_s * self.cloth_spec.rate_hz))
 
 
 def recorded_spec(name: str, settings: Mapping[str, Any]) -> ClothSpec:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +22,15 @@ from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTraject
 from layflat.sim.errors import SimError
 from layflat.sim.latency import Latency
 from layflat.sim.physics.base import GRAVITY_M_S2, Cloth, World
-from layflat.sim.physics.registry import make_world
+from layflat.sim.physics.registry import cloth_world
 from layflat.sim.robots.base import Robot
 from layflat.sim.robots.registry import robot_type
 from layflat.sim.starts.base import StartScene, attach
 
 START_STREAM = 0x57A7
 """Separates the random numbers of the start from others of the same seed."""
+_STATE = ("robot", "_disturbance", "_drag", "_drag_target_m", "_force_n", "_nodes", "_latency", "cloth_state")
+"""What a saved state holds besides the world and the camera's noise."""
 DISTURBANCE_STREAM = 0xD157
 """Separates the random numbers of disturbances from others of the same seed."""
 
@@ -56,9 +60,8 @@ class ClothSimulation:
         spec = config.cloth_spec
         self._seed = seed
         rng = np.random.default_rng([seed, START_STREAM])
-        world = self.world = make_world(
-            config.physics, substep_s=1.0 / spec.rate_hz, table_friction=config.table_friction
-        )
+        world = self.world = cloth_world(config.physics, spec, table_friction=config.table_friction)
+        self._coarse_substeps = max(1, round(config.step_s / world.coarse_substep_s))
         initial = config.start_spec.initial_state(spec, robot_type(config.robot), rng)
         self.cloth: Cloth = world.add_cloth(spec, initial.nodes)
         world.add_air(self.cloth)
@@ -187,12 +190,12 @@ class ClothSimulation:
         """Return the number for the next step, more where cloth lies on cloth."""
         parts = self.cloth.refinement(self._nodes)
         self._running().refine(parts)
-        return self.config.substeps * parts
+        return self._coarse_substeps * parts
 
     def _advance(self, substeps: int) -> None:
         world = self._running()
         if self._drag is not None and self._drag_target_m is not None:
-            self._drag.start_step(self._drag_target_m, self.config.substeps * world.coarse_substep_s)
+            self._drag.start_step(self._drag_target_m, self._coarse_substeps * world.coarse_substep_s)
         impulse = self._impulse_n_s()
         for _ in range(substeps):
             # The wind and the air come first: the arm carries its weight in the gravity of now.
@@ -296,6 +299,20 @@ class ClothSimulation:
     def success(self) -> bool:
         """Whether the cloth is now as the task wants it."""
         return self.config.task_spec.is_success(self.ground_truth())
+
+    def save(self) -> Any:
+        """Return the whole state, for `restore`; SimError where the physics cannot (see `World.saves_state`)."""
+        state = self._running().save()
+        camera = self.camera.save() if self.config.camera else None
+        return state, camera, copy.deepcopy({name: getattr(self, name) for name in _STATE})
+
+    def restore(self, state: Any) -> None:
+        """Go on from a state that `save` gave in this episode: the same actions give the same bits again."""
+        world, camera, own = state
+        self._running().restore(world)
+        if self.config.camera:
+            self.camera.restore(camera)
+        vars(self).update(copy.deepcopy(own))
 
     def _running(self) -> World:
         if self.world is None:

@@ -194,7 +194,7 @@ def _ours(env: ClothSimulation, action: FloatArray, n_steps: int) -> float:
 
 def _bare(env: ClothSimulation, n_steps: int) -> float:
     """Step the world alone and return wall s per step."""
-    world, substeps = env.cloth.world, env.config.substeps
+    world, substeps = env.cloth.world, round(env.config.step_s / env.cloth.world.coarse_substep_s)
     env.robot.hold()
     for _ in range(SETTLE_STEPS * substeps):
         world.step()

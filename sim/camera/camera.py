@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import replace
 
@@ -97,6 +98,14 @@ class Camera:
         self._render_views: dict[tuple[int, int, bool], Renderer] = {}
         self._sensor = None if noise is None else DepthSensor(noise, seed=seed)
         self._meshes = MeshMaker(cloth.spec)
+
+    def save(self) -> DepthSensor | None:
+        """Return the state of the sensor's noise, for `restore`."""
+        return copy.deepcopy(self._sensor)
+
+    def restore(self, state: DepthSensor | None) -> None:
+        """Go on with the noise of a state that `save` gave."""
+        self._sensor = copy.deepcopy(state)
 
     @property
     def pinhole(self) -> PinholeCamera:

@@ -115,7 +115,7 @@ class Renderer:
         raster = rasterize(screen, triangles[faces], *size)
         corners = vertices[triangles[faces]]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        slope = normals @ self._light.direction / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+        slope = normals @ self.light.direction / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
         bright = SOLID_AMBIENT + SOLID_DIFFUSE * np.maximum(slope, 0.0)
         picture.put(raster.pixels, raster.depth, (colours[faces] * bright[:, None])[raster.triangles])
 

@@ -10,7 +10,7 @@ from layflat.data.camera import CameraModel
 from layflat.sim.camera.camera import Camera, recorded_pinhole
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
-from layflat.sim.physics.registry import make_world
+from layflat.sim.physics.registry import DEFAULT_PHYSICS, cloth_world
 from layflat.sim.robots.registry import robot_type
 
 
@@ -24,7 +24,7 @@ class ReplayScene:
         """Make the scene of a robot, by name, and a cloth; SimError lists the known robots. ``camera`` looks at it."""
         self.spec = cloth
         self._robot = robot_type(robot)
-        self._world = make_world(substep_s=1.0 / self.spec.rate_hz)
+        self._world = cloth_world(DEFAULT_PHYSICS, self.spec)
         body = self._world.add_cloth(self.spec)
         self._arm = self._robot.add_arm(self._world, self.spec)
         self._camera = Camera(body, pinhole=recorded_pinhole(camera, cloth), noise=None, seed=0)

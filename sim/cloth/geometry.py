@@ -37,7 +37,8 @@ class ClothGeometry:
         sides = [self._triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]
         self._edges = np.unique(np.sort(np.concatenate(sides), axis=1), axis=0)
         self._rest_lengths = np.linalg.norm(flat[self._edges[:, 0]] - flat[self._edges[:, 1]], axis=1)
-        self._last: tuple[float, FloatArray] | None = None
+        self.last_seen: tuple[float, FloatArray] | None = None
+        """Time and nodes of the last call of `divergence_at`."""
 
     def contact_portion_true(self, nodes: FloatArray) -> float:
         """Return the share of the cloth that rests on the table, by area at rest, 0..1; blind to folds and stretch.
@@ -115,7 +116,7 @@ class ClothGeometry:
         stretch = float(self.stretch(nodes).max())
         if stretch > STRETCH_LIMIT:
             return f"an edge is stretched {stretch:.2f} times"
-        last, self._last = self._last, (time_s, nodes)
+        last, self.last_seen = self.last_seen, (time_s, nodes)
         if last is not None and time_s > last[0]:
             speed = float(np.linalg.norm(nodes - last[1], axis=1).max() / (time_s - last[0]))
             if speed > SPEED_LIMIT_M_S:

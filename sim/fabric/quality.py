@@ -15,7 +15,7 @@ from layflat.data.arrays import FloatArray
 from layflat.sim.cloth.spec import HELD_STRETCH, ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Cloth, World
-from layflat.sim.physics.registry import DEFAULT_PHYSICS, make_world
+from layflat.sim.physics.registry import DEFAULT_PHYSICS, cloth_world
 
 HANG_S = 1.6
 """Time in which a hanging cloth comes to rest; the last fifth of it is averaged."""
@@ -138,14 +138,14 @@ def fall(spec: ClothSpec, physics: str = DEFAULT_PHYSICS) -> tuple[float, float]
 
 def fold(spec: ClothSpec, physics: str = DEFAULT_PHYSICS) -> str | None:
     """Lay the free edge over the cloth's middle and lift it again; return why the cloth diverges, or None."""
-    with closing(make_world(physics, substep_s=1 / spec.rate_hz, table_friction=1.0)) as world:
+    with closing(cloth_world(physics, spec)) as world:
         cloth = world.add_cloth(spec, spec.flat_nodes(z_m=spec.margin_m + 0.001))
         world.add_air(cloth)
         held = list(range(spec.columns))
         places = cloth.nodes()[held]
         holders = world.add_holders(places)
         holders.grasp(cloth, held)
-        radius, steps = 0.3 * spec.length_m, round(FOLD_S * spec.rate_hz)
+        radius, steps = 0.3 * spec.length_m, round(FOLD_S / world.coarse_substep_s)
         for turn in (*np.linspace(0.0, np.pi, steps), *np.linspace(np.pi, 0.3 * np.pi, steps)):
             offset = np.array([radius * (1 - np.cos(turn)), 0.0, radius * np.sin(turn) + 3 * spec.margin_m])
             wanted = places + offset
@@ -174,7 +174,7 @@ def _held(spec: ClothSpec, nodes: FloatArray, held: Sequence[int], physics: str,
     def prepare(world: World, cloth: Cloth) -> Iterator[None]:
         holders = world.add_holders(places)
         holders.grasp(cloth, held)
-        for share in np.linspace(0.0, 1.0, round(0.25 * spec.rate_hz)) if apart != 1.0 else ():
+        for share in np.linspace(0.0, 1.0, round(0.25 / world.coarse_substep_s)) if apart != 1.0 else ():
             holders.move((places + share * (targets - places)).tolist(), [[0.0, 0.0, 0.0]] * len(places))
             yield
         while True:
@@ -193,11 +193,11 @@ def _run(
     prepare: Callable[[World, Cloth], Iterator[None]] | None = None,
 ) -> Iterator[FloatArray]:
     """Yield the nodes of a cloth after every fourth substep; ClothDivergedError where it diverges."""
-    with closing(make_world(physics, substep_s=1 / spec.rate_hz, table_friction=1.0)) as world:
+    with closing(cloth_world(physics, spec)) as world:
         cloth = world.add_cloth(spec, nodes)
         world.add_air(cloth)
         hold: Iterator[None] = iter(()) if prepare is None else prepare(world, cloth)
-        for step in range(round(duration_s * spec.rate_hz)):
+        for step in range(round(duration_s / world.coarse_substep_s)):
             next(hold, None)
             world.begin_substep()
             world.step()

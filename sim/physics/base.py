@@ -35,6 +35,10 @@ class Cloth(ClothGeometry, ABC):
 
     world: World
 
+    def __deepcopy__(self, memo: object) -> Cloth:
+        """Return the cloth itself: copies of what holds it, made to save a simulation, hold the same one."""
+        return self
+
     @abstractmethod
     def nodes(self) -> FloatArray:
         """Return the nodes, (N, 3) m, world, in grid order; read-only, and cheap to ask again within a substep."""
@@ -121,7 +125,7 @@ class Solid(Protocol):
 
 
 class Air(Protocol):
-    """What surrounds a cloth and slows it down."""
+    """Surroundings of a cloth that slow it down."""
 
     def update(self) -> None:
         """Act on the coming substep."""
@@ -156,6 +160,9 @@ class World(ABC):
         self._still_gravity: Vector = (0.0, 0.0, -GRAVITY_M_S2)
         self._wind: Vector | None = None
         self._air: Air | None = None
+
+    def __deepcopy__(self, memo: object) -> World:
+        return self
 
     @classmethod
     def rate_hz(cls, spec: ClothSpec) -> float:

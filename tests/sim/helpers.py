@@ -54,7 +54,7 @@ def set_nodes(cloth: Cloth, nodes: FloatArray) -> None:
     """Move the nodes (N, 3) m there; Bullet keeps their velocities and makes this the shape at rest."""
     body = bullet_cloth(cloth)
     bullet.resetMeshData(body.body, nodes.tolist(), physicsClientId=body._client)
-    body._nodes = body._last = None
+    body._nodes = body.last_seen = None
 
 
 def run(world: World, substeps: int, *before: Callable[[], None]) -> None:

@@ -16,28 +16,18 @@ import pybullet as bullet
 from layflat.data.arrays import FloatArray
 from layflat.sim.physics.base import Cloth
 from layflat.sim.physics.bullet.cloth import bullet_cloth
-
-HAND_MASS_KG = 0.003
-"""Nine hands of 1 g on a patch make the towel diverge, even without a force."""
-HAND_STIFFNESS_1_S2 = 5000.0
-"""Spring from each hand to its target, N/m per kg of hand and node. Explicit: stiffness * step^2 must stay below 1."""
-HAND_DAMPING_1_S = 90.0
-"""N s/m per kg of hand and node: above half of critical (141)."""
+from layflat.sim.physics.hand_springs import HAND_MASS_KG, HandSprings
 
 
 class BulletForceAnchors:
     """One hand on each of some nodes, pulled to targets by springs of bounded force."""
 
     def __init__(self, client: int, cloth: Cloth, nodes: Sequence[int], force_limit_n: float) -> None:
-        self._world = world = cloth.world
+        self._world = cloth.world
         self._client = client
         self._cloth = bullet_cloth(cloth)
-        self._force_limit_n = force_limit_n
         self.start: FloatArray = cloth.nodes()[list(nodes)]
-        kg = HAND_MASS_KG + cloth.spec.mass_kg / cloth.spec.n_nodes
-        # The spring is explicit, so its gains follow from the step where the step is long.
-        self._stiffness = min(HAND_STIFFNESS_1_S2, 0.3 / world.coarse_substep_s**2) * kg
-        self._damping = min(HAND_DAMPING_1_S, 0.5 / world.coarse_substep_s) * kg
+        self._springs = HandSprings(cloth, len(nodes), force_limit_n)
         self._forces_n_s = np.zeros(3)
         self._bodies: list[int] = []
         self._anchors: list[int] = []
@@ -61,10 +51,7 @@ class BulletForceAnchors:
 
     def pull(self, targets_m: FloatArray, velocity_m_s: FloatArray) -> None:
         positions = self.positions()
-        lag = targets_m - positions
-        force = self._stiffness * lag + self._damping * (velocity_m_s - self._velocities())
-        size = np.linalg.norm(force, axis=1, keepdims=True)
-        force *= np.minimum(1.0, self._force_limit_n / len(self._bodies) / np.maximum(size, 1e-12))
+        force = self._springs.force_n(targets_m - positions, velocity_m_s - self._velocities())
         # A hand is a tool, not a load on the cloth: its weight is carried.
         carried = force - HAND_MASS_KG * np.array(self._world.gravity_m_s2)
         for body, newtons, place in zip(self._bodies, carried.tolist(), positions.tolist(), strict=True):

@@ -1,0 +1,1 @@
+"""The MuJoCo engine, an optional one; no other folder imports MuJoCo."""
