@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from layflat.app.media.thumbnails import thumbnail
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.web.job_view import JobView
-from layflat.app.workstation.web.operations import ANY, arguments_of, default, fields
+from layflat.app.workstation.web.operations import ANY, arguments_of, choices, default, fields
 from layflat.app.workstation.web.viewer import Page
 from layflat.app.workstation.web.widgets import COLORS, mark, media, output, put, sentence, write
 from layflat.data.format.schema import demo_number
@@ -22,7 +22,7 @@ from layflat.data.tools.episode_index import FLAGS, EpisodeRow, episode_index
 from layflat.data.types import OUTCOMES
 
 if TYPE_CHECKING:
-    import click
+    from typer.core import TyperCommand
 
 SORTS: Mapping[str, Callable[[EpisodeRow], Any]] = {
     "number": lambda row: demo_number(row.name),
@@ -146,7 +146,7 @@ class DataPage(Page):
         if offered:
             self._show_fields()
 
-    def _command(self) -> click.Command:
+    def _command(self) -> TyperCommand:
         return self.workstation.commands[str(self._operation.value)]
 
     def _show_fields(self) -> None:
@@ -158,21 +158,16 @@ class DataPage(Page):
             if self._operation.value == "import":
                 self._fields["path"] = self.choice("File", self.folder.foreign() or [""])
 
-    def _add_field(self, param: click.Parameter) -> Any:
-        label = str(param.name).replace("_", " ").capitalize()
-        hint = getattr(param, "help", None)
-        choices: Sequence[str] | None = getattr(param.type, "choices", None)
+    def _add_field(self, param: Any) -> Any:
+        label, hint = str(param.name).replace("_", " ").capitalize(), getattr(param, "help", None)
+        options = choices(self._command(), param)
         if param.name == "paths":
-            label, choices = "With", [ANY, *(name for name in self.folder.sessions() if name != self._session)]
+            label, options = "With", [ANY, *(name for name in self.folder.sessions() if name != self._session)]
         elif param.name == "episode":
-            choices = self.episode_names(self._session)
-        elif choices is not None and param.default is None:
-            choices = [ANY, *choices]
-        if choices is not None and not param.required and param.name == "episode":
-            choices = [ANY, *choices]
-        if choices is not None:
-            return self.choice(label, list(choices) or [""], str(param.default), hint=hint)
-        if getattr(param, "is_flag", False):
+            options = [*([] if param.required else [ANY]), *self.episode_names(self._session)]
+        if options is not None:
+            return self.choice(label, options or [""], str(param.default), hint=hint)
+        if param.is_flag:
             return self.gui.add_checkbox(label, bool(param.default), hint=hint)
         stem = self._session.rpartition(".")[0] or "data"
         return self.gui.add_text(label, default(param, str(self._operation.value), stem), hint=hint)

@@ -102,6 +102,24 @@ def _rows(person: BrowserPerson) -> list[str]:
     return [str(row.get_attribute("data-name")) for row in person.page.locator("tr[data-name]").all()]
 
 
+def test_every_command_has_a_form_and_runs(folder, serve, browser):
+    person = BrowserPerson(browser, address_of(serve(folder)))
+    person.tab("Data")
+    person.page.get_by_text("Commands").click()
+    for command, label in (
+        ("validate", None), ("stats", None), ("split", "Share"), ("filter", "Min contact"), ("merge", "With"),
+        ("trim", "Stop"), ("repair", "Out"), ("export", "Form"), ("import", "File"), ("video", "Episode"),
+        ("plot", "Out"), ("info", None),
+    ):  # fmt: skip
+        person.choose("Command", command)
+        if label is not None:
+            person.field(label).wait_for()
+    person.press("Run")
+    person.sees("3 episodes|episodes +3", 60)
+    assert person.alerts() == []
+    assert person.errors == []
+
+
 def test_two_episodes_are_replayed_side_by_side(folder, serve, browser):
     person = BrowserPerson(browser, address_of(serve(folder)))
     person.tab("Replay")

@@ -11,7 +11,7 @@ from layflat.app.cli.data import data_cli
 from layflat.app.support.errors import UsageError
 from layflat.app.workstation.subprocess_command import SubprocessCommand
 from layflat.app.workstation.web.folder import Folder
-from layflat.app.workstation.web.operations import arguments_of, default, fields
+from layflat.app.workstation.web.operations import ANY, arguments_of, choices, default, fields
 from layflat.tests.factories import make_episode, write_session
 
 COMMANDS = typer.main.get_command(data_cli).commands
@@ -24,6 +24,13 @@ def test_the_page_has_every_option_of_layflat_data():
     for command in COMMANDS.values():
         there = {param.name for param in fields(command)}
         assert {param.name for param in command.params} - there <= {"json", "force", "debug", "help", "path"}
+
+
+def test_a_field_offers_what_the_option_takes():
+    named = {param.name: param for param in fields(COMMANDS["export"])}
+    assert choices(COMMANDS["export"], named["form"]) == ["robomimic", "lerobot", "csv", "minari", "rrd"]
+    assert choices(COMMANDS["export"], named["outcome"]) == [ANY, "success", "failure", "partial"]
+    assert choices(COMMANDS["export"], named["seed"]) is None
 
 
 def test_a_field_says_where_it_writes():
