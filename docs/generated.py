@@ -13,7 +13,7 @@ CONTENTS = {
     "": "tutorial",
     "How-to guides": """
         how-to/index how-to/record how-to/workstation how-to/train how-to/place how-to/evaluate how-to/suites
-        how-to/conditions how-to/cluster how-to/sessions how-to/mend how-to/export how-to/camera
+        how-to/conditions how-to/benchmark how-to/cluster how-to/sessions how-to/mend how-to/export how-to/camera
         how-to/own-policy how-to/own-cloth how-to/python""",
     "Reference": """
         reference/index reference/cli reference/python reference/api/index reference/names reference/conditions
@@ -25,7 +25,7 @@ CONTENTS = {
     "Results": """
         explanation/results/thesis explanation/results/policies explanation/results/wrinkle-removal
         explanation/results/word explanation/results/contact explanation/results/camera
-        explanation/results/disturbances explanation/results/speed""",
+        explanation/results/disturbances explanation/results/benchmark explanation/results/speed""",
 }
 """Pages of each part, in the order of the site's table of contents."""
 

@@ -101,8 +101,9 @@ def place(config: PlaceConfig, *, workers: int, force: bool, make: EpisodeFactor
 def _place_on_station(config: PlaceConfig, items: list[WorkItem]) -> None:
     from layflat.app.commands.station import StationRun, run_on_station  # its libraries are optional
 
-    if config.video is not None:
-        raise UsageError("--video shows a simulation; leave it out at a station")
+    for option, value in (("--video shows", config.video), ("--set changes", config.settings)):
+        if value:
+            raise UsageError(f"{option} a simulation; leave it out at a station")
     run = StationRun(
         station=config.station or Path(),
         policy=items[0].policy,

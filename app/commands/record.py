@@ -33,6 +33,8 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
         raise UsageError(f"record appends to {path} and never replaces it; give another name, or delete it yourself")
     validators.writable_file(path, force=False, append=True, suffix=validators.SESSION_SUFFIXES)
     if config.station is not None:
+        if config.settings or config.vary:
+            raise UsageError("--set and --vary change a simulation; leave them out at a station")
         from layflat.app.commands.station_record import record_on_station  # its libraries are optional
 
         record_on_station(config)

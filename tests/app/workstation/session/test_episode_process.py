@@ -25,6 +25,7 @@ from layflat.data.tools.validate import validate
 from layflat.data.types import ACTION_LIMIT_M, DragTarget, Episode
 from layflat.policy.spec import PolicySpec
 from layflat.policy.wrappers.takeover import REST_STEPS
+from layflat.sim.conditions.variation import variation
 from layflat.sim.config import SimConfig
 from layflat.tests.factories import HANGER
 
@@ -220,3 +221,14 @@ def test_an_unknown_disturbance_is_one_sentence(begin):
     one.episode.ask("disturb", "hurricane", 0)
     with pytest.raises(EpisodeLost, match="hurricane"):
         one.wait()
+
+
+def test_each_take_has_the_conditions_that_its_seed_draws(begin):
+    drawn = variation(["cloths"])
+    driver = begin(variation=drawn)
+    driver.step()
+    driver.save("failure", "interrupted")
+    with open_session(driver.recorder.path) as session:
+        recorded = session.episode("demo_0")
+    assert recorded.sim_config.items() >= drawn.sample(3).items()
+    assert recorded.sim_config["mass_factor"] != 1.0

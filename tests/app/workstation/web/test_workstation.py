@@ -103,3 +103,14 @@ def test_what_takes_long_runs_beside_the_rounds_and_its_error_is_shown(workstati
     go.set()
     rounds(workstation, lambda: done)
     assert done == [True]
+
+
+def test_conditions_of_the_server_hold_for_takes_and_for_commands(workstation):
+    workstation.conditions = {"mass_factor": 2.0, "camera_width_px": 160}
+    workstation.start(SessionRequest(sim_config=NAPKIN))
+    rounds(workstation, lambda: workstation.session.request is not None)
+    assert workstation.session.request.sim_config == NAPKIN.under({"mass_factor": 2.0, "camera_width_px": 160})
+    workstation.run("evaluate", ["evaluate", "nothing.npz", "--set", "depth_noise=9", "--out", "x"])
+    rounds(workstation, lambda: not workstation.jobs["evaluate"].running)
+    shown = workstation.jobs["evaluate"]
+    assert ["--set", "mass_factor=2.0", "--set", "camera_width_px=160"] == shown.arguments[-4:]
