@@ -127,7 +127,7 @@ def benchmark(
         typer.Option(
             metavar="TEXT",
             show_default="the published seeds",
-            help="Seeds that follow from this text, which nobody can have tuned to.",
+            help="Held-out seeds, which follow from this text.",
         ),
     ] = None,
     force: Force = False,

@@ -113,4 +113,4 @@ def test_conditions_of_the_server_hold_for_takes_and_for_commands(workstation):
     workstation.run("evaluate", ["evaluate", "nothing.npz", "--set", "depth_noise=9", "--out", "x"])
     rounds(workstation, lambda: not workstation.jobs["evaluate"].running)
     shown = workstation.jobs["evaluate"]
-    assert ["--set", "mass_factor=2.0", "--set", "camera_width_px=160"] == shown.arguments[-4:]
+    assert shown.arguments[-4:] == ["--set", "mass_factor=2.0", "--set", "camera_width_px=160"]
