@@ -39,6 +39,14 @@ def browser() -> Iterator[playwright.Browser]:
         opened.close()
 
 
+@pytest.fixture(autouse=True)
+def _closed_pages(browser: playwright.Browser) -> Iterator[None]:
+    """Pages that are left open would draw on, and take the time of the next tests."""
+    yield
+    for context in browser.contexts:
+        context.close()
+
+
 @pytest.fixture
 def folder(tmp_path: Path, make_episode: Callable, lying: Callable) -> Path:
     """With a session of three short episodes, the second a failure."""
