@@ -46,7 +46,7 @@ class ClothSimulation:
         self.world: World | None = None
         self.cloth_state: ClothState | None = None
         """Output of the perception for the last observation; None without a camera."""
-        self.pinhole = pinhole_of(config, config.cloth_spec)
+        self.pinhole = pinhole_of(config, config.cloth_spec, behind=robot_type(config.robot).camera_behind)
         camera = CameraModel(**asdict(self.pinhole)) if config.camera else None
         self.spec = replace(config.environment_spec(), camera=camera)
         self._perception = PerceptionPipeline(

@@ -25,6 +25,7 @@ FOCAL_PX = 307.5
 """A D435's colour camera has about 615 px at 640x480; half of that at 320x240."""
 POSITION_M = (0.15, -0.72, 0.86)
 TARGET_M = (0.285, 0.065, 0.0)
+BEHIND_POSITION_M, BEHIND_TARGET_M = (-0.52, 0.0, 0.95), (0.25, 0.0, 0.0)
 RENDER_POSITION_M = (1.10, -0.90, 0.70)
 RENDER_ARM = ((0.16, 0.06, 0.20), 41.0)
 """Target of ``render``, m, and its field of view across its height, degrees, with an arm in the image."""
@@ -36,18 +37,20 @@ MARKER_RGB = (200.0, 40.0, 40.0)
 
 
 def default_pinhole(
-    cloth: ClothSpec | None = None, *, width: int = CAMERA_WIDTH_PX, height: int | None = None
+    cloth: ClothSpec | None = None, *, width: int = CAMERA_WIDTH_PX, height: int | None = None, behind: bool = False
 ) -> PinholeCamera:
     """Return the camera at the robot's right side, tilted, so that neither arm nor hanger stands before the cloth.
 
     On the table it sees x from -0.15 to 0.75 m and y from -0.25 to 0.25 m, where cloth lies and is dragged. For a cloth
     larger than the towel it sees as much more, most of it by a wider lens: depth noise grows with the distance.
+    ``behind``: over where the cloth hangs at first, for arms on both sides.
     """
     height = round(width * 3 / 4) if height is None else height
     size, home = (1.0, 0.0) if cloth is None else (cloth.size, cloth.home_x_m)
     away = size**0.25
-    position = np.array(POSITION_M) * [size, away, away] + [home, 0.0, 0.0]
-    target = np.array(TARGET_M) * size + [home, 0.0, 0.0]
+    place, aim = (BEHIND_POSITION_M, BEHIND_TARGET_M) if behind else (POSITION_M, TARGET_M)
+    position = np.array(place) * [size, away, away] + [home, 0.0, 0.0]
+    target = np.array(aim) * size + [home, 0.0, 0.0]
     return PinholeCamera.look_at(position, target, width=width, height=height, fx=FOCAL_PX * width / 320 * away / size)
 
 
@@ -56,9 +59,9 @@ def recorded_pinhole(camera: CameraModel | None, cloth: ClothSpec | None = None)
     return default_pinhole(cloth) if camera is None else PinholeCamera(**vars(camera))
 
 
-def pinhole_of(conditions: Conditions, cloth: ClothSpec | None = None) -> PinholeCamera:
+def pinhole_of(conditions: Conditions, cloth: ClothSpec | None = None, *, behind: bool = False) -> PinholeCamera:
     """Return the camera as conditions place it: moved without a turn, then tilted."""
-    usual = default_pinhole(cloth, width=conditions.camera_width_px)
+    usual = default_pinhole(cloth, width=conditions.camera_width_px, behind=behind)
     moved = (conditions.camera_x_m, conditions.camera_y_m, conditions.camera_z_m)
     if not any((*moved, conditions.camera_tilt_deg)):
         return usual

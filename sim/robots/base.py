@@ -32,6 +32,8 @@ class Robot(ABC):
     """Name and action axes."""
     start_step_m: ClassVar[float]
     """Largest random displacement along each axis in one of the start's steps."""
+    camera_behind: ClassVar[bool] = False
+    """Whether the camera stands behind the robot's start: arms on both sides would hide the cloth from the side."""
     workspace_low_m: ClassVar[tuple[float, float, float]]
     """Lowest coordinates of a held point, world, with a cloth that is no longer than the towel."""
     workspace_high_m: ClassVar[tuple[float, float, float]]

@@ -43,8 +43,11 @@ class CartesianImpedance:
     matrix, and as the angles move by a few milliradians, the second-order error is micrometres.
     """
 
-    def __init__(self, arm: Arm, substep_s: float, stiffness_n_m: float) -> None:
-        """Make the law with that translational stiffness."""
+    def __init__(self, arm: Arm, substep_s: float, stiffness_n_m: float, *, yaw_rad: float = 0.0) -> None:
+        """Make the law with that translational stiffness, and the hand turned about z by ``yaw_rad``."""
+        cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        self._attitude = turn @ _DOWN if yaw_rad else _DOWN
         self._arm = arm
         self._stiffness = np.array([stiffness_n_m] * 3 + [ROTATIONAL_STIFFNESS_N_M_RAD] * 3)
         self.substep_s = substep_s
@@ -109,7 +112,7 @@ class CartesianImpedance:
             stiffness, damping = stiffness * _KEPT, _COMPLIANT_DAMPING + _KEPT[:, None] * damping * _KEPT
         spring, damper = jacobian.T * stiffness, jacobian.T @ damping
         # Error at angles q: error0 - J (q - angles), with set point and posture added by the caller's values.
-        constant = np.concatenate([-place, _rotation_error(rotation)]) + jacobian @ np.array(angles)
+        constant = np.concatenate([-place, _rotation_error(rotation, self._attitude)]) + jacobian @ np.array(angles)
         gain = self._gain
         gain[:, :JOINTS] = -spring @ jacobian - POSTURE_STIFFNESS_N_M_RAD * null_space
         gain[:, JOINTS : 2 * JOINTS] = -damper @ jacobian - null_space @ elbow_damping
@@ -118,10 +121,10 @@ class CartesianImpedance:
         self._offset = spring @ constant + POSTURE_STIFFNESS_N_M_RAD * (null_space @ posture) + bias
 
 
-def _rotation_error(rotation: FloatArray) -> FloatArray:
-    """Return the small rotation that would bring the hand straight down, (3,) rad, world."""
+def _rotation_error(rotation: FloatArray, attitude: FloatArray) -> FloatArray:
+    """Return the small rotation from ``rotation`` to ``attitude`` (3, 3), (3,) rad, world."""
     # Half the sum of the cross products of present and wanted axes.
-    skew = _DOWN @ rotation.T
+    skew = attitude @ rotation.T
     skew = skew - skew.T
     return 0.5 * np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 

@@ -40,8 +40,10 @@ TOOL_M = FLANGE_M + GRIP_DEPTH_M + CLIP_DROP_M
 """Distance from the last link's frame to the corners' midpoint, along its z."""
 
 
-def inverse_kinematics(centre: FloatArray, base_m: Vector = BASE_POSITION_M) -> FloatArray:
+def inverse_kinematics(centre: FloatArray, base_m: Vector = BASE_POSITION_M, *, yaw_rad: float = 0.0) -> FloatArray:
     """Return the joint angles (7,) rad: hand straight down, bar along y, corners' midpoint at ``centre`` (3,) m world.
+
+    ``yaw_rad`` turns the hand about z from there.
 
     Exact, elbow up. Joints 3 and 5 stay at zero, so that shoulder, elbow and wrist lie in one vertical plane and the
     law of cosines gives the elbow. The arm stands at ``base_m``. Limits are not checked, reach is: SimError.
@@ -60,4 +62,4 @@ def inverse_kinematics(centre: FloatArray, base_m: Vector = BASE_POSITION_M) -> 
     fore_tilt = math.atan2(out - elbow_out, up - elbow_up) + math.atan2(ELBOW_OFFSET_M, FOREARM_M)
     joint1 = math.atan2(y, x)
     joint2 = upper_tilt - math.atan2(ELBOW_OFFSET_M, UPPER_ARM_M)
-    return np.array([joint1, joint2, 0.0, joint2 - fore_tilt, 0.0, fore_tilt, joint1 - HAND_YAW_RAD])
+    return np.array([joint1, joint2, 0.0, joint2 - fore_tilt, 0.0, fore_tilt, joint1 - HAND_YAW_RAD - yaw_rad])

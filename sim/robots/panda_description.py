@@ -33,9 +33,10 @@ def arm_urdf(clip_distance_m: float) -> bytes:
 
     Everything behind the last joint is one link: each fixed link costs time in every substep, and Bullet's own merging
     misplaces the centre of mass. No collision shapes: the clips would push the cloth that they hold. Inertias are those
-    of boxes around each mesh: the file has 0.1 kg m^2 for every link, a fingertip as much as the shoulder.
+    of boxes around each mesh: the file has 0.1 kg m^2 for every link, a fingertip as much as the shoulder. A distance
+    of 0 makes a gripper that holds a single clip.
     """
-    if not 0.05 <= clip_distance_m <= 0.8:
+    if clip_distance_m and not 0.05 <= clip_distance_m <= 0.8:
         raise SimError(f"the clips are {clip_distance_m} m apart; a hanger of 0.05 to 0.8 m can be made")
     robot = ET.parse(_SOURCE).getroot()
     arm = {f"panda_link{i}" for i in range(JOINTS + 1)}
@@ -81,6 +82,7 @@ def _add_wrist(link: ET.Element, clip_distance_m: float, masses_kg: tuple[float,
     _add_mesh(link, hand, _hand_origin())
     _add_box(link, bar_size, (0, 0, GRIP_DEPTH_M))
     for side in (1, -1):
+        # With one clip both halves are the same: its weight is that of two.
         clip = (0, clip_distance_m / 2 * side, GRIP_DEPTH_M + CLIP_DROP_M / 2)
         parts.append((finger_kg, (0, 0.01 * side, FINGER_HEIGHT_M + 0.02), _extent(finger)))
         parts.append((CLIP_MASS_KG, clip, CLIP_SIZE_M))

@@ -5,10 +5,11 @@ from __future__ import annotations
 from layflat.data.robot import RobotSpec
 from layflat.sim.errors import look_up
 from layflat.sim.robots.base import Robot
+from layflat.sim.robots.dual_arm import DualArm
 from layflat.sim.robots.hanger import PandaHanger
 from layflat.sim.robots.pickers import FreePickers
 
-_TYPES: tuple[type[Robot], ...] = (PandaHanger, FreePickers)
+_TYPES: tuple[type[Robot], ...] = (PandaHanger, FreePickers, DualArm)
 ROBOTS: dict[str, type[Robot]] = {robot.spec.name: robot for robot in _TYPES}
 DEFAULT_ROBOT = PandaHanger.spec.name
 
