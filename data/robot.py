@@ -102,6 +102,10 @@ class RobotSpec:
         """Shape of the place of a guiding hand: (3,) for one point, (2, 3) for two."""
         return (3,) if self.n_points == 1 else (self.n_points, 3)
 
+    def same_axes(self, other: RobotSpec) -> bool:
+        """Whether a policy that moves ``other`` can move this robot: the same points along the same axes."""
+        return self.axes == other.axes
+
     def zeros(self) -> FloatArray:
         """Return the action that moves nothing, (A,)."""
         return np.zeros(self.size)

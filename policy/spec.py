@@ -105,7 +105,7 @@ class PolicySpec:
         robot = env.spec.robot
         if self.foreign is not None:
             return self.foreign.make(env.spec, self.label.partition("+")[0])
-        if self.model is not None and self.model.layout.robot != robot:
+        if self.model is not None and not robot.same_axes(self.model.layout.robot):
             raise PolicyError(f"{self.label} was trained for robot {self.model.layout.robot}, not {robot}")
         return None if self.model is None else registry.from_model(self.model)
 

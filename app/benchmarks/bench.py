@@ -26,7 +26,7 @@ from layflat.app.workers.process import process_pool
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.data.provenance import capture_provenance
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
-from layflat.sim.robots.registry import DEFAULT_ROBOT, ROBOTS
+from layflat.sim.robots.registry import DEFAULT_ROBOT, THESIS_ROBOTS
 
 CLOTH, FINE_CLOTH = DEFAULT_CLOTH, "towel-fine"
 AIR_GOAL, TABLE_GOAL = 1.5, 1.0
@@ -89,7 +89,7 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
     The fine cloth comes after the default one, with which it is compared.
     """
     for cloth, physics_s, seeing_s, blocks in ((CLOTH, 10.0, 12.0, measure.BLOCKS), (FINE_CLOTH, 18.0, 20.0, 4)):
-        for robot in ROBOTS:
+        for robot in THESIS_ROBOTS:
             yield Measurement(
                 title=f"physics, {robot}, {cloth}",
                 seconds=physics_s,
@@ -97,7 +97,7 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
                 arguments=(robot, cloth, blocks),
                 rows=partial(physics_rows, robot, cloth),
             )
-        for robot in ROBOTS:
+        for robot in THESIS_ROBOTS:
             yield Measurement(
                 title=f"seeing, {robot}, {cloth}",
                 seconds=seeing_s,
@@ -106,7 +106,7 @@ def measurements(folder: Path | None) -> Iterator[Measurement]:
                 rows=partial(seeing_rows, robot, cloth),
             )
     yield Measurement(title="perception", seconds=6.0, work=measure_perception.perception, rows=perception_rows)
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         yield Measurement(
             title=f"prediction, {robot}",
             seconds=4.0,

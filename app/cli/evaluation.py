@@ -69,7 +69,7 @@ def evaluate(
         typer.Option(
             "--robot",
             show_default="those of the models",
-            help="Robot of built-in policies: hanger or pickers; repeatable.",
+            help="Robot of built-in policies: hanger, pickers or dual-arm; repeatable.",
         ),
     ] = None,
     task: Task = None,
@@ -155,7 +155,11 @@ def demo(
     seed: Seed = 0,
     robots: Annotated[
         list[str] | None,
-        typer.Option("--robot", show_default="all", help="Only this robot: hanger or pickers; repeatable."),
+        typer.Option(
+            "--robot",
+            show_default="hanger and pickers",
+            help="Only this robot: hanger, pickers or dual-arm; repeatable.",
+        ),
     ] = None,
     cloth: Cloth = None,
     settings: Settings = None,

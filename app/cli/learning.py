@@ -157,7 +157,7 @@ def place(
     json: Json = None,
     robot: Annotated[
         str | None,
-        typer.Option(show_default="that of the model", help="Robot of a built-in policy: hanger or pickers."),
+        typer.Option(show_default="that of the model", help="Robot of a built-in policy: hanger, pickers or dual-arm."),
     ] = None,
     cloth: Annotated[
         str | None,

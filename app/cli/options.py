@@ -60,7 +60,7 @@ def episode_number(value: int | None) -> int | None:
 Episodes = Annotated[int, typer.Option(callback=count, help="Number of episodes.")]
 Seed = Annotated[int, typer.Option(callback=seed_in_range, help="Random seed.")]
 Robot = Annotated[
-    str | None, typer.Option(show_default="hanger", help="Robot that holds the cloth: hanger or pickers.")
+    str | None, typer.Option(show_default="hanger", help="Robot that holds the cloth: hanger, pickers or dual-arm.")
 ]
 Task = Annotated[
     str | None, typer.Option(show_default="place", help="Task: place, or smooth, which begins with a crumpled cloth.")

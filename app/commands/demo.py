@@ -33,7 +33,7 @@ from layflat.policy.schedule import ScheduledDisturbance
 from layflat.policy.trained_model import RegressionModel
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 
 DEMONSTRATIONS = 10
 """As many as the thesis gave its robot (chapter 4-3-2)."""
@@ -58,7 +58,7 @@ class DemoConfig:
     out: Path
     episodes: int = 5
     seed: int = 0
-    robots: tuple[str, ...] = tuple(ROBOTS)
+    robots: tuple[str, ...] = THESIS_ROBOTS
     cloth: str = DEFAULT_CLOTH
     settings: tuple[str, ...] = ()
     """Conditions, KEY=VALUE."""

@@ -32,7 +32,7 @@ from layflat.policy.spec import PolicySpec
 from layflat.sim.cloth.spec import DEFAULT_CLOTH
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.robots.registry import DEFAULT_ROBOT
+from layflat.sim.robots.registry import DEFAULT_ROBOT, ROBOTS, robot_spec
 
 EPISODE_S = 18.0
 VIDEO_WIDTH = 640
@@ -143,9 +143,10 @@ def _simulation(config: PlaceConfig, policy: PolicySpec) -> SimConfig:
     if policy.model is None:
         robot, cloth = config.robot or DEFAULT_ROBOT, config.cloth or DEFAULT_CLOTH
     else:
-        robot, cloth = policy.model.layout.robot.name, config.cloth or policy.model.cloth
-        if config.robot not in (None, robot):
-            raise UsageError(f"{config.policy} was trained for robot {robot}, not {config.robot}")
+        taught, cloth = policy.model.layout.robot, config.cloth or policy.model.cloth
+        robot = config.robot or taught.name
+        if robot != taught.name and not robot_spec(validators.one_of("robot", robot, ROBOTS)).same_axes(taught):
+            raise UsageError(f"{config.policy} was trained for robot {taught}, not {robot}")
     return sim_config(config.settings, robot=robot, cloth=cloth, descriptor=policy.descriptor)
 
 

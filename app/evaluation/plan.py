@@ -18,7 +18,7 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy.spec import PolicySpec
 from layflat.sim.conditions.variation import NO_VARIATION, Variation
 from layflat.sim.config import SimConfig
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import ROBOTS, robot_spec
 from layflat.sim.tasks import DEFAULT_TASK
 
 
@@ -68,7 +68,7 @@ class EvaluationPlan:
             (robot, policy)
             for robot in self.robots
             for policy in self.policies
-            if policy.robot is None or policy.robot.name == robot
+            if policy.robot is None or robot_spec(robot).same_axes(policy.robot)
         )
 
     @property
@@ -126,7 +126,8 @@ def plan_policies(texts: Sequence[str], robots: Sequence[str]) -> tuple[tuple[Po
     if not wanted:
         raise UsageError(f"a policy without a model suits any robot; give --robot {' or --robot '.join(ROBOTS)}")
     for policy in policies:
-        if policy.robot is not None and policy.robot.name not in wanted:
+        own = policy.robot
+        if own is not None and not any(robot_spec(robot).same_axes(own) for robot in wanted):
             raise UsageError(
                 f"{policy.stem} was trained for robot {policy.robot}, not {', '.join(wanted)}; leave it out"
             )

@@ -26,7 +26,7 @@ from layflat.app.reproduce.experiment_output import ExperimentOutput
 from layflat.app.reproduce.experiment_results import ExperimentResults
 from layflat.app.reproduce.studies import CONTACT, DIRECTION, DISTURBANCE, RULED, TUG, UNDISTURBED, of_case
 from layflat.app.support.formatting import MISSING, interval, points
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 
 INPUTS = {
     BASELINE: "position",
@@ -70,7 +70,7 @@ def render_inputs(results: ExperimentResults) -> ExperimentOutput:
     """Render a table of policies and one of differences for each robot, and in sentences what WORD adds."""
     output = ExperimentOutput()
     found: dict[str, pd.DataFrame] = {}
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         trials = [t for t in (*studies.placing(results.scale), *studies.inputs(results.scale)) if t.robot == robot]
         rows = results.rows(*trials)
         if not len(rows) or not {CONTACT, DIRECTION} & set(rows["policy"]):

@@ -11,7 +11,7 @@ import pandas as pd
 from layflat.app.report.thesis_numbers import BASELINE, PROPOSED
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import SMOOTH
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.sim.tasks import DEFAULT_TASK
 
 CONTACT, DIRECTION = "gp-contact", "gp-direction"
@@ -144,21 +144,21 @@ def flattening(scale: ScaleConfig) -> Iterator[Trial]:
 
 def placing(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan the thesis's methods on cloth 1, undisturbed, disturbed, folded and tugged."""
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         policies = baseline_and_proposed(robot, scale)
         yield _trial("placing", robot, policies, scale.seeds, repeats=scale.repeats, others=(FOLD, TUG))
 
 
 def second_cloth(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan the thesis's methods on cloth 2."""
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         policies = baseline_and_proposed(robot, scale, NAPKIN)
         yield _trial("napkin", robot, policies, scale.seeds, cloth=NAPKIN, repeats=scale.repeats)
 
 
 def inputs(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan the methods between the thesis's two, and the baseline with a rule that repairs."""
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         ruled = replace(trained(BASELINE, robot, scale, name=RULED), builtin=RULE)
         policies = (trained(CONTACT, robot, scale), trained(DIRECTION, robot, scale), ruled)
         yield _trial("inputs", robot, policies, scale.seeds, repeats=scale.repeats, others=(TUG,))
@@ -166,21 +166,21 @@ def inputs(scale: ScaleConfig) -> Iterator[Trial]:
 
 def bad_contact(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan the thesis's methods from starts in which the cloth swings."""
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         yield _trial("bad-contact", robot, baseline_and_proposed(robot, scale), scale.seeds, start="swinging")
 
 
 def number_of_demonstrations(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan the proposed method, trained on other numbers of demonstrations."""
     counts = [count for count in scale.counts if count != scale.demonstrations]
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         policies = tuple(trained(PROPOSED, robot, scale, count=count, name=count_name(count)) for count in counts)
         yield _trial("counts", robot, policies, scale.sweep_seeds, repeats=1)
 
 
 def other_cloth(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan the thesis's methods, trained on one cloth and tested on the other."""
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         for cloth, other in ((TOWEL, NAPKIN), (NAPKIN, TOWEL)):
             trial = _trial("transfer", robot, baseline_and_proposed(robot, scale, other), scale.sweep_seeds, repeats=1)
             yield replace(trial, name=f"{trial.name}-{cloth}", cloth=cloth)
@@ -188,7 +188,7 @@ def other_cloth(scale: ScaleConfig) -> Iterator[Trial]:
 
 def comparators(scale: ScaleConfig) -> Iterator[Trial]:
     """Plan other learners."""
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         policies = tuple(trained(name, robot, scale) for name in COMPARATORS)
         yield _trial("comparators", robot, policies, scale.sweep_seeds, repeats=1)
 

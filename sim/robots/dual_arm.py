@@ -15,7 +15,7 @@ from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Arm, Cloth, Vector, World
 from layflat.sim.robots.base import STIFFNESS_N_M, Control, Robot
-from layflat.sim.robots.hand_guiding import HAND_STIFFNESS_N_M, HAND_SPEED_M_S
+from layflat.sim.robots.hand_guiding import HAND_SPEED_M_S, HAND_STIFFNESS_N_M
 from layflat.sim.robots.impedance import CartesianImpedance
 from layflat.sim.robots.panda import JOINTS, TOOL_M, TORQUE_LIMIT_N_M, inverse_kinematics
 from layflat.sim.robots.panda_description import arm_urdf
@@ -92,6 +92,10 @@ class DualArm(Robot):
         """Return the joint angles of both arms, (14,) rad."""
         return np.concatenate([arm.joint_states()[0] for arm in self.arms])
 
+    def joint_torques(self) -> FloatArray:
+        """Return the torques that the impedance gave last, (2, 7) N m."""
+        return np.array([law.torque_n_m for law in self._laws])
+
     def grasp(self) -> None:
         for arm, node in zip(self.arms, self._cloth.spec.corners, strict=True):
             arm.grasp(self._cloth, [node])
@@ -147,8 +151,8 @@ class DualArm(Robot):
     def within_reach(cls, corners: FloatArray, cloth: ClothSpec) -> FloatArray:
         """Return the corners (2, 3) m nearest to the wanted ones that are in reach, apart, and not too far apart."""
         low, high = cls.workspace(cloth)
-        wider = max(0.0, cloth.width_m - NOMINAL_M) / 2
-        inside: FloatArray = np.clip(corners, low - [0.0, wider, 0.0], high + [0.0, wider, 0.0])
+        wide = np.array([0.0, max(0.0, cloth.width_m - NOMINAL_M) / 2, 0.0])
+        inside: FloatArray = np.clip(corners, low - wide, high + wide)
         inside[0, 1], inside[1, 1] = max(inside[0, 1], INNER_M), min(inside[1, 1], -INNER_M)
         apart = inside[0] - inside[1]
         limit, distance = MAX_SPREAD * cloth.width_m, float(np.linalg.norm(apart))

@@ -55,7 +55,8 @@ class CartesianImpedance:
         self._gain = np.zeros((JOINTS, 2 * JOINTS + 6))
         self._offset = np.zeros(JOINTS)
         self._input = np.zeros(2 * JOINTS + 6)
-        self._torque = np.zeros(JOINTS)
+        self.torque_n_m = np.zeros(JOINTS)
+        """Torques of the last substep, (7,) N m."""
         self._age = REFRESH_SUBSTEPS
         self._compliant = False
         self.jacobian = np.zeros((6, JOINTS))
@@ -82,7 +83,7 @@ class CartesianImpedance:
         self._input[: 2 * JOINTS] = angles + speeds
         self._input[2 * JOINTS : 2 * JOINTS + 3] = set_point
         self._input[2 * JOINTS + 3 :] = velocity
-        torque = self._torque
+        torque = self.torque_n_m
         np.matmul(self._gain, self._input, out=torque)
         torque += self._offset
         if force is not None:

@@ -11,6 +11,8 @@ from layflat.sim.robots.pickers import FreePickers
 
 _TYPES: tuple[type[Robot], ...] = (PandaHanger, FreePickers, DualArm)
 ROBOTS: dict[str, type[Robot]] = {robot.spec.name: robot for robot in _TYPES}
+THESIS_ROBOTS = (PandaHanger.spec.name, FreePickers.spec.name)
+"""The robots of the thesis, which its reproduction, the demo and the benchmark tables have."""
 DEFAULT_ROBOT = PandaHanger.spec.name
 
 

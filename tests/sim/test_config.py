@@ -14,7 +14,7 @@ from layflat.sim.tasks import TASKS
 @pytest.mark.parametrize(
     ("wrong", "hint"),
     [
-        ({"robot": "feet"}, "hanger, pickers"),
+        ({"robot": "feet"}, "hanger, pickers, dual-arm"),
         ({"cloth": "silk"}, "towel, napkin"),
         ({"physics": "clay"}, "bullet"),
         ({"task": "iron"}, "place, smooth"),

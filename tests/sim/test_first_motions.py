@@ -7,7 +7,7 @@ import pytest
 
 from layflat.app.workstation.teleop.keyboard import SPEED
 from layflat.data.types import ACTION_LIMIT_M
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.tests.sim.helpers import fresh_process_outputs
 
 DOWN = f"[0.0, 0.0, {-SPEED * ACTION_LIMIT_M}]"
@@ -33,7 +33,7 @@ MOVES = (DOWN, "[-0.01, 0.0, -0.01]", "[0.003, 0.0, -0.01]", "[0.0, 0.0, -0.02]"
         pytest.param("pickers", "napkin", DOWN, 45, id="fast"),
         *(
             pytest.param(robot, cloth, move, 60, marks=pytest.mark.slow)
-            for robot in ROBOTS
+            for robot in THESIS_ROBOTS
             for cloth, moves in (("napkin", MOVES), ("towel", (DOWN,)))
             for move in moves
         ),

@@ -9,7 +9,7 @@ import pytest
 
 from layflat.policy.environment import Environment
 from layflat.sim.errors import SimError
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.sim.simulation import ClothSimulation
 from layflat.sim.starts.base import home_corners
 from layflat.sim.starts.hanging import START_MOVES
@@ -50,7 +50,7 @@ def test_the_same_seed_in_fresh_processes_gives_the_same_bits(robot: str, cloth:
     assert first == second != other
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=THESIS_ROBOTS)
 def started(request: pytest.FixtureRequest) -> Iterator[ClothSimulation]:
     with simulation(request.param, 5, cloth="towel", camera=True) as sim:
         yield sim
@@ -116,7 +116,7 @@ def test_without_a_reset_nothing_can_be_done() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_fine_mesh_survives_a_whole_demonstration(robot: str, seed: int) -> None:
     script = """

@@ -22,7 +22,7 @@ from layflat.app.benchmarks.rows import RTF, BenchmarkRow
 from layflat.data.types import STEP_S
 from layflat.perception.descriptors.word import AXIAL_CONFIG, THESIS_CONFIG
 from layflat.sim.physics.bullet.reference_cloths import SITUATIONS, SOLVER_SETTINGS
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.tests.app.fake_episodes import FakeEpisodes
 
 PACKED = [f"{what} {name}" for what in ("pack", "size") for name in measure_data.COMPRESSIONS]
@@ -67,7 +67,7 @@ def test_rows_have_the_keys_of_the_contract_and_distinct_names():
 
 def test_all_robots_and_both_meshes_are_measured():
     names = [row.name for row in _all_rows()]
-    for robot in ROBOTS:
+    for robot in THESIS_ROBOTS:
         for cloth in (bench.CLOTH, bench.FINE_CLOTH):
             assert any(name.startswith(f"{robot} {cloth} in the air") for name in names)
             assert any(name.startswith(f"{robot} {cloth} loop / bare") for name in names)
@@ -106,7 +106,7 @@ def test_a_prediction_is_really_timed():
     assert np.median(walls["predict"] / walls["GPy"]) < 0.7
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_the_model_that_is_timed_gives_gpys_numbers(robot):
     """To 1e-8 of a unit of the processes, mean and deviation."""
     model = measure.random_model(robot, points=150)
@@ -124,7 +124,7 @@ def test_the_pipeline_gives_the_reference_numbers(config):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_short_real_run(robot, tmp_path):
     with bench.process_pool(1) as pool:
         physics = pool.schedule(measure.physics, args=(robot, "towel", 2, 2)).result()

@@ -18,7 +18,7 @@ from layflat.data import SessionRecorder
 from layflat.data.types import DisturbanceRecord, GroundTruth
 from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.disturbances.presets import DISTURBANCES
-from layflat.sim.robots.registry import ROBOTS, robot_spec
+from layflat.sim.robots.registry import THESIS_ROBOTS, robot_spec
 
 SCRIPT = """
 import json, sys
@@ -122,7 +122,7 @@ def _run_script(robot: str, cloth: str, disturbance: str, tmp_path: Path) -> dic
     return report
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_an_episode_by_hand_runs_again_to_the_bit(robot, tmp_path):
     report = _run_script(robot, "napkin", "by hand", tmp_path)
     assert report["same"]["identical"] is True
@@ -141,7 +141,7 @@ def test_repeated_disturbances_run_again_to_the_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("robot", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=ROBOTS
+    ("robot", "cloth", "disturbance"), [("hanger", "towel", "wind"), ("pickers", "napkin", "poke")], ids=THESIS_ROBOTS
 )
 def test_a_disturbed_episode_runs_again_to_the_bit(robot, cloth, disturbance, tmp_path):
     report = _run_script(robot, cloth, disturbance, tmp_path)
@@ -161,7 +161,7 @@ def test_a_disturbed_episode_runs_again_to_the_bit(robot, cloth, disturbance, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_whole_demonstration_runs_again_to_the_bit(robot, tmp_path):
     path = tmp_path / "s.h5"
     words = ["record", str(path), "--robot", robot, "--episodes", "1", "--seed", "7"]

@@ -10,10 +10,10 @@ import pytest
 
 from layflat.app.media.episode_plots import INTERVENTION_COLOR, OUTCOME_COLORS, align_curves, curves_of, plot_session
 from layflat.data.types import DisturbanceRecord, DragTarget
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_curves_are_the_episodes(robot, make_episode):
     episode = make_episode(robot=robot)
     curves = curves_of("demo_0", episode)

@@ -31,7 +31,7 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import registry
 from layflat.policy.registry import TRAINABLE_POLICIES
 from layflat.policy.trained_model import TrainedModel
-from layflat.sim.robots.registry import ROBOTS, robot_spec
+from layflat.sim.robots.registry import THESIS_ROBOTS, robot_spec
 from layflat.tests.app.fake_episodes import FakeEpisodes
 from layflat.tests.browser import measured, needs_chromium
 
@@ -51,7 +51,7 @@ class FakeStore(ArtifactStore):
 def models(make_episode):
     return {
         robot: registry.train("nearest", [make_episode(robot=robot, source="scripted", disturbed=False)])
-        for robot in ROBOTS
+        for robot in THESIS_ROBOTS
     }
 
 
@@ -90,7 +90,7 @@ def test_the_full_scale_is_that_of_the_thesis_or_more():
     assert {trial.cloth for trial in EXPERIMENTS["disturbance"].plan(FULL)} == {"towel", "napkin"}
     for experiment in ALL:
         robots = {trial.robot for trial in experiment.plan(FULL)}
-        assert robots == ({"pickers"} if experiment.name == "flattening" else set(ROBOTS))
+        assert robots == ({"pickers"} if experiment.name == "flattening" else set(THESIS_ROBOTS))
 
 
 def test_quick_takes_under_fifteen_minutes_on_two_cores():

@@ -12,11 +12,11 @@ from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.rollout import rollout
 from layflat.policy.scripted.baselines import ZeroPolicy
 from layflat.sim.config import SimConfig
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.sim.simulation import ClothSimulation
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=THESIS_ROBOTS)
 def env(request):
     simulation = ClothSimulation(SimConfig(robot=request.param, cloth="napkin", table_friction=0.9))
     yield simulation

@@ -12,7 +12,7 @@ from layflat.policy.rollout import rollout
 from layflat.policy.spec import PolicySpec
 from layflat.policy.wrappers.swing_damping import SwingDampingWrapper
 from layflat.sim.config import SimConfig
-from layflat.sim.robots.registry import ROBOTS, robot_spec
+from layflat.sim.robots.registry import THESIS_ROBOTS, robot_spec
 from layflat.sim.simulation import ClothSimulation
 from layflat.tests.fake_environment import DownPolicy
 
@@ -44,7 +44,7 @@ def ahead_at_touch(robot: str, wrap: Callable[[Policy], Policy]) -> float:
         env.close()
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: str) -> None:
     assert ahead_at_touch(robot, lambda policy: policy) > 0.03
     assert abs(ahead_at_touch(robot, SwingDampingWrapper)) < 0.015
@@ -52,7 +52,7 @@ def test_a_cloth_that_swings_ahead_is_held_up_until_it_hangs(robot: str) -> None
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_folded_corner_is_lifted_and_laid_again(robot: str) -> None:
     assert placed(robot, "folded-corner", 5).final_ground_truth.flat_area < FLAT_AREA
     lifted = placed(robot, "folded-corner", 5, "recovery")

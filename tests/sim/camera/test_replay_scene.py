@@ -8,14 +8,14 @@ import pytest
 from layflat.sim.camera.replay_scene import ReplayScene
 from layflat.sim.cloth.registry import cloth_spec
 from layflat.sim.errors import SimError
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.tests.sim.helpers import simulation
 
 ARM_SHARE = 0.02
 """Of the pixels: the edges of the arm, whose joints follow from where its hanger was."""
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_the_scene_shows_what_the_camera_saw(robot: str) -> None:
     with simulation(robot, 3, cloth="towel", camera=True, noise=False) as sim:
         for _ in range(12):

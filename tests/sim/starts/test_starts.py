@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from layflat.sim.cloth.registry import cloth_spec
-from layflat.sim.robots.registry import ROBOTS
+from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.tests.sim.helpers import simulation
 
 TOWEL = cloth_spec("towel")
@@ -48,7 +48,7 @@ def test_a_folded_corner_leaves_no_crease_when_it_is_lifted() -> None:
         assert sim.cloth.stretch(nodes).min() > 0.9
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_quick_start_is_at_the_place_of_the_whole_one_after_a_third_of_its_steps(robot: str) -> None:
     seen, substeps = [], []
     for start in ("hanging", "hanging-quick"):
@@ -62,7 +62,7 @@ def test_a_quick_start_is_at_the_place_of_the_whole_one_after_a_third_of_its_ste
     assert substeps[1] < 0.36 * substeps[0]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_folded_corner_lies_still_with_the_hem_held(robot: str) -> None:
     with simulation(robot, 3, cloth="towel", start="folded-corner", camera=True) as sim:
         ground_truth, seen = sim.ground_truth(), sim.observe(images=False)
@@ -79,7 +79,7 @@ def test_a_folded_corner_lies_still_with_the_hem_held(robot: str) -> None:
         assert sim.ground_truth().flat_area == pytest.approx(ground_truth.flat_area, abs=0.02)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", THESIS_ROBOTS)
 def test_a_swinging_cloth_touches_ahead_of_its_holder(robot: str) -> None:
     """Lowered straight on, the free edge comes down in front; a cloth that hangs does not."""
     with simulation(robot, 2, cloth="towel", start="swinging") as sim:
