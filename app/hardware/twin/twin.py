@@ -28,7 +28,8 @@ class Twin:
     ) -> None:
         """Start all of it; ``config`` gives cloth, stiffness, limits; its host and camera are not used."""
         config = config or StationConfig(robot=RobotConfig(host="twin"))
-        cloth, pinhole = config.cloth_spec(), default_pinhole()
+        cloth = config.cloth_spec()
+        pinhole = default_pinhole(cloth)
         home = home_corners(cloth).mean(axis=0) - np.array(config.robot.base_m)
         self.arm_process = ArmProcess(inverse_kinematics(home + np.array(BASE_POSITION_M)).tolist())
         model = CameraModel(**asdict(pinhole))
