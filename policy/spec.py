@@ -22,6 +22,7 @@ from layflat.policy.foreign.remote import PolicyServer
 from layflat.policy.scripted import wrinkle_removal
 from layflat.policy.scripted.demonstrator import NO_GROUND_TRUTH, SMALL_M, ScriptedDemonstrator
 from layflat.policy.trained_model import TrainedModel
+from layflat.policy.wrappers.blocked import UnblockingPolicy
 from layflat.policy.wrappers.cloth_frame import ClothFramePolicy
 from layflat.policy.wrappers.sequential import SequentialPolicy
 
@@ -85,11 +86,18 @@ class PolicySpec:
             rule = _builtin(self.builtin, env, frame)
             policy = SequentialPolicy(policy, rule, name=f"{policy.name}+{self.builtin}")
         policy = registry.wrap(policy or _builtin(str(self.builtin), env, frame), self.wrappers)
+        if self._is_laying(env.spec):
+            policy = UnblockingPolicy(policy)
         return policy if frame is None else ClothFramePolicy(policy, frame)
+
+    def _is_laying(self, spec: EnvironmentSpec) -> bool:
+        """Whether the policy lays a cloth, and is neither the user's own nor as the thesis has it."""
+        thesis = self.model is not None and self.model.layout.frame == WORLD
+        return self.foreign is None and not thesis and spec.task != SMOOTH
 
     def _frame(self, spec: EnvironmentSpec) -> ClothFrame | None:
         """Return the coordinates in which the policy acts; None: the world's."""
-        if self.foreign is not None or spec.task == SMOOTH or (self.model and self.model.layout.frame == WORLD):
+        if not self._is_laying(spec):
             return None
         shape = spec.cloth_shape
         if shape is not None:
