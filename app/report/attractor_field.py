@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,8 @@ from layflat.app.report.charts import PANEL_IN, key
 from layflat.data.arrays import FloatArray
 from layflat.data.robot import RobotSpec
 from layflat.data.types import Episode
-from layflat.policy.features import FeatureLayout
+from layflat.policy.features import WORLD, FeatureLayout
+from layflat.policy.training_set import recorded_size
 
 BANDWIDTH_M = 0.02
 """Width of the Gaussian that averages the other inputs over the demonstrations' steps near a point of the plane."""
@@ -88,6 +89,15 @@ def vector_field(
     return VectorField(x=x, z=z, dx=dx, dz=dz, std=std, distance=distance)
 
 
+def _in_frame(layout: FeatureLayout, episode: Episode) -> Episode:
+    """Return a demonstration in the coordinates of a model."""
+    size = recorded_size(episode.cloth, episode.sim_config)
+    if layout.frame == WORLD or size is None or size.is_world:
+        return episode
+    steps = tuple(replace(step, observation=size.observation(step.observation)) for step in episode.steps)
+    return replace(episode, steps=steps, final_observation=size.observation(episode.final_observation))
+
+
 def field_figure(
     models: Mapping[str, VectorFieldModel], demonstrations: Sequence[Episode], *, contact: float | None = None
 ) -> Figure:
@@ -95,7 +105,8 @@ def field_figure(
 
     ``contact``: portion at which the contact is held in one more panel of each model that sees it, or None.
     """
-    robot = next(iter(models.values())).layout.robot
+    layout = next(iter(models.values())).layout
+    robot, demonstrations = layout.robot, [_in_frame(layout, episode) for episode in demonstrations]
     fields: dict[str, VectorField] = {}
     for name, model in models.items():
         fields[name] = vector_field(model, demonstrations)
