@@ -71,7 +71,7 @@ def cloth_settings(spec: ClothSpec) -> dict[str, float | str]:
 def recorded_cloth(name: str, settings: Mapping[str, object]) -> ClothSpec:
     """Return the cloth of an episode, by its name and the settings of its simulation; SimError where it is unknown."""
     own = {key.removeprefix(PREFIX): value for key, value in settings.items() if key.startswith(PREFIX)}
-    if "rows" not in own:  # A preset, of which only the size is recorded.
+    if own.keys() <= {"length_m", "width_m"}:  # A preset, of which only the size is recorded.
         return _known(name)
     try:
         whole = {key: int(str(own[key])) for key in ("rows", "columns")}
