@@ -88,7 +88,8 @@ def make_env(
     physics
         ``bullet``.
     **settings
-        Further fields of `layflat.sim.config.SimConfig`: ``start``, ``descriptor``, ``table_friction``, ``noise``, ...
+        Further fields of `layflat.sim.config.SimConfig`, such as ``start``, ``descriptor`` and ``noise``, and every
+        condition of `layflat config`, such as ``mass_factor`` or ``camera_z_m``.
 
     Returns
     -------
@@ -104,7 +105,7 @@ def make_env(
     from layflat.sim.config import SimConfig
     from layflat.sim.simulation import ClothSimulation
 
-    return ClothSimulation(SimConfig(robot=robot, task=task, cloth=cloth, physics=physics, **settings))
+    return ClothSimulation(SimConfig.of(robot=robot, task=task, cloth=cloth, physics=physics, **settings))
 
 
 def load_policy(text: str) -> PolicySpec:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -87,6 +88,17 @@ class SimConfig(Conditions):
             cloth_shape=ClothShape(**shape),
             config={name: getattr(self, name) for name in names} | sizes | own_cloth,
         )
+
+    @classmethod
+    def of(cls, **settings: Any) -> SimConfig:
+        """Return the simulation of settings by name; SimError for an unknown one names the nearest."""
+        known = [item.name for item in fields(cls) if item.init]
+        for name in settings:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1)
+                hint = f"; did you mean {near[0]}?" if near else f"; known are {', '.join(known)}"
+                raise SimError(f"unknown setting {name!r}{hint}")
+        return cls(**settings)
 
     def under(self, settings: Mapping[str, Setting]) -> SimConfig:
         """Return the same simulation under other conditions."""

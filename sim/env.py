@@ -53,7 +53,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
     render_mode
         None or "rgb_array".
     **settings
-        Further fields of `layflat.sim.config.SimConfig`, such as ``table_friction``, ``control`` and ``noise``.
+        Further fields of `layflat.sim.config.SimConfig`, such as ``noise``, and every condition of `layflat config`.
 
     Notes
     -----
@@ -100,7 +100,7 @@ class ClothPlaceEnv(gymnasium.Env[ObsDict, NDArray[np.float32]]):
         self._reward = look_up("reward", reward, REWARDS)
         self._ends_flat = terminate_on_success
         start = start or look_up("task", task, TASKS).quick_start
-        self.simulation = ClothSimulation(SimConfig(robot=robot, cloth=cloth, task=task, start=start, **settings))
+        self.simulation = ClothSimulation(SimConfig.of(robot=robot, cloth=cloth, task=task, start=start, **settings))
         self._images = images
         self._disturbance, self._disturb_step = disturbance, disturb_step
         self._step_index = self._seed = 0

@@ -92,7 +92,7 @@ def _part(name: str, scores: Sequence[Mapping[str, Any]]) -> Section:
     worst = [
         f"{entry['policy']}: lowest with {min(parts, key=lambda value: parts[value]['score'])}."
         for entry in scores
-        if len(parts := entry["parts"][name]) > 1
+        if name == "cloth" and len(parts := entry["parts"][name]) > 1
     ]
     blocks: list[Block] = [table, *([Text(lines=tuple(worst))] if worst else [])]
     return Section(id=f"by-{name}", title=f"By {name}", blocks=tuple(blocks))

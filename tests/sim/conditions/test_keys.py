@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
+import layflat
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.policy.training_set import recorded_size
 from layflat.sim.camera.camera import default_pinhole, pinhole_of
@@ -18,6 +20,7 @@ from layflat.sim.camera.renderer import LIGHT, USUAL_LIGHT, light_of
 from layflat.sim.cloth.registry import CLOTHS, recorded_cloth
 from layflat.sim.conditions.keys import Conditions, Key, changed, key_of, keys, parse_settings
 from layflat.sim.config import SimConfig, recorded_spec
+from layflat.sim.env import ClothPlaceEnv
 from layflat.sim.errors import SimError
 from layflat.sim.simulation import ClothSimulation
 
@@ -245,3 +248,17 @@ def test_a_camera_that_has_moved_still_sees_the_cloth_where_it_is() -> None:
     assert seen[1:] == pytest.approx([seen[0]] * 3, rel=0.03)
     up = pinhole_of(Conditions(camera_tilt_deg=5.0)).cam_to_world[:3, 2] - default_pinhole().cam_to_world[:3, 2]
     assert up[2] > 0.05
+
+
+def test_python_and_gymnasium_take_the_keys_as_arguments_and_name_the_nearest_one() -> None:
+    env = gymnasium.make(
+        "layflat:layflat/ClothPlace-v0", robot="pickers", images=True, camera_width_px=160, mass_factor=2
+    )
+    assert env.observation_space["rgb"].shape == (120, 160, 3)  # type: ignore[index]
+    assert env.unwrapped.simulation.config.mass_factor == 2.0  # type: ignore[attr-defined]
+    assert layflat.make_env("hanger", camera_tilt_deg=2.0).pinhole.position[2] == default_pinhole().position[2]
+    for make in (layflat.make_env, ClothPlaceEnv):
+        with pytest.raises(SimError, match=r"unknown setting 'mass_facter'; did you mean mass_factor\?"):
+            make("hanger", mass_facter=2.0)
+        with pytest.raises(SimError, match=r"mass_factor is 9\.0; it must be a number between 0\.3 and 4"):
+            make("hanger", mass_factor=9.0)
