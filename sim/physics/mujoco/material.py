@@ -1,7 +1,7 @@
-"""What a cloth's springs mean as a sheet: membrane and bending stiffness.
+"""The sheet that a cloth's springs amount to: membrane and bending stiffness.
 
-Both engines simulate the fabric that a `ClothSpec` describes. Its springs are those of Bullet; here they become the
-constants of a sheet that hangs and droops alike (see docs/explanation/results/engines.md for how well).
+A `ClothSpec` describes a fabric by the springs with which Bullet simulates it. Here they become constants of a sheet
+that stretches as much where it hangs, and has the same bending length in the same test (docs/explanation/engines.md).
 """
 
 from __future__ import annotations
@@ -11,9 +11,12 @@ import math
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.physics.base import GRAVITY_M_S2
 
-MEMBRANE = 1.8
-"""Membrane stiffness, N/m / stiffness of a spring, N/m: two diagonals help the springs along a thread."""
-BENDING_LENGTH_M = 0.0135
+MEMBRANE = 1.5
+"""Membrane stiffness / stiffness of a spring along the threads: diagonals and bending springs help it."""
+BENDING_CELLS = 0.76
+"""Bending length of a sheet, in cells of the mesh, whose springs' stiffness is its weight on a cell's length."""
+BENDING_POWER = 1 / 6
+"""Power of the bending springs' stiffness in the bending length; its cube is in the sheet's stiffness."""
 
 
 def membrane_n_m(spec: ClothSpec) -> float:
@@ -24,7 +27,9 @@ def membrane_n_m(spec: ClothSpec) -> float:
 def bending_n_m(spec: ClothSpec) -> float:
     """Return the bending stiffness, N m: weight of an area * bending length cubed (Peirce 1930)."""
     weight_n_m2 = spec.mass_kg * GRAVITY_M_S2 / (spec.length_m * spec.width_m)
-    return weight_n_m2 * BENDING_LENGTH_M**3
+    cell = math.sqrt(spec.length_m * spec.width_m / ((spec.rows - 1) * (spec.columns - 1)))
+    length = BENDING_CELLS * cell * (max(spec.bending_n_m, 1e-4) / (weight_n_m2 * cell)) ** BENDING_POWER
+    return weight_n_m2 * length**3
 
 
 def young_and_thickness(spec: ClothSpec) -> tuple[float, float]:
