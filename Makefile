@@ -58,14 +58,14 @@ clean:
 
 # A name on the PATH may be a shim that does not run, so each candidate is tried by running it.
 $(BIN)/python:
-	@for python in $(PYTHON) python3.11 python3.10 python3 python; do \
-	  if $$python -c 'import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in ((3, 10), (3, 11)))' \
+	@for python in $(PYTHON) python3.11 python3.12 python3.13 python3.10 python3 python; do \
+	  if $$python -c 'import ensurepip, sys, venv; sys.exit(sys.version_info[:2] not in ((3, 10), (3, 11), (3, 12), (3, 13)))' \
 	      >/dev/null 2>&1; then \
 	    echo "making $(VENV) with $$($$python --version)"; \
 	    exec $$python -m venv $(VENV); \
 	  fi; \
 	done; \
-	echo "Layflat needs Python 3.11 or 3.10 with venv (PyBullet has no wheels for others): install one, or name it as in 'make PYTHON=/path/to/python3.11 demo'." >&2; \
+	echo "Layflat needs Python 3.10 to 3.13 with venv (PyBullet has no wheels for others): install one, or name it as in 'make PYTHON=/path/to/python3.11 demo'." >&2; \
 	exit 1
 
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python

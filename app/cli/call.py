@@ -14,7 +14,8 @@ def call(function: str, options: Mapping[str, Any], *, simulator: bool = True) -
     """Call ``function``, such as "commands.place:place", with a config of the ``options`` that were given.
 
     Options that are parameters of the function itself (``workers``, ``force``) are passed to it. The others are fields
-    of its config, where the field's default stands for an option that was left out. What is heavy is imported here,
+    of its config, where the field's default stands for an option that was left out; ``physics`` is one of its
+    settings. What is heavy is imported here,
     so that ``layflat --help`` answers at once. ``simulator``: whether the command needs one.
     """
     if simulator:
@@ -24,6 +25,9 @@ def call(function: str, options: Mapping[str, Any], *, simulator: bool = True) -
     config_type = get_type_hints(work)["config"]
     parameters = inspect.signature(work).parameters
     own = {key: value for key, value in options.items() if key in parameters}
+    options = dict(options)
+    if physics := options.pop("physics", None):
+        options["settings"] = [*(options.get("settings") or ()), f"physics={physics}"]
     fields = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in options.items()

@@ -15,6 +15,7 @@ from layflat.app.cli.options import (
     Folder,
     Force,
     Json,
+    Physics,
     Seed,
     Settings,
     Task,
@@ -80,6 +81,7 @@ def evaluate(
             help="Start of the cloth: hanging, hanging-quick, crumpled, folded-corner or swinging.",
         ),
     ] = None,
+    physics: Physics = None,
     settings: Settings = None,
     vary: Vary = None,
     limit_s: Annotated[
@@ -162,6 +164,7 @@ def demo(
         ),
     ] = None,
     cloth: Cloth = None,
+    physics: Physics = None,
     settings: Settings = None,
     force: Force = False,
     debug: Debug = False,

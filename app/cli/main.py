@@ -23,7 +23,7 @@ from layflat.app.cli.data import data_cli
 from layflat.app.cli.evaluation import DISTURB_HELP, bench, benchmark, demo, evaluate, reproduce
 from layflat.app.cli.gamepad import gamepad_cli
 from layflat.app.cli.learning import flatten, place, record, replay, train
-from layflat.app.cli.options import Debug, Descriptor, Force, Json, Seed, Settings, count, expand_home
+from layflat.app.cli.options import Debug, Descriptor, Force, Json, Physics, Seed, Settings, count, expand_home
 from layflat.app.cli.policy import policy_cli
 from layflat.app.cli.station import station_cli
 from layflat.app.support import validators
@@ -60,6 +60,7 @@ def app_(
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port; 0 takes a free one.")] = 8080,
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
+    physics: Physics = None,
     settings: Settings = None,
     debug: Debug = False,
 ) -> None:
@@ -71,9 +72,10 @@ def app_(
     from layflat.app.workstation.web.server import AppConfig
     from layflat.app.workstation.web.server import app as run
 
+    conditions = [*(settings or ()), *([f"physics={physics}"] if physics else [])]
     commands = typer.main.get_command(data_cli).commands  # type: ignore[attr-defined]
     config = AppConfig(
-        folder=folder, host=host, port=port, open_browser=not no_open, settings=tuple(settings or ()), debug=debug,
+        folder=folder, host=host, port=port, open_browser=not no_open, settings=tuple(conditions), debug=debug,
         commands=commands,
     )  # fmt: skip
     raise typer.Exit(run(config))

@@ -71,6 +71,10 @@ CLOTHS = (
 )
 """Every cloth that has a name (`layflat.sim.cloth.registry`), for help."""
 Cloth = Annotated[str | None, typer.Option(show_default="towel", help=f"Cloth: {CLOTHS}.")]
+Physics = Annotated[
+    str | None,
+    typer.Option(show_default="bullet", help="Physics engine: bullet, or mujoco (pip install 'layflat[mujoco]')."),
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Set a condition; `layflat config` lists the keys; repeatable."),

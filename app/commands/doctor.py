@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
@@ -25,7 +25,6 @@ from layflat.app.support.validators import SUPPORTED_PYTHONS
 State = Literal["ok", "note", "problem"]
 
 REQUIRED = {
-    "pybullet": "layflat.sim.physics.bullet",  # pybullet itself prints when it is imported first
     "gymnasium": "gymnasium",
     "viser": "viser",
     "numpy": "numpy",
@@ -45,6 +44,10 @@ REQUIRED = {
     "platformdirs": "platformdirs",
 }
 """Name of the distribution -> module that is imported."""
+
+BULLETS = ("pybullet", "pybullet-arm64")
+"""Distributions of PyBullet: the official one, and a fork with wheels for newer Pythons."""
+MUJOCO = "mujoco-core"
 
 INSTALL = "run `make demo`, or `pip install -c constraints.txt -e .` in a Python 3.11 environment"
 MIN_MEMORY_GB = 2.0
@@ -81,9 +84,7 @@ def interpreter() -> list[Check]:
     found = f"{platform.python_implementation()} {platform.python_version()}, {sys.executable}"
     if sys.version_info[:2] in SUPPORTED_PYTHONS and platform.python_implementation() == "CPython":
         return [Check("interpreter", "ok", found)]
-    advice = (
-        "install CPython 3.11 (or 3.10), the ones PyBullet has wheels for, and name it: make PYTHON=python3.11 demo"
-    )
+    advice = "install CPython 3.10 to 3.13, the ones PyBullet has wheels for, and name it: make PYTHON=python3.11 demo"
     return [Check("interpreter", "problem", found, advice)]
 
 
@@ -100,7 +101,28 @@ def system() -> list[Check]:
 
 def packages() -> list[Check]:
     """Check that every package that is needed can be imported."""
-    return [_package(name, module) for name, module in REQUIRED.items()]
+    return [*engines(), *(_package(name, module) for name, module in REQUIRED.items())]
+
+
+def engines() -> list[Check]:
+    """Check the physics engines: Bullet in one of its two distributions, never both, and MuJoCo where it is there."""
+    builds = [name for name in BULLETS if _is_there(name)]
+    if len(builds) > 1:
+        advice = f"both overwrite one module: pip uninstall {' '.join(BULLETS)}, then {INSTALL}"
+        return [Check("physics bullet", "problem", " and ".join(builds), advice)]
+    # PyBullet itself prints when it is imported first.
+    found = [replace(_package((builds or BULLETS)[0], "layflat.sim.physics.bullet"), name="physics bullet")]
+    found[0] = replace(found[0], found=" ".join([*builds, found[0].found]))
+    if not _is_there(MUJOCO):
+        return [*found, Check("physics mujoco", "note", "missing, optional", "pip install 'layflat[mujoco]'")]
+    return [*found, replace(_package(MUJOCO, "layflat.sim.physics.mujoco.world"), name="physics mujoco")]
+
+
+def _is_there(distribution: str) -> bool:
+    try:
+        return bool(version(distribution))
+    except PackageNotFoundError:
+        return False
 
 
 def _package(name: str, module: str) -> Check:

@@ -21,7 +21,7 @@ from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.phases import phase_spans
 from layflat.app.support.progress import Progress
 from layflat.app.workers.process import describe_exit_status, process_pool
-from layflat.app.workers.sim_options import sim_config
+from layflat.app.workers.sim_options import parse_conditions, sim_config
 from layflat.app.workers.work_item import LIMIT_S
 from layflat.data.arrays import FloatArray
 from layflat.data.format import schema
@@ -115,6 +115,9 @@ def replay(config: ReplayConfig, *, force: bool) -> None:
 
 def rerun(recorded: Episode, conditions: Sequence[str] = ()) -> Episode:
     """Run the recorded actions from the same start, in a process that has never stepped a simulation."""
+    physics = parse_conditions(conditions).get("physics", recorded.physics)
+    if physics != recorded.physics:
+        raise UsageError(f"the actions were recorded in physics {recorded.physics} and mean nothing in {physics}")
     simulation = recorded_config(recorded, conditions)
     _check_disturbances(recorded, simulation)
     with Progress({"replay": STEP_WALL_S * len(recorded.steps)}) as progress, process_pool(1) as pool:

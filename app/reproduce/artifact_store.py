@@ -22,7 +22,6 @@ from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.features import WORLD
 from layflat.policy.trained_model import TrainedModel
-from layflat.sim.robots.registry import robot_spec
 
 MAX_ATTEMPTS = 3
 """Attempts for each demonstration wanted, before too many have failed."""
@@ -84,8 +83,11 @@ class ArtifactStore:
                 )
             first = DEMONSTRATION_SEED + self._seed
             seeds = set(range(first, first + len(recorded) + n_missing)) - {episode.seed for episode in recorded}
-            with SessionRecorder(path, robot=robot_spec(robot), cloth=cloth, descriptor=DEFAULT_DESCRIPTOR) as recorder:
-                items = demonstrations(sim_config(self._conditions, robot=robot, cloth=cloth), sorted(seeds))
+            config = sim_config(self._conditions, robot=robot, cloth=cloth)
+            with SessionRecorder(
+                path, robot=config.robot_spec, cloth=cloth, descriptor=DEFAULT_DESCRIPTOR, physics=config.physics
+            ) as recorder:
+                items = demonstrations(config, sorted(seeds))
                 collected = collect_items(items, path.parent, progress, workers=workers, recorder=recorder)
             collected.check()
 

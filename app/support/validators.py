@@ -10,7 +10,7 @@ from pathlib import Path
 
 from layflat.app.support.errors import LayflatError, UsageError
 
-SUPPORTED_PYTHONS = ((3, 10), (3, 11))
+SUPPORTED_PYTHONS = ((3, 10), (3, 11), (3, 12), (3, 13))
 SESSION_SUFFIXES = (".h5", ".hdf5")
 
 
@@ -18,7 +18,7 @@ def require_simulator() -> None:
     """Raise LayflatError where this interpreter cannot run the simulation."""
     if sys.version_info[:2] not in SUPPORTED_PYTHONS:
         raise LayflatError(
-            f"Layflat needs Python 3.11 or 3.10, the ones PyBullet has wheels for, and this is "
+            f"Layflat needs Python 3.10 to 3.13, the ones PyBullet has wheels for, and this is "
             f"{sys.version_info[0]}.{sys.version_info[1]}; `layflat doctor` says what to do"
         )
     if importlib.util.find_spec("pybullet") is None:

@@ -25,6 +25,7 @@ REGISTRIES: Mapping[str, Collection[str]] = {
     "descriptor": DESCRIPTORS,
 }
 """Known names of the settings of a simulation that are names."""
+_PHYSICS = "physics="
 
 
 def sim_config(conditions: Iterable[str] = (), **settings: Any) -> SimConfig:
@@ -43,9 +44,16 @@ def sim_config(conditions: Iterable[str] = (), **settings: Any) -> SimConfig:
 
 
 def parse_conditions(texts: Iterable[str]) -> dict[str, Setting]:
-    """Return the conditions of texts KEY=VALUE; UsageError where one is wrong."""
+    """Return the conditions of texts KEY=VALUE, `--physics` among them; UsageError where one is wrong."""
+    texts = list(texts)
+    engines = {text.removeprefix(_PHYSICS) for text in texts if text.startswith(_PHYSICS)}
+    for name in engines:
+        _check_name("physics", name)
+    if len(engines) > 1:
+        raise UsageError(f"physics is set to {' and to '.join(sorted(engines))}; give it once")
     try:
-        return parse_settings(texts)
+        given = parse_settings(text for text in texts if not text.startswith(_PHYSICS))
+        return given | dict.fromkeys(["physics"] * len(engines), "".join(engines))
     except SimError as error:
         raise UsageError(f"--set: {error}") from None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -53,3 +54,21 @@ def test_stdout_begins_with_the_first_check_and_names_the_limits():
     assert done.stdout.startswith("ok      interpreter")
     assert "build time" not in done.stdout
     assert "\nok      workers" in done.stdout
+
+
+def test_either_build_of_pybullet_will_do_but_not_both(monkeypatch):
+    monkeypatch.setattr(doctor, "version", lambda name: "3.2.8" if name in there else _missing(name))
+    there = {"pybullet-arm64"}
+    assert [(check.name, check.state) for check in doctor.engines()] == [
+        ("physics bullet", "ok"),
+        ("physics mujoco", "note"),
+    ]
+    there = {"pybullet", "pybullet-arm64"}
+    (check,) = doctor.engines()
+    assert (check.state, check.found) == ("problem", "pybullet and pybullet-arm64")
+    there = set()
+    assert doctor.engines()[0].state == "problem"
+
+
+def _missing(name):
+    raise PackageNotFoundError(name)
