@@ -14,6 +14,7 @@ from layflat.data.robot import RobotSpec, two_points
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.errors import SimError
 from layflat.sim.physics.base import Arm, Cloth, Vector, World
+from layflat.sim.robots.arm_shape import ArmShape, ArmSolid, shape_from_urdf
 from layflat.sim.robots.base import STIFFNESS_N_M, Control, Robot
 from layflat.sim.robots.hand_guiding import HAND_SPEED_M_S, HAND_STIFFNESS_N_M
 from layflat.sim.robots.impedance import CartesianImpedance
@@ -170,7 +171,15 @@ def base_positions_m(cloth: ClothSpec) -> tuple[Vector, Vector]:
 
 def add_gripper_arm(world: World, base_m: Vector) -> Arm:
     """Add an arm whose fingers hold one clip."""
-    return world.add_arm(_urdf(), base_m, joints=JOINTS, tool_m=TOOL_M)
+    arm = world.add_arm(_urdf(), base_m, joints=JOINTS, tool_m=TOOL_M)
+    world.solids.append(ArmSolid(gripper_shape(base_m), arm))
+    return arm
+
+
+@lru_cache(maxsize=8)
+def gripper_shape(base_m: Vector) -> ArmShape:
+    """Return the shape of such an arm, to draw it."""
+    return shape_from_urdf(_urdf(), base_m, JOINTS)
 
 
 @lru_cache(maxsize=1)

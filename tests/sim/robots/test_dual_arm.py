@@ -12,10 +12,8 @@ import layflat
 from layflat.data.arrays import FloatArray
 from layflat.policy.rollout import rollout
 from layflat.sim.cloth.registry import cloth_spec
-from layflat.sim.robots.arm_shape import shape_from_urdf
-from layflat.sim.robots.dual_arm import INNER_M, YAW_RAD, DualArm, base_positions_m
-from layflat.sim.robots.panda import JOINTS, TORQUE_LIMIT_N_M, inverse_kinematics
-from layflat.sim.robots.panda_description import arm_urdf
+from layflat.sim.robots.dual_arm import INNER_M, YAW_RAD, DualArm, base_positions_m, gripper_shape
+from layflat.sim.robots.panda import TORQUE_LIMIT_N_M, inverse_kinematics
 from layflat.sim.robots.registry import robot_spec
 from layflat.tests.sim.helpers import simulation
 
@@ -55,7 +53,7 @@ def test_every_reachable_pair_is_within_the_joint_limits(cloth: str) -> None:
 def test_the_arms_never_touch() -> None:
     """The closest vertices of the two arms, wherever their corners may be."""
     bases = base_positions_m(cloth_spec("towel"))
-    shapes = [shape_from_urdf(arm_urdf(0.0), base, JOINTS) for base in bases]
+    shapes = [gripper_shape(base) for base in bases]
     nearest = min(
         cKDTree(shapes[0].placed(first)).query(shapes[1].placed(second))[0].min()
         for first, second in (postures(corners, "towel") for corners in reachable("towel")[::7])
