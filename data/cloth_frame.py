@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.environment_spec import ClothShape
 from layflat.data.robot import RobotSpec
 from layflat.data.types import ACTION_LIMIT_M, Observation
 
@@ -23,9 +24,18 @@ CENTRE_X_M = 0.18
 """Middle of where the towel is held, along x; a longer cloth starts so far behind 0 that it is laid around it."""
 
 
+SIZE_KEYS = ("cloth_length_m", "cloth_width_m")
+"""Settings of a recorded simulation that say how large its cloth is."""
+
+
 def home_x_m(length_m: float) -> float:
     """Return the world x over which a cloth of this length hangs before a start's moves."""
     return min(0.0, CENTRE_X_M * (1.0 - length_m / NOMINAL_M))
+
+
+def recorded_settings(shape: ClothShape) -> dict[str, float]:
+    """Return the size of a cloth as the settings of a recorded simulation have it."""
+    return dict(zip(SIZE_KEYS, (shape.length_m, shape.width_m), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)

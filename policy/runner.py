@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from layflat.data.arrays import FloatArray
+from layflat.data.cloth_frame import recorded_settings
 from layflat.data.provenance import capture_provenance
 from layflat.data.types import DisturbanceRecord, DragTarget, Episode, Observation, Outcome, Phase, Step, StoppedBy
 from layflat.policy.base import Decision, Policy
@@ -177,7 +178,7 @@ class EpisodeRunner:
             descriptor=spec.descriptor,
             disturbance=self.disturbance,
             start=self.env.start,
-            sim_config=spec.config,
+            sim_config=dict(spec.config) | ({} if shape is None else recorded_settings(shape)),
             initial_joints=self.env.joint_angles(),
             camera=spec.camera,
             mesh_shape=(shape.rows, shape.columns) if shape is not None and meshed else None,

@@ -10,7 +10,7 @@ from typing import Any
 from layflat.data.environment_spec import ClothShape, EnvironmentSpec
 from layflat.data.robot import RobotSpec
 from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR, DESCRIPTORS
-from layflat.sim.cloth.registry import CLOTHS, PREFIX, cloth_settings, cloth_spec, recorded_cloth, remember
+from layflat.sim.cloth.registry import CLOTHS, cloth_settings, cloth_spec, recorded_cloth, remember
 from layflat.sim.cloth.spec import DEFAULT_CLOTH, HELD_STRETCH, ClothSpec
 from layflat.sim.conditions.keys import Conditions, Setting, keys
 from layflat.sim.errors import SimError, look_up
@@ -73,7 +73,6 @@ class SimConfig(Conditions):
         own = {item.name for item in fields(EnvironmentSpec)}
         names = [item.name for item in fields(self) if item.init and item.name not in (*own, "own_cloth")]
         usual = CLOTHS[self.cloth] if self.own_cloth is None else self.own_cloth
-        sizes = {f"{PREFIX}{name}": getattr(usual, name) for name in ("length_m", "width_m")}
         own_cloth = cloth_settings(usual)
         shape = {item.name: getattr(self.cloth_spec, item.name) for item in fields(ClothShape)}
         return EnvironmentSpec(
@@ -86,7 +85,7 @@ class SimConfig(Conditions):
             descriptor=self.descriptor,
             step_s=self.step_s,
             cloth_shape=ClothShape(**shape),
-            config={name: getattr(self, name) for name in names} | sizes | own_cloth,
+            config={name: getattr(self, name) for name in names} | own_cloth,
         )
 
     @classmethod

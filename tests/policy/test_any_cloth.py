@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layflat.data.cloth_frame import ClothFrame
+from layflat.data.cloth_frame import SIZE_KEYS, ClothFrame
 from layflat.policy import model_io, registry
 from layflat.policy.base import PolicyError
+from layflat.policy.rollout import rollout
 from layflat.policy.spec import PolicySpec
-from layflat.policy.training_set import SIZE_KEYS, Demonstrations
+from layflat.policy.training_set import Demonstrations, recorded_size
 from layflat.policy.wrappers.cloth_frame import ClothFramePolicy
 from layflat.sim.config import SimConfig
 from layflat.tests.factories import HANGER, PICKERS, ROBOT_SPECS
@@ -77,6 +78,13 @@ def test_sessions_of_several_cloths_are_one_set_where_their_sizes_are_known(tmp_
         registry.train("nearest", joined, frame="world")
     with pytest.raises(PolicyError, match="mix the cloths towel and napkin"):
         Demonstrations.joined([parts[0], Demonstrations.from_episodes([replace(third, cloth="napkin")])])
+
+
+def test_an_episode_says_how_large_its_cloth_is():
+    env = FakeEnvironment(SimConfig(robot="hanger", cloth="bandana"))
+    env.reset(0)
+    episode = rollout(env, PolicySpec(builtin="hold"), seed=0, max_steps=2)
+    assert recorded_size(episode.cloth, episode.sim_config) == ClothFrame(length_m=0.5, width_m=0.5)
 
 
 def test_without_sizes_a_model_has_the_worlds_frame_and_asking_for_the_cloths_says_so():
