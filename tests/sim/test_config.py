@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from layflat.sim.cloth.registry import PREFIX
 from layflat.sim.config import SimConfig
 from layflat.sim.errors import SimError
 from layflat.sim.robots.registry import ROBOTS
@@ -52,7 +51,4 @@ def test_the_environment_spec_makes_the_same_settings_again(robot: str) -> None:
     config = SimConfig(robot=robot, cloth="napkin", descriptor="how", table_friction=0.9, noise=False, step_s=0.05)
     spec = config.environment_spec()
     own = {"task": spec.task, "physics": spec.physics, "descriptor": spec.descriptor, "step_s": spec.step_s}
-    size = {key: value for key, value in spec.config.items() if key.startswith(PREFIX)}
-    assert size == {"cloth_length_m": config.cloth_spec.length_m, "cloth_width_m": config.cloth_spec.width_m}
-    settings = {key: value for key, value in spec.config.items() if key not in size}
-    assert SimConfig(robot=spec.robot.name, cloth=spec.cloth, **own, **settings) == config
+    assert SimConfig(robot=spec.robot.name, cloth=spec.cloth, **own, **spec.config) == config

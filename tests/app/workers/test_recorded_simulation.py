@@ -11,6 +11,7 @@ from layflat.data.session.parts import journals, parts_folder
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.rollout import rollout
 from layflat.policy.scripted.baselines import ZeroPolicy
+from layflat.sim.cloth.registry import PREFIX
 from layflat.sim.config import SimConfig
 from layflat.sim.robots.registry import THESIS_ROBOTS
 from layflat.sim.simulation import ClothSimulation
@@ -45,7 +46,10 @@ def test_the_file_holds_what_makes_the_same_simulation_again(env, tmp_path, diff
         found = session[0]
     assert differences(found, episode) == []
     assert validate(path) == ()
-    config = {"robot": found.robot.name, "cloth": found.cloth, "step_s": found.step_s, **found.sim_config}
+    size = {key: value for key, value in found.sim_config.items() if key.startswith(PREFIX)}
+    assert size == {"cloth_length_m": env.spec.cloth_shape.length_m, "cloth_width_m": env.spec.cloth_shape.width_m}
+    settings = {key: value for key, value in found.sim_config.items() if key not in size}
+    config = {"robot": found.robot.name, "cloth": found.cloth, "step_s": found.step_s, **settings}
     assert SimConfig(**config) == env.config
     np.testing.assert_array_equal(found.initial_joints, joints[0])
     assert found.initial_joints.shape == ((7,) if robot.name == "hanger" else (0,))
