@@ -19,7 +19,7 @@ from layflat.data.types import ACTION_LIMIT_M, Observation
 NOMINAL_M = 0.35
 """Length and width of every cloth in its own frame: those of the towel, whose frame is the world's."""
 REST_M = 0.004
-"""Height at which cloth rests on the table, whatever its size."""
+"""Height at which cloth rests on the table, of any size."""
 CENTRE_X_M = 0.18
 """Middle of where the towel is held, along x; a longer cloth starts so far behind 0 that it is laid around it."""
 

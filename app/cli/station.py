@@ -49,7 +49,7 @@ def calibrate(
     The result is written into STATION.toml.
     """
     options = {**locals(), "at": _pixel(at)}
-    call("commands.station:calibrate", options, simulator=False)
+    call("commands.station_calibrate:calibrate", options, simulator=False)
 
 
 def _pixel(text: str | None) -> tuple[int, int] | None:

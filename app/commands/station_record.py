@@ -72,7 +72,7 @@ def _person(config: RecordConfig) -> Iterator[PolicyMaker]:
 
 @dataclass(frozen=True)
 class Person:
-    """Who demonstrates, as a station's episodes want it."""
+    """A demonstrator, as a station's episodes want it."""
 
     label: str
     policy: Policy

@@ -41,7 +41,7 @@ BREAKDOWNS = ("robot", "cloth", "disturbance", "variation")
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """What is run: robots x cloths x disturbances x variations x seeds."""
+    """The plan of a benchmark: robots x cloths x disturbances x variations x seeds."""
 
     name: str
     version: str

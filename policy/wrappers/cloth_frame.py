@@ -12,7 +12,7 @@ from layflat.policy.base import Decision, Policy, continue_after_disturbance, ma
 class ClothFramePolicy:
     """Acts as ``policy``, which sees and moves the cloth in its own frame: lengths are shares of the cloth's.
 
-    Whatever lengths the policy, its stop rules and wrappers hold are those for the towel.
+    All lengths that the policy, its stop rules and wrappers hold are those for the towel.
     """
 
     def __init__(self, policy: Policy, frame: ClothFrame) -> None:

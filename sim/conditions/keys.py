@@ -45,7 +45,7 @@ class Key:
 
     @property
     def wanted(self) -> str:
-        """What a value must be, in words."""
+        """The values that are taken, in words."""
         if self.choices:
             return " or ".join(self.choices)
         number = "whole number" if self.kind is int else "number"

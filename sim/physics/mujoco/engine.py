@@ -21,7 +21,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class Part(Protocol):
-    """What moves in a world: the cloth, an arm."""
+    """A moving part of a world: the cloth, an arm."""
 
     text: str
     """Its bodies in MuJoCo's XML."""
