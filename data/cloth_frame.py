@@ -6,8 +6,10 @@ what of the cloth still hangs. In the air the free edge keeps its height above t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,8 @@ CENTRE_X_M = 0.18
 
 SIZE_KEYS = ("cloth_length_m", "cloth_width_m")
 """Settings of a recorded simulation that say how large its cloth is."""
+SIZE_FACTOR = "size_factor"
+"""Setting that says how much larger it was simulated."""
 
 
 def home_x_m(length_m: float) -> float:
@@ -33,9 +37,12 @@ def home_x_m(length_m: float) -> float:
     return min(0.0, CENTRE_X_M * (1.0 - length_m / NOMINAL_M))
 
 
-def recorded_settings(shape: ClothShape) -> dict[str, float]:
-    """Return the size of a cloth as the settings of a recorded simulation have it."""
-    return dict(zip(SIZE_KEYS, (shape.length_m, shape.width_m), strict=True))
+def recorded_settings(settings: Mapping[str, Any], shape: ClothShape | None) -> dict[str, Any]:
+    """Return the settings of a simulation with the size of its cloth, before SIZE_FACTOR, where they do not say it."""
+    if shape is None:
+        return dict(settings)
+    sides = (side / settings.get(SIZE_FACTOR, 1.0) for side in (shape.length_m, shape.width_m))
+    return dict(settings) | {key: side for key, side in zip(SIZE_KEYS, sides, strict=True) if key not in settings}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -178,7 +178,7 @@ class EpisodeRunner:
             descriptor=spec.descriptor,
             disturbance=self.disturbance,
             start=self.env.start,
-            sim_config=dict(spec.config) | ({} if shape is None else recorded_settings(shape)),
+            sim_config=recorded_settings(spec.config, shape),
             initial_joints=self.env.joint_angles(),
             camera=spec.camera,
             mesh_shape=(shape.rows, shape.columns) if shape is not None and meshed else None,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from layflat.data.arrays import FloatArray, frozen_array
-from layflat.data.cloth_frame import SIZE_KEYS, ClothFrame
+from layflat.data.cloth_frame import SIZE_FACTOR, SIZE_KEYS, ClothFrame
 from layflat.data.format.content import content_of_episode, copies_among, repeated_steps
 from layflat.data.robot import RobotSpec
 from layflat.data.session.reader import Session
@@ -34,8 +34,6 @@ OUTPUT_SCALE_M = 0.01
 """Usual move in one step, to which learners' bounds are relative. A constant, so that no data set changes a prior."""
 MIN_POINTS = 10
 _AGREED = {"task": "the tasks", "cloth": "the cloths", "step_s": "steps of", "descriptor": "the descriptors"}
-SIZE_FACTOR = "size_factor"
-"""Setting that says how much larger it was simulated."""
 SizeOf: TypeAlias = Callable[[str, Mapping[str, Any]], ClothFrame | None]
 """Returns the size of a cloth, by its name and the settings of its simulation; None where it is not known."""
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import layflat
+from layflat.data.cloth_frame import recorded_settings
 from layflat.perception.cloth.pipeline import PerceptionPipeline
 from layflat.policy.training_set import recorded_size
 from layflat.sim.camera.camera import default_pinhole, pinhole_of
@@ -120,9 +121,9 @@ def test_a_setting_survives_a_recorded_simulation(key: Key) -> None:
     again = SimConfig(robot="hanger", cloth=cloth.name, own_cloth=cloth, **own)
     assert again == config
     assert recorded_spec(spec.cloth, recorded) == config.cloth_spec
-    size = recorded_size(spec.cloth, recorded)
+    size = recorded_size(spec.cloth, recorded_settings(recorded, spec.cloth_shape))
     assert size is not None
-    assert (size.length_m, size.width_m) == (config.cloth_spec.length_m, config.cloth_spec.width_m)
+    assert (size.length_m, size.width_m) == pytest.approx((config.cloth_spec.length_m, config.cloth_spec.width_m))
 
 
 def test_a_cloth_of_a_file_is_recorded_without_the_conditions_and_simulated_with_them(tmp_path) -> None:
@@ -132,8 +133,9 @@ def test_a_cloth_of_a_file_is_recorded_without_the_conditions_and_simulated_with
     config = SimConfig(robot="pickers", cloth=str(tmp_path / "rag.toml"), mass_factor=2.0, size_factor=0.5)
     assert config.cloth_spec.mass_kg == pytest.approx(0.02 * 2 * 0.25)
     assert (config.cloth_spec.length_m, config.cloth_spec.width_m) == (0.15, 0.1)
-    recorded = config.environment_spec().config
-    assert recorded["cloth_mass_kg"] == 0.02
+    spec = config.environment_spec()
+    recorded = recorded_settings(spec.config, spec.cloth_shape)
+    assert (recorded["cloth_mass_kg"], recorded["cloth_length_m"]) == (0.02, 0.3)
     assert config.under({"mass_factor": 1.0}).cloth_spec.mass_kg == pytest.approx(0.02 * 0.25)
     cloth = recorded_cloth("rag", recorded)
     settings = {name: value for name, value in recorded.items() if not name.startswith("cloth_")}
