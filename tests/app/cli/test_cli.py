@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import MISSING, fields
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import typer
@@ -26,6 +27,7 @@ from layflat.app.support.errors import LayflatError, UsageError
 from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workstation.teleop.registry import TELEOPERATORS
 from layflat.perception.descriptors.registry import DESCRIPTORS
+from layflat.policy.features import Frame
 from layflat.policy.registry import TRAINABLE_POLICIES, WRAPPERS
 from layflat.policy.scripted.wrinkle_removal import CONTROLLERS
 from layflat.policy.spec import builtin_names
@@ -57,6 +59,7 @@ CHOICES = {
     ("record", "source"): ["scripted", *TELEOPERATORS],
     ("record", "descriptor"): DESCRIPTORS,
     ("train", "policy"): TRAINABLE_POLICIES,
+    ("train", "frame"): get_args(Frame),
     ("place", "policy"): POLICIES,
     ("place", "wrappers"): WRAPPERS,
     ("place", "disturbance"): DISTURBANCES,
