@@ -18,6 +18,8 @@ BLOCKED_STEPS, STILL_M, WANTED_M = 3, 0.001, 0.003
 MOVES_M = ((0.0, 0.012),) * 4 + ((0.012, 0.0),) * 4
 """x and z of the holder in each step that frees it."""
 TRIES = 3
+LAID_M = 0.015
+"""A held edge below this lies on the table: it is not on a bulge, but at the border of the workspace."""
 
 
 class UnblockingPolicy:
@@ -52,7 +54,7 @@ class UnblockingPolicy:
         at = observation.holder_position
         if self._before is not None:
             place, wanted = self._before
-            self._still.append(wanted > WANTED_M and float(np.linalg.norm(at - place)) < STILL_M)
+            self._still.append(at[2] > LAID_M and wanted > WANTED_M and float(np.linalg.norm(at - place)) < STILL_M)
         if not self._moves and self._left and len(self._still) == BLOCKED_STEPS and all(self._still):
             self._left, self._moves = self._left - 1, list(MOVES_M)
         if self._moves:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from layflat.policy.base import Decision
-from layflat.policy.wrappers.blocked import BLOCKED_STEPS, MOVES_M, TRIES, UnblockingPolicy
+from layflat.policy.wrappers.blocked import BLOCKED_STEPS, LAID_M, MOVES_M, TRIES, UnblockingPolicy
 from layflat.tests.factories import HANGER
 from layflat.tests.policy.factories import observe
 
@@ -33,6 +33,11 @@ def run(policy, heights):
 def test_a_holder_that_moves_or_rests_on_purpose_is_left_alone():
     assert set(run(UnblockingPolicy(Down()), 0.3 - 0.002 * np.arange(60))) == {"down"}
     assert set(run(UnblockingPolicy(Down(0.001)), np.full(60, 0.1))) == {"down"}
+
+
+def test_a_holder_that_lies_on_the_table_is_at_the_border_of_the_workspace():
+    """Raised there, it folds the cloth: seed 4100 of the demonstrator ended at 0.53 instead of 0.84."""
+    assert set(run(UnblockingPolicy(Down()), np.full(60, LAID_M - 0.005))) == {"down"}
 
 
 def test_a_stuck_holder_rises_and_goes_forward_and_then_the_policy_continues():
