@@ -17,8 +17,9 @@ from layflat.sim.camera.camera import Camera, noise_of, pinhole_of
 from layflat.sim.camera.renderer import light_of
 from layflat.sim.config import SimConfig
 from layflat.sim.disturbances.controller import DisturbanceController
+from layflat.sim.disturbances.draw import draw_disturbance
 from layflat.sim.disturbances.mouse_drag import MouseDrag, pick_node
-from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
+from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory
 from layflat.sim.errors import SimError
 from layflat.sim.latency import Latency
 from layflat.sim.physics.base import GRAVITY_M_S2, Cloth, World
@@ -31,8 +32,6 @@ START_STREAM = 0x57A7
 """Separates the random numbers of the start from others of the same seed."""
 _STATE = ("robot", "_disturbance", "_drag", "_drag_target_m", "_force_n", "_nodes", "_latency", "cloth_state")
 """What a saved state holds besides the world and the camera's noise."""
-DISTURBANCE_STREAM = 0xD157
-"""Separates the random numbers of disturbances from others of the same seed."""
 
 
 class ClothSimulation:
@@ -228,19 +227,11 @@ class ClothSimulation:
         this episode before it, so that each is drawn independently. Returns what was drawn; None where it does nothing.
         """
         self._running()
-        cloth, name = self.config.cloth_spec, disturbance if isinstance(disturbance, str) else disturbance.name
-        if isinstance(disturbance, DisturbanceRecord) and disturbance.plan:
-            plan = DisturbanceTrajectory.recorded(disturbance.plan, cloth)
-        else:
-            spec = disturbance if isinstance(disturbance, DisturbanceSpec) else disturbance_spec(name)
-            stream = [self._seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])]
-            plan = spec.sample(np.random.default_rng(stream), cloth)
+        plan, record = draw_disturbance(disturbance, seed=self._seed, repeat=repeat, cloth=self.config.cloth_spec)
         if self._disturbance is not None:
             self._disturbance.stop()
         self._disturbance = DisturbanceController(self.cloth, plan)
-        if not plan.acts:
-            return None
-        return DisturbanceRecord(name=name, first_step=0, plan=plan.described())
+        return record
 
     def drag(self, node: int, target_m: FloatArray) -> None:
         """Pull the cloth's ``node`` towards ``target_m``, (3,) m, world, with a bounded force, until `release`.

@@ -19,10 +19,9 @@ from layflat.perception.camera.pinhole import PinholeCamera
 from layflat.sim.camera.camera import D435_NOISE, Camera
 from layflat.sim.cloth.spec import ClothSpec
 from layflat.sim.disturbances.controller import DisturbanceController
-from layflat.sim.disturbances.presets import DisturbanceSpec, DisturbanceTrajectory, disturbance_spec
+from layflat.sim.disturbances.draw import draw_disturbance
 from layflat.sim.physics.base import Cloth, World
 from layflat.sim.physics.registry import make_world
-from layflat.sim.simulation import DISTURBANCE_STREAM
 from layflat.sim.starts.base import attach, narrowed
 
 FIRST_FRAMES = 2
@@ -60,7 +59,7 @@ class ClothTwin:
 
     def flat_frame(self) -> tuple[Any, Any]:
         """Return the camera's picture of the cloth laid flat, for calibration."""
-        return self._view.capture(self._spec.flat_nodes())
+        return self._view.capture(self._spec.flat_nodes(x_m=self._spec.home_x_m))
 
     def follow(self, path: list[FloatArray], axes: FloatArray) -> None:
         """Simulate one control step in which the held corners go along the arm's measured path; send its frame."""
@@ -120,15 +119,11 @@ class ClothTwin:
 
     def disturb(self, disturbance: Any, repeat: int) -> DisturbanceRecord | None:
         """Start the disturbance that the bench draws for this seed."""
-        if isinstance(disturbance, DisturbanceRecord) and disturbance.plan:
-            plan, name = DisturbanceTrajectory.recorded(disturbance.plan, self._spec), disturbance.name
-        else:
-            name = disturbance if isinstance(disturbance, str) else disturbance.name
-            spec = disturbance if isinstance(disturbance, DisturbanceSpec) else disturbance_spec(name)
-            stream = [self._seed, DISTURBANCE_STREAM, *([repeat] if repeat else [])]
-            plan = spec.sample(np.random.default_rng(stream), self._spec)
+        plan, record = draw_disturbance(disturbance, seed=self._seed, repeat=repeat, cloth=self._spec)
+        if self._disturbance is not None:
+            self._disturbance.stop()
         self._disturbance = DisturbanceController(self.cloth, plan)
-        return DisturbanceRecord(name=name, first_step=0, plan=plan.described()) if plan.acts else None
+        return record
 
     @property
     def disturbed(self) -> bool:

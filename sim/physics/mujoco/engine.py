@@ -35,7 +35,7 @@ class Part(Protocol):
 
 @dataclass
 class Holds:
-    """What holds the cloth, and the arm."""
+    """The holders of the cloth, and the arm."""
 
     points: dict[int, list[float]] = field(default_factory=dict)
     """Positions of the kinematic points, m, by their keys."""
