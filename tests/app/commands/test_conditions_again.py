@@ -30,7 +30,7 @@ def record(robot: str) -> Episode:
     return episode
 
 
-@pytest.mark.parametrize("robot", ["hanger", "pickers"])
+@pytest.mark.parametrize("robot", [pytest.param("hanger", marks=pytest.mark.slow), "pickers"])
 def test_a_session_brings_its_conditions_back(robot: str, tmp_path: Path) -> None:
     with process_pool(1) as pool:  # Bullet repeats itself only in a process that has not stepped a simulation yet.
         episode: Episode = pool.schedule(record, args=[robot]).result()

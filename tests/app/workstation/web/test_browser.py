@@ -63,7 +63,7 @@ def serve(start_program: Callable[..., Program]) -> Callable[[Path], Program]:
     return lambda path: start_program("layflat.app.cli.main", "app", "--folder", path, "--port", 0, "--no-open")
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (390, 844)])
+@pytest.mark.parametrize("size", [(1280, 720), pytest.param((390, 844), marks=pytest.mark.slow)])
 def test_every_page_opens_without_an_error(folder, serve, browser, size):
     server = serve(folder)
     person = BrowserPerson(browser, address_of(server), size)
@@ -142,6 +142,7 @@ def test_two_episodes_are_replayed_side_by_side(folder, serve, browser):
     person.close()
 
 
+@pytest.mark.slow
 def test_a_click_into_the_curves_goes_to_its_step_in_both_episodes(folder, serve, browser):
     person = BrowserPerson(browser, address_of(serve(folder)))
     person.tab("Replay")
@@ -167,6 +168,7 @@ def _cursor(curve: playwright.Locator) -> float:
     return float(found[1])
 
 
+@pytest.mark.slow
 def test_dark_pages_are_offered_and_kept(folder, serve, browser):
     server = serve(folder)
     person = BrowserPerson(browser, address_of(server))
@@ -180,6 +182,7 @@ def test_dark_pages_are_offered_and_kept(folder, serve, browser):
     assert json.loads((folder / "workstation.json").read_text())["dark"] is True
 
 
+@pytest.mark.slow
 def test_on_a_phone_scene_and_page_share_the_screen(folder, serve, browser):
     person = BrowserPerson(browser, address_of(serve(folder)), (390, 844))
     for name in PAGES:
@@ -212,6 +215,7 @@ def own_policy(tmp_path, monkeypatch) -> str:
     return "lower_19:Lower"
 
 
+@pytest.mark.slow
 def test_a_policy_of_ones_own_is_placed(folder, serve, browser, own_policy):
     person = BrowserPerson(browser, address_of(serve(folder)))
     person.tab("Place")
@@ -268,6 +272,7 @@ def test_a_file_that_vanishes_while_it_is_shown_is_a_sentence(folder, serve, bro
     person.close()
 
 
+@pytest.mark.slow
 def test_a_session_a_model_or_a_result_that_vanishes_is_a_sentence_on_its_page(folder, serve, browser):
     (folder / "model.npz").touch()
     (folder / "compared").mkdir()
@@ -350,6 +355,7 @@ def record_a_little(person: BrowserPerson, folder: Path) -> None:
     raise AssertionError("nothing was grabbed")
 
 
+@pytest.mark.slow
 def test_a_demonstration_by_hand_survives_the_server(tmp_path, serve, browser):
     """One is kept after a question, a second one is discarded and brought back; then the server is killed."""
     server = serve(tmp_path)
