@@ -24,6 +24,7 @@ default_role = "code"
 
 myst_heading_anchors = 3
 
+autodoc_mock_imports = ["mujoco"]  # an extra
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"

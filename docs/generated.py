@@ -14,18 +14,19 @@ CONTENTS = {
     "How-to guides": """
         how-to/index how-to/record how-to/workstation how-to/train how-to/place how-to/evaluate how-to/suites
         how-to/conditions how-to/benchmark how-to/cluster how-to/sessions how-to/mend how-to/export how-to/camera
-        how-to/own-policy how-to/own-cloth how-to/python""",
+        how-to/own-policy how-to/own-cloth how-to/station how-to/python""",
     "Reference": """
         reference/index reference/cli reference/python reference/api/index reference/names reference/conditions
         reference/observations reference/controls reference/browser-view
-        reference/session-file reference/files changelog""",
+        reference/session-file reference/station-file reference/files changelog""",
     "Explanation": """
         explanation/index explanation/architecture explanation/word explanation/seeing explanation/contact
         explanation/policies explanation/simulation explanation/pybullet explanation/durability""",
     "Results": """
         explanation/results/thesis explanation/results/policies explanation/results/wrinkle-removal
         explanation/results/word explanation/results/contact explanation/results/camera explanation/results/cloths
-        explanation/results/disturbances explanation/results/benchmark explanation/results/engines
+        explanation/results/disturbances explanation/results/benchmark explanation/results/engines explanation/results/two-arms
+        explanation/results/station
         explanation/results/speed""",
 }
 """Pages of each part, in the order of the site's table of contents."""
