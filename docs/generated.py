@@ -25,8 +25,8 @@ CONTENTS = {
     "Results": """
         explanation/results/thesis explanation/results/policies explanation/results/wrinkle-removal
         explanation/results/word explanation/results/contact explanation/results/camera explanation/results/cloths
-        explanation/results/disturbances explanation/results/benchmark explanation/results/engines explanation/results/two-arms
-        explanation/results/station
+        explanation/results/disturbances explanation/results/benchmark explanation/results/engines
+        explanation/results/two-arms explanation/results/station
         explanation/results/speed""",
 }
 """Pages of each part, in the order of the site's table of contents."""

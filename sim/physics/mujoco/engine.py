@@ -17,7 +17,7 @@ from layflat.data.arrays import FloatArray
 from layflat.sim.errors import SimError
 from layflat.sim.physics.mujoco.model_text import CLOTH, world_text
 
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Part(Protocol):
