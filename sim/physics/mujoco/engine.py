@@ -137,8 +137,8 @@ class Engine:
     def save(self) -> SavedEngine:
         """Return the whole state."""
         self._compile()
-        values = np.empty(mujoco.mj_stateSize(self._model, STATE))
-        mujoco.mj_getState(self._model, self._data, values, STATE)
+        values = np.empty(mujoco.mj_stateSize(self._model, int(STATE)))
+        mujoco.mj_getState(self._model, self._data, values, int(STATE))
         return SavedEngine(values, self._model, copy.deepcopy(self.holds))
 
     def restore(self, state: SavedEngine) -> None:
@@ -146,7 +146,7 @@ class Engine:
         if state.model is not self._model:
             self._use(state.model)
         self.holds, self._stale = copy.deepcopy(state.holds), False
-        mujoco.mj_setState(self._model, self._data, state.values, STATE)
+        mujoco.mj_setState(self._model, self._data, state.values, int(STATE))
         self.set_options()
 
     def close(self) -> None:
