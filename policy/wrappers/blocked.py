@@ -23,11 +23,14 @@ LAID_M = 0.015
 
 
 class UnblockingPolicy:
-    """Acts as ``policy`` until the holder is stuck, frees it, and lets the policy continue, at most TRIES times."""
+    """Acts as ``policy`` until the holder is stuck, frees it, and lets the policy continue, at most TRIES times.
+
+    The steps for it count among those of the episode: the limit of a task or a caller holds.
+    """
 
     def __init__(self, policy: Policy) -> None:
         self.name, self.robot = policy.name, policy.robot
-        self.max_extra_steps = max_extra_steps(policy) + TRIES * len(MOVES_M)
+        self.max_extra_steps = max_extra_steps(policy)
         self._policy = policy
         self._begin()
 
