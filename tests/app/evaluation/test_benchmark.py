@@ -103,6 +103,7 @@ def test_one_page_and_one_json_and_the_same_command_runs_nothing_again(tmp_path:
     assert rows == {path: path.read_bytes() for path in tmp_path.glob("*/episodes.csv")}
 
 
+@pytest.mark.slow
 def test_held_out_seeds_go_into_the_same_folder_and_are_counted_alone(tmp_path: Path) -> None:
     published = run(tmp_path, "hold")
     held_out = run(tmp_path, "hold", phrase="behind the mill")
@@ -111,6 +112,7 @@ def test_held_out_seeds_go_into_the_same_folder_and_are_counted_alone(tmp_path: 
     assert json.loads((tmp_path / "benchmark.json").read_text())["benchmark"]["phrase"] == "behind the mill"
 
 
+@pytest.mark.slow
 def test_a_model_runs_on_its_own_robot_and_the_page_says_so(tmp_path: Path) -> None:
     model_io.save(random_model("hanger", 20), tmp_path / "mine.npz")
     scores = run(tmp_path / "out", f"mine={tmp_path / 'mine.npz'}", "hold")

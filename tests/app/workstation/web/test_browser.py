@@ -110,6 +110,7 @@ def _rows(person: BrowserPerson) -> list[str]:
     return [str(row.get_attribute("data-name")) for row in person.page.locator("tr[data-name]").all()]
 
 
+@pytest.mark.slow
 def test_every_command_has_a_form_and_runs(folder, serve, browser):
     person = BrowserPerson(browser, address_of(serve(folder)))
     person.tab("Data")
@@ -260,6 +261,7 @@ def test_layflat_place_takes_a_policy_of_ones_own(tmp_path, start_program, own_p
     assert (episode["policy"], episode["stopped_by"]) == ("lower_19.Lower", "threshold")
 
 
+@pytest.mark.slow
 def test_a_file_that_vanishes_while_it_is_shown_is_a_sentence(folder, serve, browser):
     person = BrowserPerson(browser, address_of(serve(folder)))
     person.tab("Data")
@@ -302,6 +304,7 @@ def test_a_session_a_model_or_a_result_that_vanishes_is_a_sentence_on_its_page(f
     assert person.errors == []
 
 
+@pytest.mark.slow
 def test_only_one_viewer_is_in_control_and_a_take_pauses_without_them(folder, serve, browser):
     """A second viewer watches and takes control; a reload in the middle pauses the take, which then continues."""
     server = serve(folder)

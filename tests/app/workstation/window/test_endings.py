@@ -107,6 +107,7 @@ def test_a_killed_window_leaves_no_process_and_no_loss(display, tmp_path):
     assert recorder.outcomes() == ["partial"]
 
 
+@pytest.mark.slow
 def test_the_window_ends_with_its_last_episode(display, tmp_path):
     """`layflat record --source keyboard --episodes 1`: one line, one file, status 0, and the window has closed."""
     recorder = Recorder(display, tmp_path, *OPTIONS[:-1], "1")
