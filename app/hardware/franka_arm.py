@@ -23,10 +23,12 @@ POLL_S = 0.001
 NEWS_S = 0.2
 """Wall time without a new state after which the robot's clock counts as standing, however busy this machine is."""
 LOAD_INERTIA = (1e-3, 0, 0, 0, 1e-3, 0, 0, 0, 1e-3)
-SLOW_M_S = 0.08
-"""Speed of the way home."""
+MAX_TILT_DEG = 5.0
+"""Where the hand points elsewhere by more, the springs would turn it at once: that is for a person to do."""
 INTEGRAL_PER_S = 3.0
 """At 400 N/m friction and unknown loads of 10 N hold the hand 2.5 cm back: this takes up what stays of the error."""
+DOWN = np.diag([1.0, -1.0, -1.0])
+"""The hand's axes in the world when it points straight down and its bar lies along y."""
 BIAS_SHARE = 0.5
 """Most of the allowed force that the integral may use."""
 
@@ -56,8 +58,14 @@ class FrankaArm:
     def start_control(self) -> None:
         """Switch to impedance control where the arm is now; it holds."""
         config = self._config
+        self._straight_down()
+        tilt = self._tilt_deg()
+        if tilt > MAX_TILT_DEG:
+            raise StationError(
+                f"the hand is turned by {tilt:.0f} degrees from straight down with its bar along y; guide it to within "
+                f"{MAX_TILT_DEG:g} by hand"
+            )
         with self._errors("the robot does not take control"):
-            self._straight_down()
             self._fault = None
             self._tracker = self._franky.CartesianImpedanceTracker(
                 self._robot,
@@ -74,8 +82,13 @@ class FrankaArm:
     def _straight_down(self) -> None:
         """Keep the attitude in which the bar is level and along y."""
         turn = np.eye(4)
-        turn[:3, :3] = self._yaw.T @ np.diag([1.0, -1.0, -1.0])
+        turn[:3, :3] = self._yaw.T @ DOWN
         self._attitude = self._franky.Affine(turn).quaternion
+
+    def _tilt_deg(self) -> float:
+        """Return the angle between the hand and the attitude that control would keep."""
+        cosine = (np.trace(DOWN.T @ self.pose()[1]) - 1.0) / 2.0
+        return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
     def move(self, target: FloatArray, duration_s: float) -> None:
         """Lead the set point to ``target``, (3,) m world, evenly in ``duration_s`` of the robot's time."""
@@ -84,12 +97,6 @@ class FrankaArm:
         with self._lock:
             self._segment = (self.time_s(), start, (target - start) / duration_s, duration_s)
             self._path.clear()
-
-    def move_slowly(self, target: FloatArray) -> None:
-        """Lead the set point to ``target`` at SLOW_M_S and wait until it is there."""
-        duration = max(0.1, float(np.linalg.norm(target - self.set_point())) / SLOW_M_S)
-        self.move(target, duration)
-        self.wait_until(self.time_s() + duration)
 
     def hold(self) -> None:
         """Hold where the set point is now."""
@@ -130,14 +137,6 @@ class FrankaArm:
     def joint_angles(self) -> FloatArray:
         """Return the joint angles, (7,) rad."""
         return np.array(self._state().q)
-
-    def joint_torques(self) -> FloatArray:
-        """Return the measured joint torques, (7,) N m."""
-        return np.array(self._state().tau_J)
-
-    def force_n(self) -> FloatArray:
-        """Return the force that the controller estimates at the hand, (3,) N, world axes."""
-        return self._yaw @ np.array(self._state().O_F_ext_hat_K)[:3]
 
     def time_s(self) -> float:
         """Return the robot's clock."""

@@ -32,6 +32,8 @@ PHYSICS = "station"
 """What episodes of a real station have in place of an engine's name."""
 SETTLE_S = 1.0
 """Time in which the cloth comes to rest before an episode."""
+SLOW_M_S, ARRIVED_M, BLOCKED_STEPS = 0.08, 0.001, 20
+"""Speed of the way home; where it ends; steps without progress after which something is in the way."""
 FRAME_AGE_S = 0.05
 """Age of the frame that stands for a step's end: to wait for a newer one would make steps uneven."""
 
@@ -119,6 +121,7 @@ class StationEnvironment(Environment):
         """Every command of the episode: time, wanted, sent and measured positions, m world."""
         self._start: Mapping[str, float] = {}
         self._stepped_s = -np.inf
+        self._soft = False
 
     @property
     def spec(self) -> EnvironmentSpec:
@@ -130,14 +133,11 @@ class StationEnvironment(Environment):
         self.commands.clear()
         home = self.home()
         self.arm.check()
-        self.arm.move_slowly(home)
+        self._go_home(home)
         self._ready("hang the cloth into the clips")
         if self.scene is not None:
             self.scene.begin(self.corner_positions(), seed)
-        self._set_point = home
-        self._soft = False
-        self._began_s = self.arm.time_s()
-        self._next_s = self._began_s
+        self._began_s = self._next_s = self.arm.time_s()
         moves = np.random.default_rng([seed, START_STREAM])
         for _ in range(START_MOVES):
             self.step(moves.uniform(-1.0, 1.0, self.spec.robot.size) * PandaHanger.start_step_m)
@@ -147,6 +147,25 @@ class StationEnvironment(Environment):
         self._began_s = self.arm.time_s()
         x, _, z = self.arm.position()
         self._start = {"holder_x_m": float(x), "holder_z_m": float(z)}
+
+    def _go_home(self, home: FloatArray) -> None:
+        """Lead the hanger straight home, slowly and within the limits; StationError where something is in its way."""
+        if self._soft:
+            self.arm.yield_to_hand(False)
+            self._soft = False
+        self._set_point, best, waited = self.arm.set_point(), np.inf, 0
+        while (away := float(np.linalg.norm(home - self._set_point))) > ARRIVED_M:
+            waited = 0 if away < best - ARRIVED_M else waited + 1
+            best = min(best, away)
+            if waited > BLOCKED_STEPS:
+                self.arm.hold()
+                raise StationError(
+                    f"the arm is blocked {100 * away:.0f} cm before its start: clear its way, then again"
+                )
+            wanted = self._set_point + (home - self._set_point) * min(1.0, SLOW_M_S * STEP_S / away)
+            self._set_point = self._limits.allowed(self._set_point, wanted, self.arm.position(), STEP_S)
+            self.arm.move(self._set_point, STEP_S)
+            self.arm.wait_until(self.arm.time_s() + STEP_S)
 
     def home(self) -> FloatArray:
         """Return where the held point is before a start's moves, (3,) m world."""
@@ -210,10 +229,10 @@ class StationEnvironment(Environment):
         if not self._soft:
             self.arm.yield_to_hand(True)
             self._soft = True
-        before = self.arm.position()
+            self._set_point = self.arm.position()
+        before = self._set_point  # Where the last step ended: what the hand moved between two steps counts as well.
         self._pass_step()
-        after = self.arm.position()
-        self._set_point = after
+        self._set_point = after = self.arm.position()
         return self.spec.robot.pack(after - before)
 
     def drag(self, node: int, target_m: FloatArray) -> None:

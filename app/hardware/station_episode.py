@@ -49,7 +49,7 @@ def run_station_episode(
 ) -> tuple[Episode, str | None]:
     """Run one episode; return it, and why it is partial, or None.
 
-    Ctrl-C holds the arm and keeps the episode as well, and is raised again by the next call.
+    Ctrl-C holds the arm; the recorder keeps the steps so far when it closes.
     """
     env.reset(seed)
     run = EpisodeRunner(

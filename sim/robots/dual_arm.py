@@ -51,7 +51,7 @@ class DualArm(Robot):
         stiffness_n_m: float = STIFFNESS_N_M,
     ) -> None:
         """Put both arms, at rest, where their grippers are at ``corner_positions`` (2, 3) m, row 0 at +y."""
-        self._cloth, self._world, self._control = cloth, cloth.world, control
+        self._cloth, self._world, self._control, self._stiffness_n_m = cloth, cloth.world, control, stiffness_n_m
         corners = np.array(corner_positions, dtype=float)
         reached = self.within_reach(corners, cloth.spec)
         if np.abs(reached - corners).max() > 1e-9:
@@ -127,7 +127,7 @@ class DualArm(Robot):
     def start_guided_step(self, hand_m: FloatArray | None, substeps: int, load_n: float) -> None:
         """Follow a hand on each gripper (2, 3) m as springs of a hand do; an arm without one holds."""
         hands = self.corner_positions() if hand_m is None else np.asarray(hand_m, dtype=float)
-        share = HAND_STIFFNESS_N_M / (HAND_STIFFNESS_N_M + STIFFNESS_N_M)
+        share = HAND_STIFFNESS_N_M / (HAND_STIFFNESS_N_M + self._stiffness_n_m)
         step = (hands - self.set_points) * share
         longest = HAND_SPEED_M_S * substeps * self._world.substep_s
         size = np.linalg.norm(step, axis=-1, keepdims=True)

@@ -41,8 +41,6 @@ class HandEye:
 
     cam_to_world: FloatArray
     """(4, 4)."""
-    board_to_hand: FloatArray
-    """(4, 4)."""
     rms_m: float
     """Of the board's corners in space, between where the robot and where the camera put them."""
     rms_px: float
@@ -114,7 +112,6 @@ def calibrate_camera(hands: Sequence[FloatArray], views: Sequence[BoardView], in
     ]
     return HandEye(
         cam_to_world=pose,
-        board_to_hand=held,
         rms_m=float(np.sqrt(np.mean(np.sum(np.concatenate(apart) ** 2, axis=1)))),
         rms_px=float(np.sqrt(np.mean(fitted.fun**2) * 2)),
         n_poses=len(views),

@@ -16,15 +16,20 @@ from layflat.app.commands.place import PlaceConfig, place
 from layflat.app.commands.record import record
 from layflat.app.commands.station import TwinConfig
 from layflat.app.commands.station import twin as twin_command
-from layflat.app.hardware.station_config import StationError
+from layflat.app.hardware.franka_arm import FrankaArm
+from layflat.app.hardware.station_config import RobotConfig, StationError
 from layflat.app.hardware.station_environment import StationEnvironment
 from layflat.app.hardware.station_episode import run_station_episode
+from layflat.app.hardware.twin.arm_process import ArmProcess
 from layflat.app.hardware.twin.twin import Twin
 from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workers.work_item import NO_DISTURBANCE
 from layflat.data.session.reader import open_session
 from layflat.policy.base import Decision
 from layflat.policy.environment import Environment
+from layflat.sim.cloth.registry import cloth_spec
+from layflat.sim.robots.panda import inverse_kinematics
+from layflat.sim.starts.base import home_corners
 
 MISSING = [name for name in ("franky", "franky_sim", "pyrealsense2") if find_spec(name) is None]
 pytestmark = [
@@ -95,21 +100,60 @@ def test_a_jump_stops_the_arm_and_keeps_the_episode_as_partial(twin: Twin) -> No
     assert twin.arm.position() == pytest.approx(place, abs=0.02)
 
 
-def test_a_hand_guides_the_arm_and_its_actions_are_what_it_did(twin: Twin) -> None:
+def test_a_hand_guides_the_arm_and_its_actions_are_what_it_did(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
     env, base = twin.env, np.array(twin.config.robot.base_m)
     env.reset(5)
-    start, actions = env.arm.position(), []
+    start, actions, reads = env.arm.position(), [], []
+    position = env.arm.position
+
+    def watched() -> np.ndarray:
+        reads.append(position())
+        return reads[-1]
+
+    monkeypatch.setattr(env.arm, "position", watched)
     for k in range(15):
         # The hand's frame is above the clips.
         target = start - base + np.array([0.01 * k, 0.0, twin.config.robot.tool_m + 0.1034 - 0.006 * k])
         twin.arm_process.push(target.tolist())
         actions.append(env.guide(None))
     twin.arm_process.push(None)
-    moved = env.arm.position() - start
-    assert np.sum(actions, axis=0) == pytest.approx(moved[[0, 2]], abs=1e-6)
+    moved = reads[-1] - reads[0]
+    assert np.sum(actions, axis=0) == pytest.approx(moved[[0, 2]], abs=1e-9)
     assert moved[0] > 0.05
     env.step(np.zeros(2))
     assert env.arm.position() == pytest.approx(start + moved, abs=0.03)
+
+
+def test_a_way_home_that_is_blocked_is_given_up_with_a_bounded_force(twin: Twin) -> None:
+    env, base = twin.env, np.array(twin.config.robot.base_m)
+    env.reset(5)
+    for _ in range(10):
+        env.step(np.array([0.012, -0.012]))
+    # A person holds the hand where it is.
+    held = env.arm.position() - base + np.array([0.0, 0.0, twin.config.robot.tool_m + 0.1034])
+    twin.arm_process.push(held.tolist())
+    try:
+        with pytest.raises(StationError, match="the arm is blocked"):
+            env.reset(5)
+        lead = np.abs(env.arm.set_point() - env.arm.position()).max()
+        assert lead * twin.config.robot.stiffness_n_m <= twin.config.robot.force_n * 1.2
+    finally:
+        twin.arm_process.push(None)
+    env.reset(5)
+    assert env.arm.position() == pytest.approx(env.home(), abs=0.05)
+
+
+def test_a_hand_that_is_turned_is_left_to_a_person() -> None:
+    home = home_corners(cloth_spec("towel")).mean(axis=0)
+    turned = inverse_kinematics(home) + np.array([0, 0, 0, 0, 0, 0, 0.3])
+    process = ArmProcess(turned.tolist())
+    arm = FrankaArm(RobotConfig(host=process.host))
+    try:
+        with pytest.raises(StationError, match="turned by 17 degrees"):
+            arm.start_control()
+    finally:
+        arm.stop()
+        process.close()
 
 
 @pytest.mark.parametrize("fault", ["unplugged", "frozen"])
