@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from layflat.app.commands.station import StationRun, run_on_station
 from layflat.app.hardware.station_episode import PolicyMaker
@@ -33,15 +34,17 @@ def record_on_station(config: RecordConfig) -> None:
     """Record demonstrations on the station of ``config.station``; ``scripted`` only on its twin, which has a mesh."""
     if config.source not in SOURCES:
         raise UsageError(f"--source {config.source} is not for a station; use one of {', '.join(SOURCES)}")
-    if config.robot != PandaHanger.spec.name or config.correct is not None or config.station is None:
-        raise UsageError("a station has one arm with a hanger, and --correct is for the simulation")
+    if config.robot != PandaHanger.spec.name:
+        raise UsageError(f"a station's robot is {PandaHanger.spec.name}, not {config.robot}")
+    if config.correct is not None:
+        raise UsageError("--correct is for the simulation; leave it out at a station")
     seeds, skipped = next_seeds(config.path, config.source, config.episodes, config.seed)
     if skipped:
         say(f"{config.path} holds {names_text([str(seed) for seed in skipped])} already")
     with _person(config) as policy:
         run_on_station(
             StationRun(
-                station=config.station,
+                station=config.station or Path(),
                 policy=policy,
                 seeds=tuple(seeds),
                 record=config.path,

@@ -146,7 +146,7 @@ class StationConfig:
 def read_station(path: Path) -> StationConfig:
     """Return the station of a file; UsageError says in one sentence what is wrong with it."""
     try:
-        content = tomllib.loads(validators.read_text(path, "station file", max_bytes=MAX_BYTES))
+        content = tomllib.loads(validators.read_text(path, "a station file", max_bytes=MAX_BYTES))
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{path} is not TOML: {' '.join(str(error).split())}") from None
     if content.pop("schema", None) != SCHEMA:
