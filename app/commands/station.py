@@ -17,22 +17,24 @@ from layflat.app.evaluation.plan import EvaluationPlan
 from layflat.app.evaluation.run import folder_lock, run_evaluation
 from layflat.app.evaluation.suites import cases_of
 from layflat.app.hardware.franka_arm import FrankaArm
-from layflat.app.hardware.readiness import STEPS, measure
+from layflat.app.hardware.readiness import STEPS, Reading, measure
 from layflat.app.hardware.realsense_camera import open_camera
 from layflat.app.hardware.station_config import RobotConfig, StationConfig, read_station
 from layflat.app.hardware.station_environment import StationEnvironment
 from layflat.app.hardware.station_episode import PolicyMaker, run_station_episode, station_engine, write_commands
 from layflat.app.hardware.twin.twin import Twin
+from layflat.app.report.blocks import Page, Section, Table, TableBlock
 from layflat.app.report.evaluation_page import PageOptions, write_evaluation
+from layflat.app.report.page import write_page
 from layflat.app.support import validators
 from layflat.app.support.console import print_table
 from layflat.app.support.errors import LayflatError, say
+from layflat.app.support.formatting import MISSING
 from layflat.app.support.metrics import episode_metrics, write_json
 from layflat.app.support.progress import Progress
 from layflat.app.support.seeds import EVALUATION_SEED
 from layflat.app.support.session_lines import kept_line
 from layflat.app.workers.work_item import NO_DISTURBANCE, DisturbanceCase
-from layflat.data.atomic_files import write_text
 from layflat.data.provenance import capture_provenance
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
@@ -44,6 +46,8 @@ from layflat.sim.robots.hanger import PandaHanger
 
 FINISH = "gp-finish"
 DEMONSTRATION_S, TRAINING_S, EPISODE_S = 20.0, 20.0, 18.0
+HEADER = ("quantity", "measured", "limit", "")
+GOOD = {True: "good", False: "too much"}
 TWIN = "twin"
 """Name of a station that is none: its digital twin."""
 
@@ -122,30 +126,30 @@ def check(config: CheckConfig, *, force: bool) -> int:
     page = None if config.out is None else validators.writable_file(config.out, suffix=".html", force=force)
     with _station(config.station) as env, env.idle():
         readings = measure(env, steps=config.steps)
-    rows = [[r.name, f"{r.value:.3g} {r.unit}", "" if r.limit is None else f"{r.limit:g}", "" if r.good else "too much"]
-            for r in readings]  # fmt: skip
-    print_table(("quantity", "measured", "limit", ""), rows, left=1)
+    rows = [_row(reading) for reading in readings]
+    print_table(HEADER, rows, left=1)
     ready = all(reading.good for reading in readings)
     verdict = "ready" if ready else "not ready"
     print(f"the station is {verdict}")
     if page is not None:
-        _write_check(page, verdict, rows)
+        _write_check(page, config.station, verdict, rows)
         print(f"page: {page}")
     return 0 if ready else 1
 
 
-def _write_check(page: Path, verdict: str, rows: list[list[str]]) -> None:
-    import io
+def _row(reading: Reading) -> list[str]:
+    limited = reading.limit is not None
+    limit, verdict = (f"{reading.limit:g} {reading.unit}", GOOD[reading.good]) if limited else (MISSING, "")
+    return [reading.name, f"{reading.value:.3g} {reading.unit}", limit, verdict]
 
-    from rich.console import Console
-    from rich.table import Table
 
-    table = Table("quantity", "measured", "limit", "", title=f"The station is {verdict}")
-    for row in rows:
-        table.add_row(*row)
-    console = Console(record=True, file=io.StringIO(), width=90)
-    console.print(table)
-    write_text(page, console.export_html(inline_styles=True))
+def _write_check(page: Path, station: Path, verdict: str, rows: list[list[str]]) -> None:
+    table = TableBlock(table=Table(header=HEADER, rows=tuple(map(tuple, rows))))
+    section = Section(id="readings", title="Readings", blocks=(table,))
+    lead = f"{station.stem}, with the arm at rest. A limit is the most that a policy copes with."
+    made = capture_provenance()
+    lines = (f"{made.created_utc}, {made.platform}", made.command)
+    write_page(page, Page(title=f"The station is {verdict}", lead=lead, sections=(section,), provenance=lines))
 
 
 @contextmanager

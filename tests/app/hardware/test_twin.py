@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ import pytest
 
 from layflat.app.commands.place import PlaceConfig, place
 from layflat.app.commands.record import record
-from layflat.app.commands.station import TwinConfig
+from layflat.app.commands.station import CheckConfig, TwinConfig, check
 from layflat.app.commands.station import twin as twin_command
 from layflat.app.hardware.franka_arm import FrankaArm
 from layflat.app.hardware.station_config import RobotConfig, StationError
@@ -180,6 +181,21 @@ def test_a_cut_connection_is_one_sentence() -> None:
             hold(twin.env, 100)
         assert "\n" not in str(caught.value)
         assert "robot" in str(caught.value) or "arm" in str(caught.value)
+
+
+def test_the_readings_of_a_station_are_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "check.html"
+    status = check(CheckConfig(station=Path("twin"), out=page, steps=30), force=False)
+    text = page.read_text()
+    assert ("The station is ready" in text) == (status == 0)
+    rows = {
+        name: float(value)
+        for name, value in re.findall(r"<td[^>]*>([^<]+)</td><td[^>]*>(?:<span[^>]*>)?([\d.]+) ", text)
+    }
+    # What the twin is made with: D435 noise of 3 mm, a camera of 30 frames a second, an arm at rest.
+    assert rows["depth noise, median of pixels"] == pytest.approx(3.0, abs=0.5)
+    assert rows["camera rate"] == pytest.approx(30, abs=6)
+    assert rows["arm&#39;s error at rest, largest"] < 2.0
 
 
 def test_episodes_are_recorded_and_placed_at_the_twin(tmp_path: Path) -> None:
