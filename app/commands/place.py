@@ -24,7 +24,7 @@ from layflat.app.workers.sim_options import sim_config
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workers.work_item import DisturbanceCase, WorkItem
 from layflat.data.provenance import capture_provenance
-from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.environment_recorder import recorder_for
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.policy.registry import WRAPPERS
 from layflat.policy.schedule import ScheduledDisturbance
@@ -157,16 +157,7 @@ def _run(
     with ExitStack() as stack:
         recorder, simulation = None, items[0].config
         if record is not None:
-            recorder = stack.enter_context(
-                SessionRecorder(
-                    record,
-                    robot=simulation.robot_spec,
-                    task=simulation.task,
-                    cloth=simulation.cloth,
-                    physics=simulation.physics,
-                    descriptor=simulation.descriptor,
-                )
-            )
+            recorder = stack.enter_context(recorder_for(record, simulation.environment_spec()))
         progress = stack.enter_context(Progress({"placing": EPISODE_S * len(items) / workers}))
         for saved in recorder.recovered if recorder is not None else ():
             progress.note(kept_line(saved))

@@ -10,7 +10,7 @@ from layflat.app.workers.record_config import RecordConfig
 from layflat.app.workers.run_items import collect_items, demonstrations
 from layflat.app.workers.simulated_episode import EpisodeFactory, SimulatedEpisode
 from layflat.app.workstation.session.session_queries import next_seeds, skipped_text
-from layflat.data.session.recorder import SessionRecorder
+from layflat.data.session.environment_recorder import recorder_for
 from layflat.data.session.saved_episode import SavedEpisode
 from layflat.policy.spec import SCRIPTED
 
@@ -45,15 +45,7 @@ def record(config: RecordConfig, *, force: bool, workers: int, make: EpisodeFact
         record_teleoperated(config)
         return
     with (
-        SessionRecorder(
-            path,
-            robot=simulation.robot_spec,
-            task=simulation.task,
-            cloth=simulation.cloth,
-            physics=simulation.physics,
-            descriptor=simulation.descriptor,
-            save_images=config.images,
-        ) as recorder,
+        recorder_for(path, simulation.environment_spec(), save_images=config.images) as recorder,
         Progress({"demonstrations": EPISODE_S * episodes / workers}) as progress,
     ):
         for saved in recorder.recovered:

@@ -36,6 +36,7 @@ from layflat.app.support.seeds import EVALUATION_SEED
 from layflat.app.support.session_lines import kept_line
 from layflat.app.workers.work_item import NO_DISTURBANCE, DisturbanceCase
 from layflat.data.provenance import capture_provenance
+from layflat.data.session.environment_recorder import recorder_for
 from layflat.data.session.reader import open_session
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy import model_io, registry
@@ -102,7 +103,7 @@ def _policy(config: TwinConfig, env: StationEnvironment, progress: Progress) -> 
             there = len(opened)
     progress.phase("demonstrations", items=config.demonstrations)
     progress.skip(min(there, config.demonstrations), "already there")
-    with _recorder(session, env, images=False) as recorder:
+    with recorder_for(session, env.spec) as recorder:
         for seed in range(there, config.demonstrations):
             _record_one(env, recorder, PolicySpec(builtin=SCRIPTED), seed, NO_DISTURBANCE, progress.note)
             progress.advance()
@@ -207,7 +208,11 @@ def run_on_station(run: StationRun) -> list[dict[str, Any]]:
     with ExitStack() as stack:
         env = stack.enter_context(_station(run.station, slow=run.slow))
         _dry_run(env, yes=run.yes)
-        recorder = None if run.record is None else stack.enter_context(_recorder(run.record, env, images=run.images))
+        recorder = (
+            None
+            if run.record is None
+            else stack.enter_context(recorder_for(run.record, env.spec, save_images=run.images))
+        )
         reason = None
         for seed in run.seeds:
             row, reason = _record_one(env, recorder, run.policy, seed, run.case, lambda line: print(line, flush=True))
@@ -219,19 +224,6 @@ def run_on_station(run: StationRun) -> list[dict[str, Any]]:
     if reason is not None:
         raise LayflatError(f"{reason}; the episode is kept as partial")
     return rows
-
-
-def _recorder(path: Path, env: StationEnvironment, *, images: bool) -> SessionRecorder:
-    spec = env.spec
-    return SessionRecorder(
-        path,
-        robot=spec.robot,
-        task=spec.task,
-        cloth=spec.cloth,
-        physics=spec.physics,
-        descriptor=spec.descriptor,
-        save_images=images,
-    )
 
 
 def _record_one(

@@ -14,11 +14,10 @@ from layflat.app.workers.process import process_pool
 from layflat.app.workers.run_items import collect_items, demonstrations
 from layflat.app.workers.sim_options import sim_config
 from layflat.data.provenance import capture_provenance
+from layflat.data.session.environment_recorder import recorder_for
 from layflat.data.session.parts import part_files
 from layflat.data.session.reader import open_session
-from layflat.data.session.recorder import SessionRecorder
 from layflat.data.types import Episode
-from layflat.perception.descriptors.registry import DEFAULT_DESCRIPTOR
 from layflat.policy import model_io, registry
 from layflat.policy.features import WORLD
 from layflat.policy.trained_model import TrainedModel
@@ -84,9 +83,7 @@ class ArtifactStore:
             first = DEMONSTRATION_SEED + self._seed
             seeds = set(range(first, first + len(recorded) + n_missing)) - {episode.seed for episode in recorded}
             config = sim_config(self._conditions, robot=robot, cloth=cloth)
-            with SessionRecorder(
-                path, robot=config.robot_spec, cloth=cloth, descriptor=DEFAULT_DESCRIPTOR, physics=config.physics
-            ) as recorder:
+            with recorder_for(path, config.environment_spec()) as recorder:
                 items = demonstrations(config, sorted(seeds))
                 collected = collect_items(items, path.parent, progress, workers=workers, recorder=recorder)
             collected.check()

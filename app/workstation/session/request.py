@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from layflat.app.workstation.session.status import Message, Mode, SessionStatus
+from layflat.data.session.environment_recorder import recorder_for
 from layflat.data.session.recorder import SessionRecorder
 from layflat.policy.spec import PolicySpec
 from layflat.sim.conditions.variation import NO_VARIATION, Variation
@@ -79,13 +80,4 @@ class SessionRequest:
         if self.session is None:
             return None
         self.session.parent.mkdir(parents=True, exist_ok=True)
-        config = self.sim_config
-        return SessionRecorder(
-            self.session,
-            robot=config.robot_spec,
-            task=config.task,
-            cloth=config.cloth,
-            physics=config.physics,
-            save_images=self.images,
-            descriptor=config.descriptor,
-        )
+        return recorder_for(self.session, self.sim_config.environment_spec(), save_images=self.images)
